@@ -2,122 +2,62 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings, plan_street
-from tsuiseki.tracking.answers.counting import Answers, count
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
+from tsuiseki.tracking.answers.counting import count
 from tsuiseki.tracking.answers.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.result import Result
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
-from tsuiseki.trainers.experiments import given_sequences, study
-from tsuiseki.trainers.experiments.given_sequences import GivenSequence
-from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.study import Bench, Column, Outcome, Study, Table
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
+from tsuiseki.trainers.experiments import association, study
+from tsuiseki.trainers.experiments.association import GivenSequence
+from tsuiseki.trainers.experiments.peers import Peer, find_peer, skipped
+from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Column, Outcome, Study, tabulated
 
-PROGRAM = Path(__file__).with_name("answers_peers.py")
-PACKAGE = "the packages supervision and trackers"
 FIRST_SEED = 1000
 """Of the streets; smaller seeds, and those from 1100 on, fitted the intervals."""
 WIDE = 0.4
 """Width of a person's box, in heights."""
-
-
-@dataclass(frozen=True)
-class Finding:
-    """What a simulated detector makes of true boxes.
-
-    Attributes:
-        missed: share of visible boxes that it misses.
-        hidden: visible share of a box below which it is missed.
-        noise: of a box's sides, in heights.
-        false: false boxes a frame.
-    """
-
-    missed: float = 0.0
-    hidden: float = 0.0
-    noise: float = 0.0
-    false: float = 0.0
-
-
-FINDINGS = {
-    "all boxes": Finding(),
-    "boxes of the visible": Finding(hidden=0.3),
-    "a good detector": Finding(0.08, 0.3, 0.03, 0.2),
-    "a poor detector": Finding(0.25, 0.5, 0.06, 0.6),
+DITHER = 0.2
+"""Heights from a line or border within which going to and fro is no crossing."""
+FINDINGS: Mapping[str, Mapping[str, float]] = {
+    "all boxes": {},
+    "boxes of the visible": {"hidden": 0.3},
+    "a good detector": {"missed": 0.08, "hidden": 0.3, "noise": 0.03, "false": 0.2},
+    "a poor detector": {"missed": 0.25, "hidden": 0.5, "noise": 0.06, "false": 0.6},
 }
-
-
-@dataclass(frozen=True)
-class CountedBy:
-    """A way to count.
-
-    Attributes:
-        peer: that counts, over our tracks or its own; None is ours.
-        own_tracks: the peer tracks, too.
-        corners: all corners of a box must cross for the peer, as is its default; or the middle of the lower edge.
-    """
-
-    peer: Peer | None = None
-    own_tracks: bool = False
-    corners: bool = False
-
-
-@dataclass(frozen=True)
-class StreetUnit:
-    """A generated street as a detector sees it.
-
-    Attributes:
-        seed: of the street.
-        finding: what the detector makes of it.
-        frames: its length.
-    """
-
-    seed: int
-    finding: Finding
-    frames: int
-
-
-@dataclass(frozen=True)
-class Counted:
-    """How far the answers of one way are from the truth of one video.
-
-    Attributes:
-        errors: absolute, of each line and direction.
-        true: crossings of each.
-        covered: 1 where the interval of 90 % holds the true number, likewise; NaN without intervals.
-        seconds: likewise, of the people in the zone in each second.
-        means: likewise, of the mean number of people there, and of the mean stay.
-        occupancy: mean absolute error over frames, people.
-        people: mean true occupancy.
-        dwell: absolute error of the mean stay, seconds.
-    """
-
-    errors: tuple[float, ...]
-    true: tuple[float, ...]
-    covered: tuple[float, ...]
-    seconds: tuple[float, ...]
-    means: tuple[float, ...]
-    occupancy: float
-    people: float
-    dwell: float
+"""What detectors make of a street, see `simulated_boxes`."""
+COLUMNS = (
+    Column("median error of a line", "errors", ".1f", show=study.median_only),
+    Column("mean", "errors"),
+    # The share of all crossings together: a street without any has none of its own.
+    Column("of its crossings, %", lambda one: [sum(one["errors"]), sum(one["true"])], ".1f", show=study.share_of_all),
+    Column("occupancy", "occupancy", ".3f"),
+    Column("dwell, s", "dwell"),
+    Column("intervals of crossings that hold, %", "covered", ".0f", 100),
+    Column("of people in a second", "seconds", ".0f", 100),
+    Column("of mean people", "means.0", ".0f", 100),
+    Column("of the mean stay", "means.1", ".0f", 100),
+)
 
 
 def reproduce(
-    bench: Bench, data: Path = Path("../shared/data"), streets: int = 20, frames: int = 750, peer: str | None = None
+    store: Store, data: Path = Path("../shared/data"), streets: int = 20, frames: int = 750, peer: str | None = None
 ) -> Outcome:
     """Crossings, occupancy and stays on generated streets and labelled video, beside supervision's zones.
 
     The lines and the zone are the same shares of every picture. DIR gets results.json and tables.md.
 
     Args:
-        bench: where it works.
+        store: of what was computed.
         data: folder that holds mot/mot17-val-half; without it only the streets are counted.
         streets: number of generated streets, each with all true boxes, with those of who is visible, and with those of
             a good and a poor detector; and of lines on which people dither.
@@ -125,127 +65,150 @@ def reproduce(
         peer: python of an environment with the packages supervision and trackers; by default this one, if it has them.
 
     Raises:
-        RequestError: a number below 1, or a python without the packages.
+        RequestError: a python without the packages.
     """
-    study.at_least_one(streets=streets, frames=frames)
-    environment = find_peer(peer, PROGRAM, PACKAGE)
-    rows = {"ours": CountedBy()}
+    environment = find_peer(peer, "counts")
+    rows: dict[str, Callable[[Unit], dict[str, Any]]] = {"ours": measure}
     if environment is not None:
         rows |= {
-            "LineZone, PolygonZone on our tracks": CountedBy(environment),
-            "on its ByteTrack": CountedBy(environment, own_tracks=True),
-            "on its ByteTrack, all corners": CountedBy(environment, own_tracks=True, corners=True),
+            "LineZone, PolygonZone on our tracks": partial(measure, peer=environment),
+            "on its ByteTrack": partial(measure, peer=environment, own_tracks=True),
+            "on its ByteTrack, all corners": partial(measure, peer=environment, own_tracks=True, corners=True),
         }
-    seeds = [FIRST_SEED + number for number in range(streets)]
-    videos: dict[str, tuple[str, Sequence[Any]]] = {
-        name: (f"{streets} streets, {name}", [StreetUnit(seed, finding, frames) for seed in seeds])
+    seeds = range(FIRST_SEED, FIRST_SEED + streets)
+    videos: dict[str, tuple[str, Sequence[Unit]]] = {
+        name: (f"{streets} streets, {name}", [partial(street, seed, frames, finding) for seed in seeds])
         for name, finding in FINDINGS.items()
     }
-    videos["dithering"] = (f"{streets} lines on which people dither", seeds)
-    sets = given_sequences.find_sets(data, ["mot17"]).values() if data.is_dir() else ()
-    if sequences := [one for some in sets for one in some]:
-        videos["mot17"] = ("MOT17 val-half, given detections", sequences)
-    notes = [] if sequences else ["MOT17 val-half: not in the data, passed over"]
-    found = {name: Study(rows, units, measure, title).run(bench) for name, (title, units) in videos.items()}
-    tables = [_table(of, videos[name][0]) for name, of in found.items()]
-    if environment is None:
-        notes.append(f"peers: skipped, {PACKAGE} are not installed here; name a python that has them as peer")
+    videos["dithering"] = (f"{streets} lines on which people dither", [partial(dithering, seed) for seed in seeds])
+    sets = association.find_sets(store, data, ["mot17"]).values() if data.is_dir() else ()
+    given = [partial(labelled, one) for some in sets for one in some]
+    videos["mot17"] = ("MOT17 val-half, given detections", given)
+    notes = [] if given else ["MOT17 val-half: not in the data, passed over"]
+    found = {name: Study(rows, units, title).run(store) for name, (title, units) in videos.items() if units}
+    tables = [tabulated(of, COLUMNS, ("counted by",), videos[name][0]) for name, of in found.items()]
+    notes += [] if environment else [skipped("counts")]
     return Outcome({name: study.values_of(of) for name, of in found.items()}, tables, notes=notes)
 
 
-def _table(found: dict[str, list[Counted]], title: str) -> Table:
-    columns = [
-        Column("median error of a line", lambda one: np.array(one.errors), ".1f", show=study.median_only),
-        Column("mean", lambda one: np.array(one.errors)),
-        # The share of all crossings together: a street without any has none of its own.
-        Column("of its crossings, %", lambda one: [sum(one.errors), sum(one.true)], ".1f", show=study.share_of_all),
-        Column("occupancy", "occupancy", ".3f"),
-        Column("dwell, s", "dwell"),
-        Column("intervals of crossings that hold, %", lambda one: np.array(one.covered), ".0f", 100),
-        Column("of people in a second", lambda one: np.array(one.seconds), ".0f", 100),
-        Column("of mean people", lambda one: np.array(one.means[0]), ".0f", 100),
-        Column("of the mean stay", lambda one: np.array(one.means[1]), ".0f", 100),
-    ]
-    return study.tabulated(found, columns, ("counted by",), title)
-
-
 @dataclass(frozen=True, eq=False)
-class _Case:
+class Case:
     """A video with its truth.
 
     Attributes:
         detections: of each frame.
         tracks: ours over them.
         scene: of the video.
-        truth: the answers.
+        truth: see `true_answers`.
         rate: frames a second.
     """
 
     detections: Sequence[Detections]
     tracks: Sequence[Track]
     scene: Scene
-    truth: TrueAnswers
+    truth: Mapping[str, Any]
     rate: float
 
 
-@lru_cache(maxsize=1)
-def _case(unit: StreetUnit | GivenSequence | int) -> _Case:
-    """A generated street; labelled video with its given detections; people who dither by their true tracks."""
-    if isinstance(unit, int):
-        size, rate = (640, 480), 25.0
-        tracks = dithering_people(unit, size)
-        length = len(tracks[0])
-        found = [Detections(np.array([t.boxes[k] for t in tracks]), np.ones(len(tracks))) for k in range(length)]
-    elif isinstance(unit, StreetUnit):
-        crowd = 6 + unit.seed % 12
-        settings = StreetSettings(frames=unit.frames, people=crowd, occluders=0, samples=1)
-        size, rate = (settings.width, settings.height), settings.frame_rate
-        tracks = plan_boxes(settings, unit.seed)
-        found = simulated_boxes(tracks, unit.frames, unit.finding, unit.seed)
-    else:
-        size, rate, found = unit.size, unit.rate, given_sequences.given_detections(unit)
-        labels = given_sequences.given_labels(unit)
-        labels = labels.select(labels.evaluated)
-        tracks = [
-            Track(int(number), labels.frames[own], labels.boxes[own], np.ones(int(own.sum())))
-            for number in np.unique(labels.ids)
-            for own in [labels.ids == number]
-        ]
+Unit = Callable[[], Case]
+"""What makes a case."""
+
+
+def street(seed: int, frames: int, finding: Mapping[str, float]) -> Case:
+    """A generated street of so many frames; ``finding`` says what a detector makes of it."""
+    settings = StreetSettings(frames=frames, people=6 + seed % 12, occluders=0, samples=1)
+    true = plan_boxes(settings, seed)
+    found = simulated_boxes(true, frames, seed, **finding)
+    return _case(true, found, settings.frame_rate, (settings.width, settings.height))
+
+
+def labelled(given: GivenSequence) -> Case:
+    """Labelled video with its given detections."""
+    labels = association.given_labels(given)
+    labels = labels.select(labels.evaluated)
+    parts = {int(number): labels.ids == number for number in np.unique(labels.ids)}
+    true = [Track(n, labels.frames[own], labels.boxes[own], np.ones(int(own.sum()))) for n, own in parts.items()]
+    return _case(true, association.given_detections(given), given.rate, given.size)
+
+
+def dithering(seed: int) -> Case:
+    """20 people, by their true tracks, who come up to the line ``level`` of `scene_in`, go to and fro on it, and go on.
+
+    Every other one turns back. What they sway and what a detector errs stays within `DITHER` of the line.
+    """
+    rng, size, people, frames, height, come = np.random.default_rng([seed, 11]), (640, 480), 20, 600, 80.0, 60
+    rest, half, true = frames - 2 * come, 0.15 * height, list[Track]()
+    for number in range(people):
+        sway = 0.6 * DITHER * height * np.sin(np.arange(rest) / rng.uniform(5, 25) + rng.uniform(0, 6))
+        sway += np.clip(rng.normal(0, 0.1 * DITHER * height, rest), -0.3 * DITHER * height, 0.3 * DITHER * height)
+        away = 90.0 if number % 2 else -90.0
+        y = 0.65 * size[1] + np.concatenate([np.linspace(-90, 0, come), sway, np.linspace(0, away, come)])
+        x = (0.08 + 0.84 * (number + 0.5) / people) * size[0] + np.zeros(frames)
+        boxes = np.column_stack([x - half, y - height, x + half, y])
+        true.append(Track(number + 1, np.arange(frames), boxes, np.ones(frames)))
+    found = [Detections(np.array([t.boxes[k] for t in true]), np.ones(people)) for k in range(frames)]
+    return _case(true, found, 25.0, size, true)
+
+
+def _case(
+    true: list[Track], found: list[Detections], rate: float, size: tuple[int, int], ours: list[Track] | None = None
+) -> Case:
     scene = scene_in(size)
-    ours = tracks if isinstance(unit, int) else given_sequences.tracks_over(found, rate, size)
-    return _Case(found, ours, scene, true_answers(tracks, scene, len(found), rate), rate)
+    tracks = association.tracks_over(found, rate, size) if ours is None else ours
+    return Case(found, tracks, scene, true_answers(true, scene, len(found), rate), rate)
 
 
-def measure(way: CountedBy, unit: StreetUnit | GivenSequence | int) -> Counted:
-    """The answers on one video."""
-    case = _case(unit)
+@lru_cache(maxsize=1)
+def _made(unit: Unit) -> Case:
+    return unit()
+
+
+def measure(unit: Unit, peer: Peer | None = None, own_tracks: bool = False, corners: bool = False) -> dict[str, Any]:
+    """How far the answers on one video are from the truth.
+
+    Args:
+        unit: makes the video.
+        peer: that counts, over our tracks or its own; None is ours.
+        own_tracks: the peer tracks, too.
+        corners: all corners of a box must cross for the peer, as is its default; or the middle of the lower edge.
+
+    Returns:
+        ``errors``, absolute, of each line and direction; ``true`` crossings of each; ``covered``, 1 where the interval
+        of 90 % holds the true number, likewise, NaN without intervals; ``seconds``, likewise, of the people in the zone
+        in each second; ``means``, likewise, of the mean number of people there and of the mean stay; ``occupancy``,
+        mean absolute error over frames, people; ``people``, the mean true one; ``dwell``, absolute error of the mean
+        stay, seconds.
+    """
+    case = _made(unit)
     scene, truth, length = case.scene, case.truth, len(case.detections)
-    true = [float(n) for line in scene.lines for n in truth.crossings[line.name].values()]
-    if way.peer is None:
+    true, n = [float(number) for number in truth["crossings"]], np.array(truth["occupancy"])
+    if peer is None:
         found = count(Result(case.tracks, "", case.rate, scene.size, frames={"frame": range(length)}), scene)
-        table = found.tables["lines"]
-        numbers, occupancy, dwell = table["count"], found.occupancy[scene.zones[0].name], _mean_stay(found)
+        table, each, zone = (found.tables[name] for name in ("lines", "occupancy", "zones"))
+        stays = dict[int, float]()
+        for who, stay in zip(found.tables["stays"]["id"], found.tables["stays"]["seconds"], strict=True):
+            stays[who] = stays.get(who, 0.0) + stay
+        numbers, occupancy, dwell = table["count"], found.occupancy[scene.zones[0].name], _mean(list(stays.values()))
         covered = _held(table["low"], true, table["high"])
-        each, zone, n = found.tables["occupancy"], found.tables["zones"], np.array(truth.occupancy)
         edges = np.rint(np.array(each["time"]) * case.rate).astype(np.int64)
         seconds = _held(each["low"], np.add.reduceat(n, edges) / np.diff(np.append(edges, length)), each["high"])
-        both = {"people": float(n.mean()), "stay": truth.stay}
+        both = {"people": float(n.mean()), "stay": truth["stay"]}
         means = [_held(zone[f"{name}_low"], [value], zone[f"{name}_high"])[0] for name, value in both.items()]
     else:
-        reply = way.peer.answer(PROGRAM, _job(way, case))
-        numbers = [n for both in reply["crossings"] for n in both]
-        occupancy, dwell, covered = np.array(reply["occupancy"]), reply["dwell"], [float("nan")] * len(true)
+        reply = peer.answer({**_job(case, own_tracks), "corners": corners})
+        numbers = [number for both in reply["crossings"] for number in both]
+        occupancy, dwell, covered = reply["occupancy"], reply["dwell"], [float("nan")] * len(true)
         seconds, means = [float("nan")], [float("nan")] * 2
-    return Counted(
-        tuple(abs(a - b) for a, b in zip(numbers, true, strict=True)),
-        tuple(true),
-        tuple(covered),
-        tuple(seconds),
-        tuple(means),
-        float(np.abs(np.asarray(occupancy) - truth.occupancy).mean()),
-        float(np.mean(truth.occupancy)),
-        abs(dwell - truth.dwell),
-    )
+    return {
+        "errors": [abs(a - b) for a, b in zip(numbers, true, strict=True)],
+        "true": true,
+        "covered": covered,
+        "seconds": seconds,
+        "means": means,
+        "occupancy": float(np.abs(np.asarray(occupancy) - n).mean()),
+        "people": float(n.mean()),
+        "dwell": abs(dwell - truth["dwell"]),
+    }
 
 
 def _held(low: Sequence[float], true: Iterable[float], high: Sequence[float]) -> list[float]:
@@ -253,16 +216,12 @@ def _held(low: Sequence[float], true: Iterable[float], high: Sequence[float]) ->
     return [float(a - 5e-4 <= n <= b + 5e-4) for a, n, b in zip(low, true, high, strict=True)]
 
 
-def _mean_stay(found: Answers) -> float:
-    """Mean seconds in the zone over all who were in it."""
-    seconds = dict[int, float]()
-    for who, stay in zip(found.tables["stays"]["id"], found.tables["stays"]["seconds"], strict=True):
-        seconds[who] = seconds.get(who, 0.0) + stay
-    return float(np.mean(list(seconds.values()))) if seconds else 0.0
+def _mean(values: Sequence[float]) -> float:
+    return float(np.mean(values)) if values else 0.0
 
 
-def _job(way: CountedBy, case: _Case) -> dict[str, Any]:
-    if way.own_tracks:
+def _job(case: Case, own_tracks: bool) -> dict[str, Any]:
+    if own_tracks:
         parts = [
             np.column_stack([np.full(len(d), frame), np.full(len(d), -1), d.boxes, d.scores])
             for frame, d in enumerate(case.detections)
@@ -272,8 +231,7 @@ def _job(way: CountedBy, case: _Case) -> dict[str, Any]:
     rows = np.concatenate([np.empty((0, 7)), *parts])
     return {
         "rows": rows[np.argsort(rows[:, 0], kind="stable")].tolist(),
-        "track": way.own_tracks,
-        "corners": way.corners,
+        "track": own_tracks,
         "lines": [line.ends.tolist() for line in case.scene.lines],
         "zone": case.scene.zones[0].corners.tolist(),
         "length": len(case.detections),
@@ -283,27 +241,20 @@ def _job(way: CountedBy, case: _Case) -> dict[str, Any]:
 
 def plan_boxes(settings: StreetSettings, seed: int) -> list[Track]:
     """The boxes of everybody in a planned street, who are at least half in the picture."""
-    clip = plan_street(settings, seed)
-    size = (settings.width, settings.height)
-    tracks = []
-    for number, walker in enumerate(clip.walkers):
-        boxes, ahead = _boxes(clip, walker.positions, walker.person.build.height)
+    clip, tracks = plan_street(settings, seed), []
+    for number, walker in enumerate(clip.walkers, start=1):
+        feet, depth = clip.camera.project(np.insert(walker.positions, 2, 0.0, axis=1))
+        heads, _ = clip.camera.project(np.insert(walker.positions, 2, walker.person.build.height, axis=1))
+        tall = np.maximum(feet[:, 1] - heads[:, 1], 1.0)
+        half = 0.5 * WIDE * tall
+        boxes = np.column_stack([feet[:, 0] - half, feet[:, 1] - tall, feet[:, 0] + half, feet[:, 1]])
         frames = walker.first + np.arange(len(boxes))
         middle = 0.5 * (boxes[:, :2] + boxes[:, 2:])
-        there = ahead & (middle >= 0).all(axis=1) & (middle < size).all(axis=1)
-        there &= (frames >= 0) & (frames < settings.frames)
+        there = (middle >= 0).all(axis=1) & (middle < (settings.width, settings.height)).all(axis=1)
+        there &= (depth > 0.5) & (frames >= 0) & (frames < settings.frames)
         if there.any():
-            tracks.append(Track(number + 1, frames[there], boxes[there], np.ones(int(there.sum()))))
+            tracks.append(Track(number, frames[there], boxes[there], np.ones(int(there.sum()))))
     return tracks
-
-
-def _boxes(clip: StreetClip, places: FloatArray, height: float) -> tuple[FloatArray, BoolArray]:
-    """``(T, 4)`` boxes of a person at ``(T, 2)`` places, and which are before the camera."""
-    feet, depth = clip.camera.project(np.insert(places, 2, 0.0, axis=1))
-    heads, _ = clip.camera.project(np.insert(places, 2, height, axis=1))
-    tall = np.maximum(feet[:, 1] - heads[:, 1], 1.0)
-    half = 0.5 * WIDE * tall
-    return np.column_stack([feet[:, 0] - half, feet[:, 1] - tall, feet[:, 0] + half, feet[:, 1]]), depth > 0.5
 
 
 def _visible(frames: IntArray, boxes: FloatArray) -> FloatArray:
@@ -323,18 +274,36 @@ def _visible(frames: IntArray, boxes: FloatArray) -> FloatArray:
     return shares
 
 
-def simulated_boxes(tracks: Sequence[Track], length: int, finding: Finding, seed: int) -> list[Detections]:
-    """What a detector finds in each of so many frames; who is less visible scores less."""
+def simulated_boxes(
+    tracks: Sequence[Track],
+    length: int,
+    seed: int,
+    missed: float = 0.0,
+    hidden: float = 0.0,
+    noise: float = 0.0,
+    false: float = 0.0,
+) -> list[Detections]:
+    """What a detector finds of true boxes in each of so many frames; who is less visible scores less.
+
+    Args:
+        tracks: the true boxes.
+        length: number of frames.
+        seed: of the errors.
+        missed: share of visible boxes that it misses.
+        hidden: visible share of a box below which it is missed.
+        noise: of a box's sides, in heights.
+        false: false boxes a frame.
+    """
     rng = np.random.default_rng([seed, 7])
     frames = np.concatenate([track.frames for track in tracks])
     boxes = np.concatenate([track.boxes for track in tracks])
     visible = _visible(frames, boxes)
-    kept = (visible >= finding.hidden) & (rng.random(len(frames)) >= finding.missed * (2 - visible))
+    kept = (visible >= hidden) & (rng.random(len(frames)) >= missed * (2 - visible))
     frames, boxes, visible = frames[kept], boxes[kept], visible[kept]
     tall = boxes[:, 3] - boxes[:, 1]
-    boxes = boxes + finding.noise * tall[:, None] * rng.normal(size=boxes.shape) * [0.4, 1, 0.4, 1]
-    scores = np.clip(0.5 + 0.45 * visible + 0.1 * finding.noise * rng.normal(size=len(boxes)), 0.05, 0.99)
-    count = rng.poisson(finding.false, length)
+    boxes = boxes + noise * tall[:, None] * rng.normal(size=boxes.shape) * [0.4, 1, 0.4, 1]
+    scores = np.clip(0.5 + 0.45 * visible + 0.1 * noise * rng.normal(size=len(boxes)), 0.05, 0.99)
+    count = rng.poisson(false, length)
     some = rng.integers(len(boxes), size=int(count.sum()))
     moved = boxes[some] + np.tile(rng.uniform(-200, 200, (len(some), 2)), 2)
     frames = np.append(frames, np.repeat(np.arange(length), count))
@@ -357,51 +326,15 @@ def scene_in(size: tuple[int, int]) -> Scene:
     return Scene(lines, [SceneZone("middle", at((0.45, 0.4), (0.85, 0.4), (0.85, 0.9), (0.45, 0.9)))], size)
 
 
-@dataclass(frozen=True)
-class TrueAnswers:
-    """What is true of a street.
+def true_answers(tracks: list[Track], scene: Scene, length: int, frame_rate: float) -> dict[str, Any]:
+    """The answers by true boxes, one step after the other.
 
-    Attributes:
-        crossings: number by line and direction.
-        occupancy: people in the zone in each frame.
-        dwell: mean seconds in the zone, over all who stayed there, see `true_stays`; 0 where none did.
-        stay: mean seconds of a stay, likewise.
+    Returns:
+        ``crossings``: number of each line and direction; ``occupancy``: people in the zone in each frame; ``dwell``:
+        mean seconds in the zone, over all who stayed there, see `true_stays`, 0 where none did; ``stay``: mean seconds
+        of a stay, likewise.
     """
-
-    crossings: dict[str, dict[str, int]]
-    occupancy: list[int]
-    dwell: float
-    stay: float
-
-
-DITHER = 0.2
-"""Heights from a line or border within which going to and fro is no crossing."""
-
-
-def dithering_people(seed: int, size: tuple[int, int] = (640, 480), people: int = 20, frames: int = 600) -> list[Track]:
-    """People who come up to the line ``level`` of `scene_in`, go to and fro on it for most of the time, and go on.
-
-    Every other one turns back. What they sway and what a detector errs stays within `DITHER` of the line.
-    """
-    rng, height, line = np.random.default_rng([seed, 11]), 80.0, 0.65 * size[1]
-    come, rest = 60, frames - 120
-    tracks = []
-    for number in range(people):
-        sway = 0.6 * DITHER * height * np.sin(np.arange(rest) / rng.uniform(5, 25) + rng.uniform(0, 6))
-        sway += np.clip(rng.normal(0, 0.1 * DITHER * height, rest), -0.3 * DITHER * height, 0.3 * DITHER * height)
-        away = 90.0 if number % 2 else -90.0
-        y = line + np.concatenate([np.linspace(-90, 0, come), sway, np.linspace(0, away, come)])
-        x = (0.08 + 0.84 * (number + 0.5) / people) * size[0] + np.zeros(frames)
-        half = 0.15 * height
-        tracks.append(
-            Track(number + 1, np.arange(frames), np.column_stack([x - half, y - height, x + half, y]), np.ones(frames))
-        )
-    return tracks
-
-
-def true_answers(tracks: list[Track], scene: Scene, length: int, frame_rate: float) -> TrueAnswers:
-    """The answers by true boxes, one step after the other."""
-    counts = {line.name: dict.fromkeys(line.directions, 0) for line in scene.lines}
+    counts = np.zeros((len(scene.lines), 2), dtype=np.int64)
     occupancy, stays = np.zeros(length, dtype=np.int64), list[list[float]]()
     (x1, y1), (x2, y2) = scene.zones[0].corners.min(axis=0), scene.zones[0].corners.max(axis=0)
     for track in tracks:
@@ -409,16 +342,13 @@ def true_answers(tracks: list[Track], scene: Scene, length: int, frame_rate: flo
         within = (feet[:, 0] > x1) & (feet[:, 0] < x2) & (feet[:, 1] > y1) & (feet[:, 1] < y2)
         occupancy[track.frames[within]] += 1
         heights = track.boxes[:, 3] - track.boxes[:, 1]
-        own = true_stays(np.column_stack([feet - [x1, y1], [x2, y2] - feet]).min(axis=1), heights)
-        stays += [[(last - first + 1) / frame_rate for first, last in own]] if own else []
-        for line in scene.lines:
+        here = true_stays(np.column_stack([feet - [x1, y1], [x2, y2] - feet]).min(axis=1), heights)
+        stays += [[(last - first + 1) / frame_rate for first, last in here]] if here else []
+        for line, own in zip(scene.lines, counts, strict=True):
             for _, side in true_crossings(feet, heights, line.ends):
-                counts[line.name][line.directions[0 if side > 0 else 1]] += 1
-    dwell, stay = (
-        float(np.mean(some)) if stays else 0.0
-        for some in ([sum(own) for own in stays], [one for own in stays for one in own])
-    )
-    return TrueAnswers(counts, occupancy.tolist(), dwell, stay)
+                own[0 if side > 0 else 1] += 1
+    dwell, stay = _mean([sum(own) for own in stays]), _mean([one for own in stays for one in own])
+    return {"crossings": counts.ravel().tolist(), "occupancy": occupancy.tolist(), "dwell": dwell, "stay": stay}
 
 
 def true_stays(depths: FloatArray, heights: FloatArray) -> list[tuple[int, int]]:

@@ -1,63 +1,335 @@
-"""Methods of association on given detections, on six real data sets (`reproduce association`)."""
+"""Methods of association on given detections, on six real data sets (`reproduce association`).
+
+The ignore rules are those of `read_ground_truth`, by the columns of each ``gt.txt``: MOT17's distractors are neither
+right nor wrong, boxes that MOT15 marks with 0 in column 7 do not count, and KITTI's files hold the class itself alone.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+import tempfile
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from tsuiseki.datamodules.scenes.people.walkers import Motion
+from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
+from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
+from tsuiseki.tracking.association.smoothing import fill_gaps
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.coverage import owners_of
+from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
+from tsuiseki.tracking.evaluation.paired_bootstrap import COUNTS, SCORES, paired_bootstrap, score_sums, scores_of
+from tsuiseki.tracking.evaluation.result_files import read_truths
+from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, write_detections
+from tsuiseki.tracking.formats.mot_sequence import read_sequence, write_sequence_info
+from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.settings import PeopleMethod
 from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.types import Detections, FloatArray, Track
-from tsuiseki.trainers.experiments import given_sequences
-from tsuiseki.trainers.experiments.association_peers import NAMES
-from tsuiseki.trainers.experiments.given_sequences import (
-    DataSet,
-    GivenSequence,
-    as_written,
-    given_detections,
-    write_streets,
+from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
+from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.trainers.experiments.peer_programs import LINKERS
+from tsuiseki.trainers.experiments.peers import Peer, find_peer, skipped
+from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Outcome, Study, Table, some_of
+
+SAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class DataSet:
+    """Sequences that are scored together.
+
+    Attributes:
+        key: its name as an option.
+        title: its name in tables.
+        folder: of its sequences, below the folder of all data.
+        names: of its sequences; by default every folder there.
+        frames: the frames that are tracked and scored, counted from 1; by default all.
+        logits: scores are no probabilities but their logits.
+        drawn: length and motion of a generated set, see `write_streets`; None for a real one.
+    """
+
+    key: str
+    title: str
+    folder: str
+    names: tuple[str, ...] = ()
+    frames: str | None = None
+    logits: bool = False
+    drawn: tuple[int, Motion] | None = None
+
+
+STREETS = DataSet("streets", "generated streets", "streets", drawn=(120, "walk"))
+DATA_SETS = (
+    DataSet("mot17", "MOT17 val-half", "mot/mot17-val-half"),
+    DataSet("mot15", "MOT15", "mot/mot15"),
+    DataSet("kitti-pedestrians", "KITTI pedestrians", "mot/kitti/Pedestrian", logits=True),
+    DataSet("kitti-cars", "KITTI cars", "mot/kitti/Car", logits=True),
+    DataSet("pets", "PETS09-S2L1 301–400", "mot", ("PETS09-S2L1-first",), "301-400"),
+    DataSet("tud", "TUD", "mot", ("TUD-Campus", "TUD-Stadtmitte")),
+    STREETS,
+    DataSet("dance", "generated dance", "dance", drawn=(100, "dance")),
+    DataSet("sport", "generated sport", "sport", drawn=(100, "sport")),
 )
-from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table, some_of
+
+
+@dataclass(frozen=True)
+class GivenSequence:
+    """A sequence with its detections, some frames of each second left out if wanted.
+
+    Attributes:
+        name: of the sequence.
+        detections: det.txt.
+        labels: gt.txt.
+        length: number of frames before any is left out.
+        frame_rate: of the sequence, frames a second.
+        size: width and height of the image, pixels; 0 where unknown.
+        frames: the frames that are tracked and scored, counted from 1; None is all.
+        every: one frame in so many is kept.
+        pictures: the sequence's folder, where it has images.
+    """
+
+    name: str
+    detections: Path
+    labels: Path
+    length: int
+    frame_rate: float
+    size: tuple[int, int]
+    frames: str | None = None
+    every: int = 1
+    pictures: Path | None = None
+
+    @property
+    def rate(self) -> float:
+        """Frames a second that are kept."""
+        return self.frame_rate / self.every
+
+    @property
+    def kept(self) -> range:
+        """0-based frames of the sequence that are tracked."""
+        wanted = parse_frames(self.frames).within(self.length)
+        assert wanted.last is not None
+        return range(wanted.first, wanted.last + 1, self.every)
+
+    @property
+    def filmed(self) -> dict[str, Any]:
+        """Frame rate and size, None where unknown, as trackers take them."""
+        return {"frame_rate": self.rate, "size": self.size if min(self.size) > 0 else None}
+
+    def at(self, rate: float) -> GivenSequence:
+        """The same at about ``rate`` frames a second: the nearest that leaving out frames evenly gives."""
+        return replace(self, every=max(1, round(self.frame_rate / rate)))
+
+
+def find_given(data: Path, one: DataSet) -> list[GivenSequence]:
+    """The sequences of a data set, by name; none where its folder is not there.
+
+    Raises:
+        RequestError: a sequence has no labels or no detections.
+    """
+    home = data / one.folder
+    names = one.names or tuple(sorted(path.name for path in home.iterdir() if path.is_dir()) if home.is_dir() else ())
+    return [_given(home / name, one) for name in names if (home / name).is_dir()]
+
+
+def find_sets(store: Store, data: Path, keys: Iterable[str]) -> dict[DataSet, list[GivenSequence]]:
+    """The sequences of the data sets that are there, and of generated ones, from the store.
+
+    Raises:
+        RequestError: none of the real ones is, or a sequence has no labels or no detections.
+    """
+    asked = [one for key in keys for one in DATA_SETS if one.key == key]
+    found = {one: find_given(data, one) for one in asked if one.drawn is None}
+    if found and not any(found.values()):
+        raise RequestError(f"`data`: expected mot/mot17-val-half or another of the data sets in {data}, found none")
+    for one in asked:
+        if one.drawn is not None:
+            found[one] = find_given(store.made(one.folder, write_streets, 10, *one.drawn).parent, one)
+    return {one: sequences for one, sequences in found.items() if sequences}
+
+
+def _given(folder: Path, one: DataSet) -> GivenSequence:
+    sequence = read_sequence(folder)
+    paths = sequence.detections_path, sequence.ground_truth_path
+    for path in paths:
+        if not path.is_file():
+            name = path.relative_to(folder)
+            raise RequestError(f"{folder}: expected {name} of a sequence with detections, found none")
+    last = sequence.length or int(max(np.loadtxt(path, delimiter=",", usecols=0, ndmin=1).max() for path in paths))
+    size, pictures = (sequence.width, sequence.height), folder if sequence.images else None
+    return GivenSequence(sequence.name, *paths, last, sequence.frame_rate, size, one.frames, pictures=pictures)
+
+
+def given_detections(given: GivenSequence) -> list[Detections]:
+    """The detections of the frames that are kept; boxes without an area are left out."""
+    every = read_detections(given.detections, given.length)
+    return [every[frame] for frame in given.kept]
+
+
+def given_labels(given: GivenSequence) -> GroundTruth:
+    """The labels of the frames that are kept, numbered from 0 as the tracks are."""
+    (truth,) = read_truths(given.labels, parse_frames(given.frames).within(given.length))
+    moved = truth.labels.frames - given.kept.start
+    labels = replace(truth.labels, frames=moved // given.every)
+    return labels.select((moved >= 0) & (moved % given.every == 0))
+
+
+def as_written(tracks: Sequence[Track]) -> list[Track]:
+    """The tracks as a file has them: by id, boxes to hundredths of a pixel."""
+    ordered = sorted(tracks, key=lambda track: track.id)
+    return [replace(one, boxes=np.round(one.boxes, 2), scores=np.round(one.scores, 4)) for one in ordered]
+
+
+def flow_over(given: GivenSequence, **more: Any) -> FlowTracker:
+    """The flow, with ``more`` arguments, after all detections of a sequence."""
+    tracker = FlowTracker(**more, **given.filmed)
+    for found in given_detections(given):
+        tracker.update(found)
+    return tracker
+
+
+def tracks_over(
+    found: Sequence[Detections], rate: float, size: tuple[int, int], method: PeopleMethod = "flow", **more: Any
+) -> list[Track]:
+    """The tracks of `track_people` over the detections of each frame, without pictures."""
+    with tempfile.TemporaryDirectory() as folder:
+        write_sequence_info(Path(folder), "given", rate, len(found), *size)
+        return list(track_people(folder, method, detections=found, **more))
+
+
+def track_sums(given: GivenSequence, tracks: Sequence[Track]) -> FloatArray:
+    """``(83,)`` sums of the scores of tracks, see `score_sums`."""
+    count = len(given.kept)
+    inside = restrict(list(tracks), FrameRange(0, count - 1))
+    return score_sums(SequencePair(given.name, given_labels(given), inside, count))
+
+
+def sums_of(store: Store, compute: Callable[..., FloatArray], jobs: Sequence[tuple[Any, ...]]) -> FloatArray:
+    """``(S, 83)`` sums that ``compute`` gives for the arguments of S sequences."""
+    return np.array([store.recall(compute, *job) for job in jobs])
+
+
+def right_sums(given: GivenSequence, seconds: float, bridged: bool) -> FloatArray:
+    """Sums of the right links over the detections across gaps of up to so many seconds, filled where ``bridged``."""
+    right = right_links(given_detections(given), given_labels(given), max(1.0, seconds * given.rate))
+    return track_sums(given, [fill_gaps(track, given.length) for track in right] if bridged else right)
+
+
+def right_links(detections: Sequence[Detections], truth: GroundTruth, longest: float = np.inf) -> list[Track]:
+    """The tracks that the right links over the detections give.
+
+    A box belongs to the label it overlaps by at least 0.5, one to one; boxes on ignored labels and false positives are
+    left out. The right links join the boxes of one identity in the order of their frames.
+
+    Args:
+        detections: of each frame.
+        truth: the labels, their frames counted as those of the detections.
+        longest: most frames from one detection to the next of the same track; 1 allows no gap.
+    """
+    frames = np.repeat(np.arange(len(detections)), [len(found) for found in detections])
+    boxes = np.concatenate([np.empty((0, 4)), *(d.boxes for d in detections)])
+    scores = np.concatenate([np.empty(0), *(d.scores for d in detections)])
+    owners = owners_of(frames, boxes, truth)
+    tracks: list[Track] = []
+    for identity in np.unique(owners[owners >= 0]):
+        mine = np.flatnonzero(owners == identity)
+        for part in np.split(mine, np.flatnonzero(np.diff(frames[mine]) > longest) + 1):
+            tracks.append(Track(len(tracks) + 1, frames[part], boxes[part], scores[part]))
+    return tracks
+
+
+def combined_scores(sums: FloatArray) -> dict[str, float]:
+    """The scores of all sequences together, from ``(S, 83)`` sums."""
+    return {name: float(value) for name, value in scores_of(sums.sum(axis=0)).items()}
+
+
+def score_table(title: str, rows: Mapping[str, FloatArray], base: str) -> Table:
+    """Scores of all sequences together, and how far each row is above one of them, with 95 % intervals over sequences.
+
+    Args:
+        title: of the data set.
+        rows: ``(S, 83)`` sums of each sequence, see `score_sums`.
+        base: name of the row that all others are compared with.
+    """
+    lines = []
+    for name, sums in rows.items():
+        found = combined_scores(sums)
+        cells = [*(f"{found[key]:.3f}" for key in SCORES), *(str(int(found[key])) for key in COUNTS[:3])]
+        lines.append([name, *cells, *([""] * 4 if base == name else _gains(sums, rows[base]))])
+    above = [f"{what} − {base}" for what in ("HOTA", "MOTA", "IDF1", "IDSW")]
+    return Table("", (title, "HOTA", "DetA", "AssA", "MOTA", "IDF1", "IDSW", "FP", "FN", *above), lines)
+
+
+def _gains(ours: FloatArray, theirs: FloatArray) -> list[str]:
+    """Differences of HOTA, MOTA and IDF1, and of the switches as a share of theirs."""
+    found = paired_bootstrap(ours, theirs, SAMPLES, np.random.default_rng(0))
+    one, other = (np.asarray(scores_of(sums)["id_switches"]) for sums in (ours, theirs))
+    drawn = np.random.default_rng(0).multinomial(len(one), np.full(len(one), 1 / len(one)), SAMPLES)
+    low, high = np.quantile(drawn @ one / np.maximum(drawn @ other, 1) - 1, (0.025, 0.975))
+    gaps = [(found[key].difference, found[key].low, found[key].high, "+.3f") for key in ("hota", "mota", "idf1")]
+    gaps.append((one.sum() / max(other.sum(), 1) - 1, low, high, "+.0%"))
+    cells = [f"{gap:{form}} [{low:{form}}, {high:{form}}]" for gap, low, high, form in gaps]
+    # Samples of one sequence say nothing.
+    return cells if len(one) > 1 else [cell.partition(" ")[0] for cell in cells]
+
+
+FAULTS = {
+    "jitter": (0.02, 0.045),
+    "steady": (0.7, 0.9),
+    "missed": (0.03, 0.35),
+    "hidden": (0.5, 0.95),
+    "false_alarms": (0.2, 4.0),
+    "persistence": (0.5, 0.9),
+    "doubled": (0.0, 0.1),
+}
+"""Of the detectors of streets: within what the detections of MOT17, MOT15, KITTI, PETS and TUD are off their labels."""
+
+
+def write_streets(folder: Path, clips: int, frames: int, motion: Motion = "walk") -> None:
+    """Clips without pictures, ``street-N``: labels, and det.txt of detectors from good to poor, at many rates.
+
+    Args:
+        folder: is made.
+        clips: how many.
+        frames: of each.
+        motion: of people.
+    """
+    for number in range(clips):
+        rng = np.random.default_rng([number, 1])
+        rate, people, occluders = float(rng.choice([7, 10, 14, 25, 30])), rng.integers(8, 22), rng.integers(3, 11)
+        settings = StreetSettings(
+            320, 240, frames, rate, people=int(people), occluders=int(occluders), person_height=(16.0, 90.0),
+            samples=1, motion=motion,
+        )  # fmt: skip
+        home = folder / f"street-{number:02d}"
+        clip = plan_street(settings, number)
+        clip.write_truth(home, home.name, [truth for _, truth in clip.frames()])
+        truth = read_ground_truth(home / "gt" / "gt.txt")
+        faults = DetectorFaults(**{name: float(rng.uniform(*ends)) for name, ends in FAULTS.items()})
+        found = simulate_detections(rng, truth, frames, settings.width, settings.height, faults)
+        (home / "det").mkdir(parents=True)
+        write_detections(home / "det" / "det.txt", found)
+
 
 FLOW, UNFILLED, BOXES_ALONE = "flow", "flow, nothing filled in", "flow, boxes alone"
 METHODS: tuple[PeopleMethod, ...] = ("sort", "bytetrack", "ocsort", "flow")
-LOGISTIC = ("", ", probabilities")
 RATES = (30.0, 15.0, 10.0, 5.0)
-GENERATED: tuple[Motion, ...] = ("dance", "sport")
 SETS = ("mot17", "mot15", "kitti-pedestrians", "kitti-cars", "pets", "tud")
 # Seconds after which the flow answers; None is the end.
 DELAYS = {"flow, all": None, "0.5 s": 0.5, "1 s": 1.0, "2 s": 2.0, "5 s": 5.0}
 PARTS = ("methods", "rates", "delays")
+Ways: TypeAlias = Mapping[str, Callable[[GivenSequence], list[Track]]]
 # Longest gap that the right links bridge, seconds.
 GAP = 2.0
-PROGRAM = Path(__file__).with_name("association_peers.py")
-PACKAGE = "the packages trackers and arcsort"
-
-
-@dataclass(frozen=True)
-class LinkedBy:
-    """A way to link given detections.
-
-    Attributes:
-        method: of `tsuiseki track people`.
-        delay: seconds after which it answers; None is the end.
-        pictures: compare appearance where the sequence has pictures.
-    """
-
-    method: PeopleMethod
-    delay: float | None = None
-    pictures: bool = True
 
 
 def reproduce(
-    bench: Bench,
+    store: Store,
     data: Path = Path("../shared/data"),
     sets: list[str] = list(SETS),  # noqa: B006, the parser shows it and it is never changed
     parts: list[str] = list(PARTS),  # noqa: B006
@@ -68,7 +340,7 @@ def reproduce(
     DIR gets results.json (every row on every sequence) and tables.md.
 
     Args:
-        bench: where it works.
+        store: of what was computed.
         data: folder that holds mot/mot17-val-half, mot/mot15, mot/kitti and so on; a set that is not there is passed
             over.
         sets: of mot17, mot15, kitti-pedestrians, kitti-cars, pets and tud, and of dance and sport, which are generated,
@@ -81,91 +353,74 @@ def reproduce(
     Raises:
         RequestError: an unknown set or part, no data, or a python without the packages.
     """
-    some_of((*SETS, *GENERATED), sets=sets)
+    some_of((*SETS, "dance", "sport"), sets=sets)
     some_of(PARTS, parts=parts)
-    environment = find_peer(peer, PROGRAM, PACKAGE)
-    there = _sequences(bench, data, sets)
+    environment = find_peer(peer, "links")
+    there = find_sets(store, data, [key for key in (*SETS, "dance", "sport") if key in sets])
     tables, values = list[Table](), dict[str, Any]()
     for one, sequences in there.items():
-        tracks = _tracks(bench, one, sequences, environment)
-        rows = _scored(bench, sequences, tracks)
+        rows = _scored(store, sequences, _tracks(store, one, sequences, environment))
         for way in (False, True):
-            limit = given_sequences.sums_of(bench, given_sequences.right_sums, [(one, GAP, way) for one in sequences])
+            limit = sums_of(store, right_sums, [(one, GAP, way) for one in sequences])
             rows[f"right links up to {GAP:g} s{', filled' if way else ''}"] = limit
-        values[one.key] = {
-            name: {
-                **given_sequences.combined_scores(sums),
-                "sequences": {
-                    given.name: given_sequences.combined_scores(each[None])
-                    for given, each in zip(sequences, sums, strict=True)
-                },
-            }
-            for name, sums in rows.items()
-        }
+        values[one.key] = {name: _values(sequences, sums) for name, sums in rows.items()}
         if "methods" in parts:
-            tables.append(given_sequences.score_table(one.title, rows, FLOW))
-        tables += _more_tables(bench, one, sequences, parts)
-    missing = [one for one in given_sequences.DATA_SETS if one.key in sets and one not in there]
+            tables.append(score_table(one.title, rows, FLOW))
+        for title, own, ways, base in _more(one, sequences, parts):
+            found = Study(ways, own, title).run(store)
+            tables.append(score_table(title, _scored(store, own, found), base))
+    missing = [one for one in DATA_SETS if one.key in sets and one not in there]
     notes = [f"{one.title}: no {one.folder} in the data, passed over" for one in missing]
-    if environment is None:
-        notes.append(f"peers: skipped, {PACKAGE} are not installed here; name a python that has them as peer")
+    notes += [] if environment else [skipped("links")]
     version = environment.version if environment else None
     return Outcome({"peer": version, "sets": values}, tables, notes=notes)
 
 
-def _sequences(bench: Bench, data: Path, sets: Sequence[str]) -> dict[DataSet, list[GivenSequence]]:
-    """The real sets that are there, and the generated ones."""
-    real = [key for key in SETS if key in sets]
-    there = given_sequences.find_sets(data, real) if real else {}
-    for motion in GENERATED:
-        if motion in sets:
-            one = DataSet(motion, f"generated {motion}", motion)
-            made = bench.store.made(motion, write_streets, 10, 100, motion)
-            there[one] = given_sequences.find_given(made.parent, one)
-    return there
+def _values(sequences: Sequence[GivenSequence], sums: FloatArray) -> dict[str, Any]:
+    """The scores of a row, and those of each sequence."""
+    each = {given.name: combined_scores(own[None]) for given, own in zip(sequences, sums, strict=True)}
+    return {**combined_scores(sums), "sequences": each}
 
 
-def _more_tables(bench: Bench, one: DataSet, sequences: Sequence[GivenSequence], parts: Sequence[str]) -> list[Table]:
-    """The tables of one data set of the wanted parts but the first."""
-    tables = list[Table]()
-
-    def add(title: str, own: Sequence[GivenSequence], found: Mapping[Any, Any], base: str = FLOW) -> None:
-        tables.append(given_sequences.score_table(title, _scored(bench, own, found), base))
-
+def _more(
+    one: DataSet, sequences: Sequence[GivenSequence], parts: Sequence[str]
+) -> Iterator[tuple[str, Sequence[GivenSequence], Ways, str]]:
+    """Title, sequences, ways and their base, of the tables of one data set of the wanted parts but the first."""
     for rate in RATES if "rates" in parts and one.key == "mot17" else ():
         slower = [given.at(rate) for given in sequences]
         kept = ", ".join(sorted({f"{given.rate:.3g}" for given in slower}, key=float))
-        found = Study({m: LinkedBy(m) for m in METHODS}, slower, linked, f"{one.title}, {rate:g}/s").run(bench)
-        add(f"{one.title} at {rate:g} frames a second (kept {kept})", slower, found)
+        ways = {str(method): partial(linked, method) for method in METHODS}
+        yield f"{one.title} at {rate:g} frames a second (kept {kept})", slower, ways, FLOW
     if "delays" in parts and one.key in ("mot17", "pets"):
-        delays: dict[Name, LinkedBy] = {name: LinkedBy("flow", delay) for name, delay in DELAYS.items()}
-        late = Study(delays, sequences, linked, f"{one.title}, delays").run(bench)
-        add(f"{one.title}: delay of the flow", sequences, late, base="flow, all")
-    return tables
+        delays = {name: partial(linked, "flow", delay=delay) for name, delay in DELAYS.items()}
+        yield f"{one.title}: delay of the flow", sequences, delays, "flow, all"
 
 
-def linked(by: LinkedBy, given: GivenSequence) -> list[Track]:
+def linked(
+    method: PeopleMethod, given: GivenSequence, delay: float | None = None, pictures: bool = True
+) -> list[Track]:
     """The tracks of `tsuiseki track people --detections … --method METHOD`, as it writes them.
 
-    Pictures are read where the sequence has any and all its frames are kept, as the command does.
+    Args:
+        method: of the command.
+        given: the sequence.
+        delay: seconds after which it answers; None is the end.
+        pictures: compare appearance where the sequence has pictures and all its frames are kept, as the command does.
     """
     found = given_detections(given)
-    if by.pictures and given.pictures is not None and given.every == 1:
+    if pictures and given.pictures is not None and given.every == 1:
         first = given.kept.start
         whole = [Detections.empty()] * first + found
-        tracks = track_people(
-            given.pictures, by.method, detections=whole, frames=given.frames, threads=1, delay=by.delay
-        )
+        tracks = track_people(given.pictures, method, detections=whole, frames=given.frames, threads=1, delay=delay)
         return as_written([shifted(track, -first) for track in tracks])
-    return as_written(given_sequences.tracks_over(found, given.rate, given.size, by.method, delay=by.delay))
+    return as_written(tracks_over(found, given.rate, given.size, method, delay=delay))
 
 
-def peer_tracks(peer: Peer, program: Path, given: GivenSequence, logistic: bool) -> dict[str, list[Track]]:
+def peer_tracks(peer: Peer, given: GivenSequence, logistic: bool) -> dict[str, list[Track]]:
     """The tracks of each tracker of the peer; boxes without an area are left out.
 
     Args:
         peer: its environment.
-        program: runs there; its text belongs to the result.
         given: the sequence.
         logistic: scores are logits and become probabilities first.
     """
@@ -174,7 +429,7 @@ def peer_tracks(peer: Peer, program: Path, given: GivenSequence, logistic: bool)
         for frame, found in enumerate(given_detections(given))
         for box, score in zip(found.boxes.tolist(), found.scores.tolist(), strict=True)
     ]
-    answer = peer.answer(program, {"boxes": boxes, "length": len(given.kept), "rate": given.rate})
+    answer = peer.answer({"boxes": boxes, "length": len(given.kept), "rate": given.rate})
     tracks = {}
     for name, rows in answer.items():
         table = np.array(rows, dtype=np.float64).reshape(-1, 7)
@@ -185,28 +440,28 @@ def peer_tracks(peer: Peer, program: Path, given: GivenSequence, logistic: bool)
 
 
 def _tracks(
-    bench: Bench, one: DataSet, sequences: Sequence[GivenSequence], environment: Peer | None
+    store: Store, one: DataSet, sequences: Sequence[GivenSequence], environment: Peer | None
 ) -> dict[str, list[list[Track]]]:
     """The tracks of every row by sequence."""
-    ways: dict[Name, LinkedBy] = {method: LinkedBy(method) for method in METHODS}
+    ways = {str(method): partial(linked, method) for method in METHODS}
     if any(given.pictures for given in sequences):
-        ways[BOXES_ALONE] = LinkedBy("flow", pictures=False)
-    found = Study(ways, sequences, linked, one.title).run(bench)
-    tracks = {str(name): each for name, each in found.items()}
+        ways[BOXES_ALONE] = partial(linked, "flow", pictures=False)
+    tracks = Study(ways, sequences, one.title).run(store)
     tracks[UNFILLED] = [
         [Track(t.id, t.frames[k], t.boxes[k], t.scores[k]) for t in each for k in [t.observed] if k.any()]
         for each in tracks[FLOW]
     ]
     for logistic in (False, True)[: 1 + one.logits] if environment else ():
-        jobs = [(environment, PROGRAM, given, logistic) for given in sequences]
-        answers = bench.each(peer_tracks, jobs, f"{one.title}, peers")
-        tracks |= {f"{name} (peer){LOGISTIC[logistic]}": [found[name] for found in answers] for name in NAMES}
+        jobs = [(environment, given, logistic) for given in sequences]
+        answers = store.each(peer_tracks, jobs, f"{one.title}, peers")
+        of = ", probabilities" if logistic else ""
+        tracks |= {f"{name} (peer){of}": [found[name] for found in answers] for name in LINKERS}
     return tracks
 
 
 def _scored(
-    bench: Bench, sequences: Sequence[GivenSequence], tracks: Mapping[Any, Sequence[Sequence[Track]]]
+    store: Store, sequences: Sequence[GivenSequence], tracks: Mapping[Any, Sequence[Sequence[Track]]]
 ) -> dict[str, FloatArray]:
     """``(S, 83)`` sums of every row."""
-    sums = given_sequences.track_sums
-    return {n: given_sequences.sums_of(bench, sums, list(zip(sequences, t, strict=True))) for n, t in tracks.items()}
+    sums = track_sums
+    return {n: sums_of(store, sums, list(zip(sequences, t, strict=True))) for n, t in tracks.items()}

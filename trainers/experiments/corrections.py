@@ -7,15 +7,15 @@ the one that most detections around have, so that a single box between two peopl
 from __future__ import annotations
 
 import itertools
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from tsuiseki.tracking.association.marginals import marginals
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
-from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import IGNORED, UNMATCHED, owners_of
 from tsuiseki.tracking.review.corrected_tracks import Reporter, track_ids
@@ -24,86 +24,74 @@ from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
 from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.types import BoolArray, IntArray
-from tsuiseki.trainers.experiments import given_sequences
-from tsuiseki.trainers.experiments.end_to_end import STREETS
-from tsuiseki.trainers.experiments.given_sequences import GivenSequence, combined_scores, track_sums, write_streets
-from tsuiseki.trainers.experiments.study import Bench, Outcome, Table
+from tsuiseki.trainers.experiments import association
+from tsuiseki.trainers.experiments.association import STREETS, GivenSequence, combined_scores, track_sums
+from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Column, Outcome, tabulated
 
 OVERLAP, AROUND, SHORTEST = 0.3, 3, 3
 # Share of decisions that is reviewed, and of what the detections allow that is reached.
 FIRST, REACHED = 0.05, 0.99
 
 
-@dataclass(frozen=True)
-class Course:
-    """One sequence under an annotator.
-
-    Attributes:
-        errors: wrong links between people, and tracks that should go on as another.
-        decisions: links, starts, ends and detections of tracks.
-        found: errors within the first decisions, or as many questions, by ranking.
-        idf1: after each answer.
-        hota: likewise.
-        allowed: IDF1 with the right links over the same detections.
-        by_hand: clicks that splitting (one) and joining (two) take for those.
-    """
-
-    errors: int
-    decisions: int
-    found: dict[str, float]
-    idf1: list[float]
-    hota: list[float]
-    allowed: float
-    by_hand: int
-
-    @property
-    def needed(self) -> int | None:
-        """Answers until IDF1 is what is wanted; None if it never is."""
-        good = np.flatnonzero(np.array(self.idf1) >= REACHED * self.allowed)
-        return int(good[0]) if len(good) else None
+RANKINGS = ("questions", "min-marginal", "link cost", "score", "random")
 
 
-def reproduce(bench: Bench, data: Path = Path("../shared/data"), answers: int = 60, streets: int = 4) -> Outcome:
+def reproduce(store: Store, data: Path = Path("../shared/data"), answers: int = 60, streets: int = 4) -> Outcome:
     """Where a review asks first, and how soon answers mend what is wrong.
 
     Args:
-        bench: where it works.
+        store: of what was computed.
         data: folder that holds mot/mot17-val-half, mot/PETS09-S2L1-first, mot/TUD-Campus and mot/TUD-Stadtmitte.
         answers: given to each sequence.
         streets: generated streets beside them.
     """
-    made = given_sequences.find_given(bench.store.made("streets", write_streets, 10, 120).parent, STREETS)[:streets]
-    sequences = [one for every in given_sequences.find_sets(data, ("pets", "tud", "mot17")).values() for one in every]
-    lines, values = [], {}
-    for given in progress([*sequences, *made], "corrections"):
-        course = bench.store.recall(reviewed, given, answers)
-        values[given.name] = course
-        shares = [f"{course.found[name]:.0f}" for name in RANKINGS]
-        marks = [f"{course.idf1[min(n, len(course.idf1) - 1)]:.3f}" for n in (0, 10, 20, 40, answers)]
-        needed = "–" if course.needed is None else str(course.needed)
-        lines.append(
-            [given.name, str(course.errors), *shares, *marks, f"{course.allowed:.3f}", needed, str(course.by_hand)]
-        )
-    found = {name: sum(c.found[name] for c in values.values()) for name in RANKINGS}
-    total = sum(c.errors for c in values.values())
-    note = ", ".join(f"{name} {count / max(total, 1):.0%}" for name, count in found.items())
-    columns = ("sequence", "errors", *RANKINGS, *(f"IDF1 at {n}" for n in (0, 10, 20, 40, answers)))
-    table = Table("", (*columns, "allowed", f"answers to {REACHED}", "clicks by hand"), lines)
-    return Outcome(values, [table], notes=[f"Errors within the first {FIRST:.0%} of decisions, by ranking: {note}."])
+    sets = association.find_sets(store, data, ("pets", "tud", "mot17", STREETS.key))
+    sequences = [one for key, every in sets.items() for one in every[: streets if key == STREETS else None]]
+    courses = store.each(reviewed, [(given, answers) for given in sequences], "corrections")
+    found = {given.name: [course] for given, course in zip(sequences, courses, strict=True)}
+    early = {name: sum(course["found"][name] for course in courses) for name in RANKINGS}
+    total = max(sum(course["errors"] for course in courses), 1)
+    shares = ", ".join(f"{name} {count / total:.0%}" for name, count in early.items())
+    columns = [
+        Column("errors", "errors", ".0f"),
+        *(Column(name, f"found.{name}", ".0f") for name in RANKINGS),
+        *(Column(f"IDF1 at {n}", partial(_idf1_at, n), ".3f") for n in (0, 10, 20, 40, answers)),
+        Column("allowed", "allowed", ".3f"),
+        Column(f"answers to {REACHED}", _needed, show=lambda n, _: "–" if np.isnan(n[0]) else f"{n[0]:.0f}"),
+        Column("clicks by hand", "by_hand", ".0f"),
+    ]
+    note = f"Errors within the first {FIRST:.0%} of decisions, by ranking: {shares}."
+    values = dict(zip(found, courses, strict=True))
+    return Outcome(values, [tabulated(found, columns, ("sequence",))], notes=[note])
 
 
-RANKINGS = ("questions", "min-marginal", "link cost", "score", "random")
+def _idf1_at(n: int, course: Mapping[str, Any]) -> float:
+    return float(course["idf1"][: n + 1][-1])
 
 
-def reviewed(given: GivenSequence, answers: int) -> Course:
-    """An annotator's course through a sequence."""
-    tracker = given_sequences.flow_over(given)
+def _needed(course: Mapping[str, Any]) -> float:
+    """Answers until IDF1 is what is wanted; NaN if it never is."""
+    good = np.flatnonzero(np.array(course["idf1"]) >= REACHED * course["allowed"])
+    return float(good[0]) if len(good) else np.nan
+
+
+def reviewed(given: GivenSequence, answers: int) -> dict[str, Any]:
+    """An annotator's course through a sequence.
+
+    Returns:
+        ``errors``: wrong links between people, and tracks that should go on as another; ``decisions``: links, starts,
+        ends and detections of tracks; ``found``: errors within the first decisions, or as many questions, by ranking;
+        ``idf1`` and ``hota`` after each answer; ``allowed``: IDF1 with the right links over the same detections;
+        ``by_hand``: clicks that splitting (one) and joining (two) take for those.
+    """
+    tracker = association.flow_over(given)
     tracks = tracker.tracks()
     network = tracker.network()
     assert network is not None
     flow, reporter = CorrectedFlow(network), Reporter(tracks)
     ids = track_ids(network.track, flow.labels(), reporter.most)
-    owners = owners_of(network.frames, network.boxes, given_sequences.given_labels(given), OVERLAP)
+    owners = owners_of(network.frames, network.boxes, association.given_labels(given), OVERLAP)
     wrong, by_hand = _errors(flow, ids, owners)
     ranked = _rankings(flow, ids)
     first = int(FIRST * len(ranked["random"]))
@@ -124,28 +112,28 @@ def reviewed(given: GivenSequence, answers: int) -> Course:
         if not questions:
             break
         asked.add(questions[0].key)
-        find = Finder(flow.network.frames, flow.network.boxes)
-        correction = answered(questions[0], find, owners, ids, flow.network)
+        correction = answered(questions[0], owners, ids, flow.network)
         try:
             flow.correct([*accepted, *([] if correction is None else [correction])])
             accepted += [] if correction is None else [correction]
         except RequestError:
             flow.correct(accepted)
-    return Course(len(wrong), len(ranked["random"]), shares, idf1, hota, allowed, by_hand)
+    return {
+        "errors": len(wrong), "decisions": len(ranked["random"]), "found": shares, "idf1": idf1, "hota": hota,
+        "allowed": allowed, "by_hand": by_hand,
+    }  # fmt: skip
 
 
-def answered(
-    question: Question, find: Finder, owners: IntArray, ids: IntArray, network: SolvedNetwork
-) -> Correction | None:
+def answered(question: Question, owners: IntArray, ids: IntArray, network: SolvedNetwork) -> Correction | None:
     """What somebody says who sees whose boxes are shown; None for skip.
 
     Args:
         question: that is asked.
-        find: of the detections of the network.
         owners: ``(N,)``, see `owners_of`.
         ids: ``(N,)`` of the tracks.
         network: of the flow.
     """
+    find = Finder(network.frames, network.boxes)
     if question.kind == "exchange":
         (a, b), (c, d) = ([find(box) for box in part.there] for part in question.yes.parts)
         before, after = ([_seen(question, n, find, owners, before=first) for n in pair]

@@ -6,15 +6,15 @@ are kept in the store.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, TypeAlias
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
 from tsuiseki.tracking.association.costs import ActionFeatures
 from tsuiseki.tracking.association.detection_tables import rows_of
@@ -54,24 +54,8 @@ from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench, Curve, Outcome, Table, at_least_one, curves
+from tsuiseki.trainers.experiments.study import Curve, Outcome, Table, curves, write_planned
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-ComparedMethod = Literal[
-    "deepsort",
-    "flow",
-    "flow-saf",
-    "flow-maf",
-    "flow-maf, one-sided",
-    "MCF as printed",
-    "MHT-SAF as printed",
-    "MHT-MAF as printed",
-]
-# How often the flow is solved as printed; it leaves the camera's motion in.
-AS_PRINTED: dict[ComparedMethod, int] = {"MCF as printed": 1, "MHT-SAF as printed": 1, "MHT-MAF as printed": ITERATIONS}
-METHODS: tuple[ComparedMethod, ...] = get_args(ComparedMethod)
 # Fixed on clips of other seeds, before anything was compared: violent motion, people dressed alike, and a detector that
 # misses two in five. There the flow alone switches more than twice in a hundred frames.
 TEST_SCENE = DroneSceneSettings(frames=300, camera="violent", people=9, look_alikes=0.5)
@@ -99,18 +83,13 @@ PAPER_PEOPLE: dict[str, str] = {
     "flow-saf": "32.13 74.1 558 21.2 33.01",
     "flow-maf": "32.48 74.24 528 21.57 33.01",
 }
-PAPER_PEOPLE |= {
-    "MCF as printed": PAPER_PEOPLE["flow"],
-    "MHT-SAF as printed": PAPER_PEOPLE["flow-saf"],
-    "MHT-MAF as printed": PAPER_PEOPLE["flow-maf"],
-}
 # Table 5.4, the second data set.
 PAPER_SECOND: dict[str, str] = {
     "flow-saf": "89.68 83.23 47 41.29 33.98",
     "flow-maf": "89.68 83.23 43 43.87 33.98",
-    "MHT-SAF as printed": "89.68 83.23 47 41.29 33.98",
-    "MHT-MAF as printed": "89.68 83.23 43 43.87 33.98",
 }
+# What the paper's methods are called here where they are as printed.
+PRINTED = {"MCF as printed": "flow", "MHT-SAF as printed": "flow-saf", "MHT-MAF as printed": "flow-maf"}
 # Table 5.5, averages of F1.
 PAPER_ACTIONS = {
     "Single frame (local)": 42.88,
@@ -123,21 +102,6 @@ COLUMNS = ("method", "Rcll", "Prcn", "IDs", "MOTA", "MOTP", "100(1-IoU)", "IDF1"
            *(f"{name} against flow" for name in COMPARED.values()), "paper: Rcll Prcn IDs MOTA MOTP")  # fmt: skip
 ClipPlan: TypeAlias = tuple[str, DroneSceneSettings, int]
 People: TypeAlias = Sequence[Sequence[ActingTrack]]
-
-
-@dataclass(frozen=True)
-class ObservingModels:
-    """Exported models.
-
-    Attributes:
-        actions: one file for each stream.
-        appearance: the appearance network.
-        detector: the detector.
-    """
-
-    actions: tuple[Path, ...]
-    appearance: Path
-    detector: Path
 
 
 @dataclass(frozen=True)
@@ -162,7 +126,7 @@ class ObservedClip:
 
 
 def reproduce(
-    bench: Bench,
+    store: Store,
     seeds: int = 3,
     clips: int = 2,
     frames: int = 300,
@@ -173,33 +137,32 @@ def reproduce(
     DIR gets results.json, tables.md and iterations.png.
 
     Args:
-        bench: where it works; clips and the networks' output are kept.
+        store: of what was computed; clips and the networks' output are kept.
         seeds: sets of test clips.
         clips: of each set.
         frames: of each clip.
         actions: exported action streams, separated by commas; by default the shipped ones.
 
     Raises:
-        RequestError: a number below 1, a clip that something was learnt from, or a model that is not there.
+        RequestError: a clip that something was learnt from, or a model that is not there.
     """
-    at_least_one(seeds=seeds, clips=clips, frames=frames)
-    tests, second = scored_plans(seeds, clips, frames), second_plans(clips, frames)
-    models = ObservingModels(
-        tuple(actions or [shipped(f"action_drone_{name}") for name in STREAMS]),
-        shipped("appearance_people"),
-        # With it the settings of the methods that are compared were chosen.
-        shipped("detector_drone"),
-    )
+    numbers = [FIRST_SEED + 100 * number + k for number in range(seeds) for k in range(clips)]
+    tests = plans("test", replace(TEST_SCENE, frames=frames), numbers)
+    other = replace(SECOND_SCENE, frames=min(SECOND_SCENE.frames, frames))
+    second = plans("second", other, range(SECOND_SEED, SECOND_SEED + clips))
+    streams = tuple(actions or [shipped(f"action_drone_{name}") for name in STREAMS])
+    # With this detector the settings of the methods that are compared were chosen.
+    models = streams, shipped("appearance_people"), shipped("detector_drone")
     # All clips in one go, so that every core has one to draw until the end.
-    work = on_all_cores(partial(observe_clip, bench.store, models), [*tests, *second])
+    work = on_all_cores(partial(observe_clip, store, models), [*tests, *second])
     every = list(progress(work, "clips", len(tests) + len(second)))
     every, carried = every[: len(tests)], every[len(tests) :]
     sets = [every[first : first + clips] for first in range(0, len(every), clips)]
     people = {"taken out": people_rows(sets), "left in": people_rows(sets, compensate=False)}
     iterations: dict[str, list[People]] = {
-        m: [[tracker_for(m, clip, rounds=k).people() for clip in every] for k in range(MOST_ITERATIONS)]
-        for m in METHODS
-        if "maf" in m.lower()
+        name: [[follow(clip, rounds=k) for clip in every] for k in range(MOST_ITERATIONS)]
+        for name, follow in METHODS.items()
+        if "maf" in name.lower()
     }
     rounds = {m: [people_row(_pairs(every, found)) for found in results] for m, results in iterations.items()}
     values: dict[str, Any] = {
@@ -210,13 +173,10 @@ def reproduce(
         "actions": action_values(recognition(every)),
         "action_gain": action_gains(every, iterations["flow-maf"]),
     }
-    note = _note(people["taken out"]["flow"], seeds * clips * frames)
+    flow = people["taken out"]["flow"]
+    switches = 100 * flow["id_switches"] / (seeds * clips * frames)
+    note = f"flow alone: {switches:.1f} switches in 100 frames at a recall of {flow['recall']:.1f} %"
     return Outcome(values, tables(values), {"iterations": plot_iterations(rounds)}, notes=[note])
-
-
-def _note(flow: Mapping[str, Any], frames: int) -> str:
-    switches = 100 * flow["id_switches"] / frames
-    return f"flow alone: {switches:.1f} switches in 100 frames at a recall of {flow['recall']:.1f} %"
 
 
 def plot_iterations(rounds: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure:
@@ -229,109 +189,126 @@ def plot_iterations(rounds: Mapping[str, Sequence[Mapping[str, float]]]) -> Figu
     return curves(panels, ["iteration"] * len(panels), "", (3.6, 3.2))
 
 
-def scored_plans(seeds: int, clips: int, frames: int) -> list[ClipPlan]:
-    """Name, scene and seed of the clips of Table 5.3, set by set.
+def plans(name: str, scene: DroneSceneSettings, seeds: Sequence[int]) -> list[ClipPlan]:
+    """Name, scene and seed of clips.
 
     Raises:
         RequestError: something was learnt from one of them.
     """
-    numbers = [FIRST_SEED + 100 * number + k for number in range(seeds) for k in range(clips)]
-    return [(f"test-{seed}-{frames}", replace(TEST_SCENE, frames=frames), seed) for seed in _not_tuned_on(numbers)]
-
-
-def second_plans(clips: int, frames: int) -> list[ClipPlan]:
-    """The clips of Table 5.4, to which everything learnt is carried over; see `scored_plans`."""
-    scene = replace(SECOND_SCENE, frames=min(SECOND_SCENE.frames, frames))
-    numbers = range(SECOND_SEED, SECOND_SEED + clips)
-    return [(f"second-{seed}-{scene.frames}", scene, seed) for seed in _not_tuned_on(numbers)]
-
-
-def _not_tuned_on(seeds: Sequence[int]) -> Sequence[int]:
     if known := sorted(TUNED_ON & set(seeds)):
         raise RequestError(f"expected clips that nothing was learnt from, got seed {known[0]}; give fewer `seeds`")
-    return seeds
+    return [(f"{name}-{seed}-{scene.frames}", scene, seed) for seed in seeds]
 
 
-def _write_clip(folder: Path, scene: DroneSceneSettings, seed: int) -> Path:
-    return write_clip(folder, plan_drone(scene, seed))
-
-
-def observe_clip(store: Store, models: ObservingModels, plan: ClipPlan) -> ObservedClip:
+def observe_clip(store: Store, models: tuple[tuple[Path, ...], Path, Path], plan: ClipPlan) -> ObservedClip:
     """A drawn clip with the observations of its detected and its labelled people, from the store where it can."""
     name, scene, seed = plan
-    folder = store.made(name, _write_clip, scene, seed)
-    return replace(store.recall(observed, models, folder), folder=folder)
+    folder = store.made(name, write_planned, plan_drone, scene, seed)
+    return replace(store.recall(observed, *models, folder), folder=folder)
 
 
-def observed(models: ObservingModels, folder: Path) -> ObservedClip:
-    """What the networks make of the people in a clip, both those whom the detector finds and those who are labelled."""
+def observed(actions: Sequence[Path], appearance: Path, detector: Path, folder: Path) -> ObservedClip:
+    """What the networks make of the people in a clip, both those whom the detector finds and those who are labelled.
+
+    Args:
+        actions: files of the action network, one a stream.
+        appearance: file of the appearance network.
+        detector: file of the detector.
+        folder: of the clip.
+    """
     sequence = read_sequence(folder)
-    detector, appearance = Detector(models.detector, threads=1), Appearance(models.appearance, threads=1)
-    observers = Observers(detector, appearance, ActionRecogniser(models.actions, threads=1), camera=True)
-    boxes, owners = tracks_as_detections(read_tracks(sequence.ground_truth_path), sequence.length)
+    describe, act = Appearance(appearance, threads=1), ActionRecogniser(actions, threads=1)
+    observers = Observers(Detector(detector, threads=1), describe, act, camera=True)
+    boxes, owners = as_detections(read_tracks(sequence.ground_truth_path), sequence.length)
     known = replace(observers, detect=boxes, describe=None, camera=False)
     detected, given = (list(observe(open_source(folder).frames(), one)) for one in (observers, known))
-    truth, actions = read_ground_truth(sequence.ground_truth_path), read_labelled_actions(folder, "lenient")[0]
-    return ObservedClip(folder, truth, actions, detected, given, owners)
+    truth, labels = read_ground_truth(sequence.ground_truth_path), read_labelled_actions(folder, "lenient")[0]
+    return ObservedClip(folder, truth, labels, detected, given, owners)
 
 
-def tracker_for(
-    method: ComparedMethod, clip: ObservedClip, *, compensate: bool = True, rounds: int | None = None
-) -> DroneTracker:
-    """A drone tracker that has been given all observations of a clip.
+def flow(
+    method: DroneMethod,
+    clip: ObservedClip,
+    *,
+    compensate: bool = True,
+    rounds: int | None = None,
+    features: ActionFeatures = "centred",
+) -> list[ActingTrack]:
+    """The people that the flow finds in a clip.
 
     Args:
         method: of linking.
         clip: what was observed.
         compensate: take the camera's motion out.
         rounds: how often links are scored again at most; by default as the settings say.
+        features: windows of the actions of ``flow-maf``.
     """
-    sequence = read_sequence(clip.folder)
-    size = (sequence.width, sequence.height)
-    if method in AS_PRINTED:
-        pairs = Affinity(shipped("affinity_printed_drone" + ("" if method.startswith("MCF") else "_action")), 1)
-        printed = PrintedFlow(pairs, AS_PRINTED[method] if rounds is None else rounds + 1)
-        return _fed(DroneTracker(None, sequence.frame_rate, size, printed), clip, acting=pairs.acting)
-    named: DroneMethod = "flow-maf" if method.startswith("flow-maf") else method  # type: ignore[assignment]
-    chosen = suited(DroneSettings(), named)
+    chosen = suited(DroneSettings(), method)
     costs = chosen.flow.costs
-    if named == "flow-maf" and costs.link.action is not None:
-        features: ActionFeatures = "one-sided" if method.endswith("one-sided") else "centred"
+    if method == "flow-maf" and costs.link.action is not None:
         costs = replace(costs, link=replace(costs.link, action=replace(costs.link.action, features=features)))
     if rounds is not None:
         costs = replace(costs, rounds=replace(costs.rounds, rounds=rounds))
-    tracker = DroneTracker(replace(chosen, flow=replace(chosen.flow, costs=costs)), sequence.frame_rate, size)
-    return _fed(tracker, clip, acting=named != "flow", compensate=compensate)
+    settings = replace(chosen, flow=replace(chosen.flow, costs=costs))
+    return _people(clip, settings, acting=method != "flow", compensate=compensate)
 
 
-def _fed(tracker: DroneTracker, clip: ObservedClip, *, acting: bool, compensate: bool = False) -> DroneTracker:
+def printed(
+    trees: str, times: int, clip: ObservedClip, *, compensate: bool = False, rounds: int | None = None
+) -> list[ActingTrack]:
+    """The same by the shipped ``trees`` as printed, solved so many times; the camera's motion stays in."""
+    del compensate
+    pairs = Affinity(shipped(f"affinity_printed_drone{trees}"), 1)
+    costs = PrintedFlow(pairs, times if rounds is None else rounds + 1)
+    return _people(clip, None, costs, acting=pairs.acting)
+
+
+def _people(
+    clip: ObservedClip,
+    settings: DroneSettings | None,
+    costs: PrintedFlow | None = None,
+    *,
+    acting: bool,
+    compensate: bool = False,
+) -> list[ActingTrack]:
+    sequence = read_sequence(clip.folder)
+    tracker = DroneTracker(settings, sequence.frame_rate, (sequence.width, sequence.height), costs)
     for one in clip.detected:
         actions = streams_mean(one, STREAMS) if acting and one.actions is not None else None
         tracker.update(replace(one.detections, actions=actions), one.motion if compensate else None)
-    return tracker
+    return tracker.people()
 
 
-def track_all(clips: Sequence[ObservedClip], method: ComparedMethod, *, compensate: bool = True) -> People:
-    """The people of every clip."""
-    if method == "deepsort":
-        return [[ActingTrack(track) for track in _deepsort(clip, compensate=compensate)] for clip in clips]
-    return [tracker_for(method, clip, compensate=compensate).people() for clip in clips]
-
-
-def _deepsort(clip: ObservedClip, *, compensate: bool) -> list[Track]:
+def deepsort(clip: ObservedClip, *, compensate: bool = True) -> list[ActingTrack]:
+    """The people that DeepSORT finds in a clip, with the camera's motion taken out or not."""
     path = CameraPath()
     tracker = MotionCompensated(DeepSort(DEEPSORT), path) if compensate else DeepSort(DEEPSORT)
     for one in clip.detected:
         if one.motion is not None:
             path.follow(one.motion)
         tracker.update(one.detections)
-    return tracker.tracks()
+    return [ActingTrack(track) for track in tracker.tracks()]
+
+
+METHODS: Mapping[str, Callable[..., list[ActingTrack]]] = {
+    "deepsort": deepsort,
+    "flow": partial(flow, "flow"),
+    "flow-saf": partial(flow, "flow-saf"),
+    "flow-maf": partial(flow, "flow-maf"),
+    "flow-maf, one-sided": partial(flow, "flow-maf", features="one-sided"),
+    "MCF as printed": partial(printed, "", 1),
+    "MHT-SAF as printed": partial(printed, "_action", 1),
+    "MHT-MAF as printed": partial(printed, "_action", ITERATIONS),
+}
 
 
 def people_rows(sets: Sequence[Sequence[ObservedClip]], *, compensate: bool = True) -> dict[str, dict[str, Any]]:
     """Table 5.3 by method: means over the sets, and differences to the flow with 95 % intervals over the clips."""
     every, count = [clip for clips in sets for clip in clips], len(sets[0])
-    pairs = {method: _pairs(every, track_all(every, method, compensate=compensate)) for method in METHODS}
+    pairs = {
+        method: _pairs(every, [follow(clip, compensate=compensate) for clip in every])
+        for method, follow in METHODS.items()
+    }
     sums = {method: np.stack([score_sums(pair) for pair in own]) for method, own in pairs.items()}
     rows: dict[str, dict[str, Any]] = {}
     for method, own in pairs.items():
@@ -403,10 +380,10 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
     people = {f"Table 5.3, the camera's motion {motion}": (rows, PAPER_PEOPLE) for motion, rows in
               values["people"].items()}  # fmt: skip
     people["Table 5.4, everything carried over to other clips"] = (values["second"], PAPER_SECOND)
-    found = [
-        Table(title, COLUMNS, [_person_row(name, row, paper.get(name, "")) for name, row in rows.items()])
-        for title, (rows, paper) in people.items()
-    ]
+    found = []
+    for title, (rows, paper) in people.items():
+        lines = [_person_row(name, row, paper.get(PRINTED.get(name, name), "")) for name, row in rows.items()]
+        found.append(Table(title, COLUMNS, lines))
     actions = values["actions"]
     names = next(iter(actions.values()))["actions"]
     lines = [[name, *(_percent(actions[kind]["actions"][name]["f1"]) for kind in actions)] for name in names]

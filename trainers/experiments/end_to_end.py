@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
@@ -12,124 +12,36 @@ import numpy as np
 import torch
 from torch.optim import AdamW
 
-from tsuiseki.models.association_network import AssociationNetwork
-from tsuiseki.tracking.association.learnt_costs import LARGEST, Affinity
-from tsuiseki.tracking.types import Detections, FloatArray
+from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
+from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.flow_loss import FlowLoss, finite
 from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.training import AssociationTraining
 from tsuiseki.trainers.association.windows import RandomWindows, affordable
-from tsuiseki.trainers.experiments import given_sequences
-from tsuiseki.trainers.experiments.given_sequences import (
+from tsuiseki.trainers.experiments import association
+from tsuiseki.trainers.experiments.association import (
+    STREETS,
     DataSet,
     GivenSequence,
     given_detections,
     sums_of,
-    write_streets,
 )
-from tsuiseki.trainers.experiments.study import Bench, Name, Outcome, Study, Table, some_of
-from tsuiseki.trainers.networks.modules import Optimisation, WarmupCosine
-
-
-@dataclass(frozen=True)
-class Fit:
-    """How an association network is fitted; see `AssociationTraining` for the rest.
-
-    Attributes:
-        loss: of the flow.
-        trust: share of the change of what detections cost that is taken outside of training.
-        flow: weight of the loss of the flow; 0 trains by all other losses alone, to compare with.
-        steps: windows that are learnt from.
-        seconds: length of a window.
-        joins: weight of the second level.
-        optimisation: how weights are moved.
-        seed: of windows, perturbations and first weights.
-    """
-
-    loss: FlowLoss = FlowLoss()  # noqa: RUF009
-    trust: float = 0.5
-    flow: float = 1.0
-    steps: int = 120
-    seconds: float = 2.0
-    joins: float = 0.2
-    optimisation: Optimisation = Optimisation(3e-3, 1e-2, warmup_steps=10)  # noqa: RUF009
-    seed: int = 0
-
-
-def fitted(module: AssociationTraining, graphs: Sequence[Graphs], fit: Fit) -> AssociationTraining:
-    """A module, whatever networks it has, after ``fit.steps`` windows of the graphs of sequences.
-
-    Raises:
-        RunError: a loss is no number; names the window.
-    """
-    module.standardise(graphs)
-    windows = RandomWindows(graphs, fit.seconds, fit.steps, lambda: (fit.seed, 0))
-    groups = [group for group in module.parameter_groups() if group["params"]]
-    how = fit.optimisation
-    optimiser = AdamW(groups, lr=how.learning_rate)
-    schedule = WarmupCosine(optimiser, how.warmup_steps, max(fit.steps, 11), how.final_share)
-    for step in range(fit.steps):
-        batch = windows[step]
-        if len(batch.detections):
-            optimiser.zero_grad()
-            objective, others = module.losses(batch, module.loss, np.random.default_rng([fit.seed, step]))
-            finite(fit.flow * objective + others, batch.detections.name).backward()  # type: ignore[no-untyped-call]
-            torch.nn.utils.clip_grad_norm_(module.parameters(), 1.0)
-            optimiser.step()
-        schedule.step()
-    return module
-
-
-@dataclass(frozen=True)
-class NetworkChanges:
-    """An association network in torch as the tracker takes it; a `CostChanges`.
-
-    Attributes:
-        network: the network.
-    """
-
-    network: AssociationNetwork
-
-    def links(self, rows: FloatArray) -> FloatArray:
-        """``(P,)`` changes of the costs of links."""
-        return self._of("links", rows)[:, 0]
-
-    def detections(self, rows: FloatArray) -> FloatArray:
-        """``(N, 3)`` changes of the costs of detections, of a track's start and of its end there."""
-        return self._of("detections", rows).clip(-LARGEST, LARGEST)
-
-    def joins(self, rows: FloatArray) -> FloatArray:
-        """``(P,)`` changes of the costs of joins."""
-        return self._of("joins", rows)[:, 0]
-
-    def projected(self, found: Detections) -> Detections:
-        """The detections of a frame with their appearance features as they are compared."""
-        if self.network.projection is None or found.features is None:
-            return found
-        with torch.no_grad():
-            features: torch.Tensor = self.network.projection(torch.as_tensor(found.features, dtype=torch.float32))
-        return found.with_features(features.double().numpy())
-
-    def _of(self, part: str, rows: FloatArray) -> FloatArray:
-        with torch.no_grad():
-            changes: torch.Tensor = getattr(self.network, part)(torch.as_tensor(rows, dtype=torch.float32))
-        return changes.double().numpy()
-
+from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Outcome, Study, Table, some_of
+from tsuiseki.trainers.exporting.export_costs import export_association
+from tsuiseki.trainers.networks.modules import WarmupCosine
 
 DEFAULT, BOTH = "default", "both losses"
-FITS: dict[Name, Fit] = {
-    "Fenchel-Young": Fit(FlowLoss("fenchel_young")),
-    "hinge": Fit(FlowLoss("hinge")),
-    BOTH: Fit(),
-}
-STREETS = DataSet("streets", "generated streets", "streets")
+LOSSES = {"Fenchel-Young": FlowLoss("fenchel_young"), "hinge": FlowLoss("hinge"), BOTH: FlowLoss()}
 # How many groups the sequences of a set are cut into.
 FOLDS = {"mot15": 6, "mot17": 4, "kitti-pedestrians": 5, "kitti-cars": 4, "streets": 4}
 PARTS = ("given", "unseen")
 # Generated streets teach, and these are tracked.
-UNSEEN, UNSEEN_FIT = ("mot17", "mot15", "kitti-pedestrians", "pets", "tud"), Fit(steps=300)
+UNSEEN = ("mot17", "mot15", "kitti-pedestrians", "pets", "tud")
+# Windows that are learnt from: of a group, and of the streets.
+STEPS, UNSEEN_STEPS = 120, 300
 PAIRS = shipped("affinity_people")
 # Longest gap that the right links bridge, seconds.
 GAP = 2.0
@@ -141,10 +53,37 @@ NOTE = (
 
 Fold: TypeAlias = tuple[tuple[GivenSequence, ...], tuple[GivenSequence, ...]]
 """Sequences that teach, and sequences that are tracked by what was learnt."""
+Fits: TypeAlias = Mapping[str, Callable[[Fold], list[FloatArray]]]
+"""Sums of the sequences that are tracked, by how costs are learnt."""
+
+
+def fitted(
+    module: AssociationTraining, graphs: Sequence[Graphs], steps: int, seconds: float = 2.0
+) -> AssociationTraining:
+    """A module, whatever networks it has, after ``steps`` windows of so many seconds of the graphs of sequences.
+
+    Raises:
+        RunError: a loss is no number; names the window.
+    """
+    module.standardise(graphs)
+    windows = RandomWindows(graphs, seconds, steps, lambda: (0, 0))
+    how = module.optimisation
+    optimiser = AdamW([group for group in module.parameter_groups() if group["params"]], lr=how.learning_rate)
+    schedule = WarmupCosine(optimiser, how.warmup_steps, max(steps, 11), how.final_share)
+    for step in range(steps):
+        batch = windows[step]
+        if len(batch.detections):
+            optimiser.zero_grad()
+            objective, others = module.losses(batch, module.loss, np.random.default_rng([0, step]))
+            finite(objective + others, batch.detections.name).backward()  # type: ignore[no-untyped-call]
+            torch.nn.utils.clip_grad_norm_(module.parameters(), 1.0)
+            optimiser.step()
+        schedule.step()
+    return module
 
 
 def reproduce(
-    bench: Bench,
+    store: Store,
     data: Path = Path("../shared/data"),
     sets: list[str] = list(FOLDS),  # noqa: B006, the parser shows it and it is never changed
     parts: list[str] = list(PARTS),  # noqa: B006
@@ -154,7 +93,7 @@ def reproduce(
     The sequences of a set are cut into groups; each is tracked by what was learnt on the others.
 
     Args:
-        bench: where it works.
+        store: of what was computed.
         data: folder that holds mot/mot17-val-half, mot/mot15, mot/kitti, mot/PETS09-S2L1-first; what is not there is
             passed over.
         sets: of mot15, mot17, kitti-pedestrians, kitti-cars, and streets, which are generated, separated by commas; for
@@ -166,63 +105,64 @@ def reproduce(
     """
     some_of(tuple(FOLDS), sets=sets)
     some_of(PARTS, parts=parts)
-    asked = [key for key in FOLDS if key in sets and key != STREETS.key] if "given" in parts else []
-    given = given_sequences.find_sets(data, asked) if asked else {}
-    unseen = given_sequences.find_sets(data, UNSEEN) if "unseen" in parts else {}
-    tables, values = list[Table](), dict[str, Any]()
-    streets = list[GivenSequence]()
-    if unseen or STREETS.key in sets:
-        streets = given_sequences.find_given(bench.store.made("streets", write_streets, 10, 120).parent, STREETS)
-    if "given" in parts and STREETS.key in sets:
-        given[STREETS] = streets
-    found = [(values, one, "", given_rows(bench, one, sequences)) for one, sequences in given.items()]
-    if unseen:
-        values["unseen"] = {}
-        every = _new_clip_rows(bench, streets, unseen)
-        found += [(values["unseen"], one, ", learnt on generated streets", rows) for one, rows in every]
-    for into, one, how, rows in found:
-        into[one.key] = {name: given_sequences.combined_scores(sums) for name, sums in rows.items()}
-        tables.append(given_sequences.score_table(f"{one.title}{how}", rows, DEFAULT))
+    unseen = association.find_sets(store, data, UNSEEN) if "unseen" in parts else {}
+    given = association.find_sets(store, data, [key for key in FOLDS if key in sets]) if "given" in parts else {}
+    streets = association.find_sets(store, data, [STREETS.key])[STREETS] if unseen else []
+    found = {(one, ""): given_rows(store, one, sequences) for one, sequences in given.items()}
+    new = _unseen_rows(store, streets, unseen)
+    found |= {(one, ", learnt on generated streets"): rows for one, rows in new.items()}
+    tables, values = list[Table](), dict[str, Any]({"unseen": {}} if unseen else {})
+    for (one, how), rows in found.items():
+        scores = {name: association.combined_scores(sums) for name, sums in rows.items()}
+        (values["unseen"] if how else values)[one.key] = scores
+        tables.append(association.score_table(f"{one.title}{how}", rows, DEFAULT))
     return Outcome(values, tables, notes=[NOTE])
 
 
+def fold_sums(loss: FlowLoss, steps: int, fold: Fold) -> list[FloatArray]:
+    """``(83,)`` sums of each tested sequence, tracked by costs that so many windows of the others taught."""
+    every = [graphs_of_given(given) for given in fold[0]]
+    graphs = [one for one in every if len(one.detections) and len(one.detections.tail)]
+    torch.manual_seed(0)
+    module = fitted(AssociationTraining(loss=loss), graphs, steps)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "costs.onnx"
+        export_association(module.network.eval(), path)
+        changes = CostNetwork(path, threads=1)
+        return [_sums(given, changes=changes) for given in fold[1]]
+
+
+FITS = {name: partial(fold_sums, loss, STEPS) for name, loss in LOSSES.items()}
+
+
 def given_rows(
-    bench: Bench, one: DataSet, sequences: Sequence[GivenSequence], fits: Mapping[Name, Fit] = FITS
+    store: Store, one: DataSet, sequences: Sequence[GivenSequence], fits: Fits = FITS
 ) -> dict[str, FloatArray]:
     """``(S, 83)`` sums of each row of a data set; a sequence is tracked by what the other groups taught."""
     count = min(FOLDS[one.key], len(sequences))
     groups = [tuple(sequences[group::count]) for group in range(count)]
     folds = [(tuple(s for s in sequences if s not in tests), tests) for tests in groups]
-    found = Study(fits, folds, fold_sums, f"{one.title}, groups").run(bench)
-    rows = {DEFAULT: sums_of(bench, flow_sums, [(given,) for given in sequences])}
-    for name, by_fold in found.items():
-        sums = {given: each for (_, tests), part in zip(folds, by_fold, strict=True)
-                for given, each in zip(tests, part, strict=True)}  # fmt: skip
-        rows[str(name)] = np.stack([sums[given] for given in sequences])
-    rows["right links"] = sums_of(bench, given_sequences.right_sums, [(given, GAP, True) for given in sequences])
+    rows = {DEFAULT: sums_of(store, flow_sums, [(given,) for given in sequences])}
+    for name, by_fold in Study(fits, folds, f"{one.title}, groups").run(store).items():
+        rows[name] = np.empty_like(rows[DEFAULT])
+        for group, part in enumerate(by_fold):
+            rows[name][group::count] = part
+    rows["right links"] = sums_of(store, association.right_sums, [(given, GAP, True) for given in sequences])
     return rows
 
 
-def _new_clip_rows(
-    bench: Bench, streets: Sequence[GivenSequence], sets: Mapping[DataSet, list[GivenSequence]]
-) -> Iterator[tuple[DataSet, dict[str, FloatArray]]]:
+def _unseen_rows(
+    store: Store, streets: Sequence[GivenSequence], sets: Mapping[DataSet, list[GivenSequence]]
+) -> dict[DataSet, dict[str, FloatArray]]:
     """The rows of each set: the default, the costs of pairs that ship, and costs learnt on streets."""
     every = tuple(given for sequences in sets.values() for given in sequences)
-    ((learnt,),) = Study({BOTH: UNSEEN_FIT}, [(tuple(streets), every)], fold_sums, "unseen").run(bench).values()
-    sums = dict(zip(every, learnt, strict=True))
+    learnt = iter(store.recall(fold_sums, LOSSES[BOTH], UNSEEN_STEPS, (tuple(streets), every)) if sets else ())
+    rows = {}
     for one, sequences in sets.items():
-        default, pairs = (sums_of(bench, flow_sums, [(g, trees) for g in sequences]) for trees in (None, PAIRS))
-        yield one, {DEFAULT: default, "trees of pairs that ship": pairs, BOTH: np.stack([sums[g] for g in sequences])}
-
-
-def fold_sums(fit: Fit, fold: Fold) -> list[FloatArray]:
-    """``(83,)`` sums of each tested sequence, tracked by costs that were learnt on the others."""
-    every = [graphs_of_given(given) for given in fold[0]]
-    graphs = [one for one in every if len(one.detections) and len(one.detections.tail)]
-    torch.manual_seed(fit.seed)
-    module = AssociationTraining(trust=fit.trust, loss=fit.loss, joins=fit.joins, optimisation=fit.optimisation)
-    changes = NetworkChanges(fitted(module, graphs, fit).network.eval())
-    return [_sums(given, changes=changes) for given in fold[1]]
+        default, pairs = (sums_of(store, flow_sums, [(g, trees) for g in sequences]) for trees in (None, PAIRS))
+        ours = np.array([next(learnt) for _ in sequences])
+        rows[one] = {DEFAULT: default, "trees of pairs that ship": pairs, BOTH: ours}
+    return rows
 
 
 def flow_sums(given: GivenSequence, trees: Path | None = None) -> FloatArray:
@@ -232,13 +172,13 @@ def flow_sums(given: GivenSequence, trees: Path | None = None) -> FloatArray:
 
 
 def _sums(given: GivenSequence, **costs: Any) -> FloatArray:
-    tracks = given_sequences.flow_over(given, **costs).tracks()
-    return given_sequences.track_sums(given, given_sequences.as_written(tracks))
+    tracks = association.flow_over(given, **costs).tracks()
+    return association.track_sums(given, association.as_written(tracks))
 
 
 @lru_cache(maxsize=40)
 def graphs_of_given(given: GivenSequence) -> Graphs:
     """The networks of a sequence, at the tracker's own costs."""
-    video = DetectedVideo(given.name, given_detections(given), given_sequences.given_labels(given), **given.filmed)
+    video = DetectedVideo(given.name, given_detections(given), association.given_labels(given), **given.filmed)
     graphs = sequence_graphs(video)
     return Graphs(affordable(graphs.detections), graphs.tracklets)

@@ -1,11 +1,15 @@
-"""The finite-set filters on the standard scenarios, and beside peers on new ones (`reproduce phd`, `phd-unseen`)."""
+"""Finite-set filters (`reproduce phd`, `phd-unseen`, `blobs`, `phd-equalisation`).
+
+Measured points are on the standard scenarios, and beside peers on new ones. Coloured objects that particles find in the
+image itself are beside connected components, and with equal likelihoods.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
 import time
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import product
@@ -14,24 +18,35 @@ from typing import Any, TypeAlias
 from zipfile import BadZipFile
 
 import numpy as np
+from matplotlib.figure import Figure
+from numpy.lib.stride_tricks import sliding_window_view
+from scipy.spatial.distance import cdist
 
+from tsuiseki.datamodules.scenes.blob_clip import BlobClip, BlobSceneSettings, as_ground_truth
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.point_distances import PointTracks, evaluate_points
+from tsuiseki.tracking.evaluation.point_distances import PointScores, PointTracks, evaluate_points
+from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage
 from tsuiseki.tracking.filters.base import Births, Filter, Running, SetInfo
 from tsuiseki.tracking.filters.finite_sets import point_model
+from tsuiseki.tracking.filters.finite_sets import region_likelihoods as likelihoods
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
 from tsuiseki.tracking.filters.finite_sets.clusters import by_clusters, by_measurements
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
 from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
-from tsuiseki.tracking.filters.point_motion import constant_velocity, coordinated_turn
-from tsuiseki.tracking.points.settings import Lag, SetMethod
-from tsuiseki.tracking.points.tracker import MeasurementTracker
-from tsuiseki.tracking.types import FloatArray, measurements
+from tsuiseki.tracking.filters.finite_sets.region_phd import AnywhereBirths, PatchBirths, RegionPhdFilter
+from tsuiseki.tracking.filters.point_motion import SteppingBox, constant_velocity, coordinated_turn
+from tsuiseki.tracking.geometry import centres
+from tsuiseki.tracking.people.sort import Sort
+from tsuiseki.tracking.people.tracker import run_tracker
+from tsuiseki.tracking.points.settings import BlobSettings, Lag, SetMethod
+from tsuiseki.tracking.points.tracker import BlobTracker, MeasurementTracker
+from tsuiseki.tracking.types import Detections, FloatArray, Frame, measurements
 from tsuiseki.tracking.types.measurements import Scan, SensingModel
 from tsuiseki.trainers.experiments import study
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.study import Bench, Column, Name, Outcome, Study, tabulated, values_of, with_interval
+from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Column, Name, Outcome, Study, tabulated, values_of, with_interval
 
 PointFilter = Running[Any, FloatArray, SetInfo]
 METHODS = ("phd-literal", "phd", "labelled")
@@ -49,36 +64,35 @@ REQUIRED = ("kind", "T", "K", "P_S", "P_D", "region", "clutter_rates", "runs", "
 OF_KIND = {"linear": ("sigma_e",), "ct": ("sigma_turn", "sigma_bearing", "sigma_range")}
 
 
-def reproduce(bench: Bench, data: Path = Path("../shared/data"), particles: int = 1000, runs: int = 10) -> Outcome:
+def reproduce(store: Store, data: Path = Path("../shared/data"), particles: int = 1000, runs: int = 10) -> Outcome:
     """The finite-set filters on the standard scenarios: OSPA, identities, time.
 
     DIR gets results.json and tables.md.
 
     Args:
-        bench: where it works.
+        store: of what was computed.
         data: folder that holds phd/phd_scenario_*.json.
         particles: number of particles of each target.
         runs: Monte-Carlo runs of each scenario; at most as many as it has.
 
     Raises:
-        RequestError: no scenario, or a number below 1.
+        RequestError: no scenario.
     """
     paths = sorted((data / "phd").glob("phd_scenario_*.json"))
     if not paths:
         raise RequestError(f"`data`: expected phd/phd_scenario_*.json in {data}, found none; give its folder")
-    study.at_least_one(particles=particles, runs=runs)
     found: dict[tuple[str, str, str], list[dict[str, float]]] = {}
     peers: dict[Name, float] = {}
     for scenario in map(read_scenario, paths):
         clutter = scenario.settings["clutter_rates"]
         rows = {
-            (scenario.name, f"{clutter[rate]:g}", method): (scenario, rate, method, particles)
+            (scenario.name, f"{clutter[rate]:g}", method): partial(run_scenario, scenario, rate, method, particles)
             for rate, method in product(range(len(clutter)), METHODS)
         }
-        found |= Study(rows, range(min(runs, scenario.settings["runs"])), run_scenario, scenario.name).run(bench)
-        for name, (_, rate, method, _) in rows.items():
-            known = YARDSTICKS.get((scenario.settings.get("seed", 0), method), {}).get(clutter[rate])
-            peers |= {} if known is None else {name: known}
+        found |= Study(rows, range(min(runs, scenario.settings["runs"])), scenario.name).run(store)
+        for name, rate in product(METHODS, clutter):
+            known = YARDSTICKS.get((scenario.settings.get("seed", 0), name), {}).get(rate)
+            peers |= {} if known is None else {(scenario.name, f"{rate:g}", name): known}
     columns = [
         Column("OSPA p=1", "ospa1", show=partial(study.with_error, ddof=0), paper=peers, beside="peer, p=1"),
         Column("p=2", "ospa2"),
@@ -91,13 +105,14 @@ def reproduce(bench: Bench, data: Path = Path("../shared/data"), particles: int 
     return Outcome(values_of(found, heads), [tabulated(found, columns, heads)])
 
 
-def run_scenario(row: tuple[PointScenario, int, str, int], run: int) -> dict[str, float]:
+def run_scenario(scenario: PointScenario, rate: int, method: str, particles: int, run: int) -> dict[str, float]:
     """Scores of a method with so many particles at one of the scenario's clutter rates, and its milliseconds a step."""
-    scenario, rate, method, particles = row
     settings = scenario.settings
     running = start_filter(method, settings, settings["clutter_rates"][rate], particles, seed=run)
     found, seconds = run_filter(running, scenario.measurements[run, rate])
-    scores = evaluate_points(scenario.true_tracks(), found, settings["K"], CUT_OFF)
+    frames, targets = np.nonzero(~np.isnan(scenario.truth[:, :, 0]))
+    true = PointTracks(frames, targets + 1, scenario.truth[frames, targets][:, [0, 2]])
+    scores = evaluate_points(true, found, settings["K"], CUT_OFF)
     return {**asdict(scores), "milliseconds": 1e3 * float(np.median(seconds))}
 
 
@@ -153,11 +168,6 @@ class PointScenario:
     truth: FloatArray
     measurements: dict[tuple[int, int], list[FloatArray]]
     fingerprint: str
-
-    def true_tracks(self) -> PointTracks:
-        """Positions of the targets."""
-        frames, targets = np.nonzero(~np.isnan(self.truth[:, :, 0]))
-        return PointTracks(frames, targets + 1, self.truth[frames, targets][:, [0, 2]])
 
 
 def read_scenario(path: Path) -> PointScenario:
@@ -232,10 +242,14 @@ def printed_births(settings: dict[str, Any], density: int) -> Births[FloatArray]
     return births
 
 
-PROGRAM = Path(__file__).with_name("sensed_peers.py")
+OURS: Mapping[str, tuple[SetMethod, Lag]] = {
+    "labelled": ("labelled", 0),
+    "labelled, `--lag 1`": ("labelled", 1),
+    "PHD": ("phd", 0),
+}
 PEERS = ("Stone Soup GM-PHD", "multisensor-lmb-filters-rs LMB")
 FIRST_SEED = 700
-"""Of the scenarios: nothing was tuned on them."""
+"""Of scenarios and clips: nothing was tuned on them."""
 
 
 @dataclass(frozen=True)
@@ -294,12 +308,8 @@ KINDS: Mapping[str, Scenarios] = {
 }
 
 
-Row: TypeAlias = tuple[Scenarios, SetMethod, Lag, int] | tuple[Scenarios, Peer, Path, str]
-"""Scenarios and a filter: ours with its lag and particles of each target, or one of a peer's program by name."""
-
-
 def unseen(
-    bench: Bench, seeds: int = 10, particles: int = 1000, peer: str | None = None, seed: int = FIRST_SEED
+    store: Store, seeds: int = 10, particles: int = 1000, peer: str | None = None, seed: int = FIRST_SEED
 ) -> Outcome:
     """The labelled and the PHD filter on new scenarios, births anywhere or at known places, beside peers.
 
@@ -307,7 +317,7 @@ def unseen(
     dropped. DIR gets results.json and tables.md.
 
     Args:
-        bench: where it works.
+        store: of what was computed.
         seeds: scenarios of each kind.
         particles: number of particles of each target.
         peer: python of an environment with stonesoup and multisensor-lmb-filters-rs; by default this one, if it has
@@ -315,17 +325,13 @@ def unseen(
         seed: of the first scenario.
 
     Raises:
-        RequestError: a number is below 1, or the environment named has not the packages.
+        RequestError: the environment named has not the packages.
     """
-    study.at_least_one(seeds=seeds, particles=particles)
-    environment = find_peer(peer, PROGRAM, "stonesoup and multisensor-lmb-filters-rs")
-    rows: dict[tuple[str, ...], Row] = {}
-    for kind, scenarios in KINDS.items():
-        rows[kind, "labelled"] = (scenarios, "labelled", 0, particles)
-        rows[kind, "labelled, `--lag 1`"] = (scenarios, "labelled", 1, particles)
-        rows[kind, "PHD"] = (scenarios, "phd", 0, particles)
-        rows |= {(kind, name): (scenarios, environment, PROGRAM, name) for name in PEERS if environment}
-    found = Study(rows, range(seed, seed + seeds), run_sensed, "scenarios").run(bench)
+    environment = find_peer(peer, "points")
+    ways: dict[str, Follow] = {name: partial(our_rows, *way, particles) for name, way in OURS.items()}
+    ways |= {name: partial(peer_rows, environment, name) for name in PEERS} if environment else {}
+    rows = {(kind, name): partial(run_sensed, KINDS[kind], way) for kind in KINDS for name, way in ways.items()}
+    found = Study(rows, range(seed, seed + seeds), "scenarios").run(store)
     fields = {"OSPA(2)": "ospa_tracks", "missed a scan": "missed", "false a scan": "false", "switches": "switches"}
     columns = [
         Column("OSPA p=1", "ospa1", show=study.with_error, gain=with_interval),
@@ -338,27 +344,37 @@ def unseen(
     return Outcome(values_of(found, ("births", "filter")), [table], notes=[f"{note}{peers}."])
 
 
-def run_sensed(row: Row, seed: int) -> dict[str, float]:
+Followed: TypeAlias = tuple[Sequence[Sequence[float]], Sequence[float]]
+"""Rows of scan, id, x, y, and milliseconds of processor time of each scan."""
+Follow: TypeAlias = Callable[[Scenarios, Sequence[Scan]], Followed]
+
+
+def our_rows(method: SetMethod, lag: Lag, particles: int, settings: Scenarios, scans: Sequence[Scan]) -> Followed:
+    """A filter of ours with so many particles of each target."""
+    tracker, milliseconds = MeasurementTracker(settings.model, method, particles, seed=0, lag=lag), []
+    for scan in scans:
+        begin = time.process_time()
+        tracker.update(scan)
+        milliseconds.append(1e3 * (time.process_time() - begin))
+    return [
+        (int(scan), track.id, *place)
+        for track in tracker.tracks()
+        for scan, place in zip(track.scans, track.positions, strict=True)
+    ], milliseconds
+
+
+def peer_rows(peer: Peer, name: str, settings: Scenarios, scans: Sequence[Scan]) -> Followed:
+    """A filter of the peer by its name."""
+    job = {"filter": name, "model": asdict(settings), "scans": [one.measurements.tolist() for one in scans]}
+    answer = peer.answer(job)
+    return answer["rows"], answer["milliseconds"]
+
+
+def run_sensed(settings: Scenarios, follow: Follow, seed: int) -> dict[str, float]:
     """Scores of one filter on one scenario, and the median milliseconds of processor time of a step."""
-    settings = row[0]
     truth, scans = drawn_scenario(settings, seed)
-    if isinstance(row[1], Peer):
-        job = {"filter": row[3], "model": asdict(settings), "scans": [one.measurements.tolist() for one in scans]}
-        answer = row[1].answer(Path(row[2]), job)
-        rows, milliseconds = answer["rows"], answer["milliseconds"]
-    else:
-        _, method, lag, particles = row
-        tracker, milliseconds = MeasurementTracker(settings.model, method, particles, seed=0, lag=lag), []
-        for scan in scans:
-            begin = time.process_time()
-            tracker.update(scan)
-            milliseconds.append(1e3 * (time.process_time() - begin))
-        rows = [
-            (int(scan), track.id, *place)
-            for track in tracker.tracks()
-            for scan, place in zip(track.scans, track.positions, strict=True)
-        ]
-    # Rows are scan, id, x, y; those outside the region are dropped.
+    rows, milliseconds = follow(settings, scans)
+    # Those outside the region are dropped.
     table = np.array(rows, dtype=np.float64).reshape(-1, 4)
     table = table[np.abs(table[:, 2:]).max(axis=1, initial=0.0) <= 0.5 * settings.side]
     # A mixture may name two components alike: the first counts.
@@ -399,3 +415,174 @@ def drawn_scenario(settings: Scenarios, seed: int) -> tuple[PointTracks, list[Sc
         measured = np.concatenate([detected + settings.deviation * rng.standard_normal(detected.shape), false])
         scans.append(Scan(float(k), measured[rng.permutation(len(measured))]))
     return PointTracks(np.concatenate(frames), np.concatenate(ids), np.concatenate(places)), scans
+
+
+BLOB_CUT_OFF = 50.0
+USUAL = BlobSceneSettings(frames=100, width=480, height=360)
+SCENES: Mapping[str, BlobSceneSettings] = {
+    "usual clutter: 12 patches up to a third of an object": USUAL,
+    "hard: 40 patches up to a half of an object": replace(USUAL, clutter=40, clutter_reach=0.25),
+}
+
+
+WAYS = ("components and SORT", "track blobs")
+
+
+def blobs(store: Store, seeds: int = 5, particles: int = 300) -> Outcome:
+    """The tracker of coloured objects beside connected components and SORT, with usual and with hard clutter.
+
+    DIR gets results.json and tables.md.
+
+    Args:
+        store: of what was computed.
+        seeds: clips of each kind.
+        particles: number of particles of each target.
+    """
+    rows = {(scene, name): partial(run_blobs, SCENES[scene], name, particles) for scene in SCENES for name in WAYS}
+    found = Study(rows, range(FIRST_SEED, FIRST_SEED + seeds), "clips").run(store)
+    columns = [
+        Column("OSPA p=1", "ospa1", ".1f", show=study.with_error),
+        Column("missed a frame", "missed"),
+        Column("false a frame", "false"),
+        Column("count error", "cardinality_error"),
+        Column("switches a clip", "switches"),
+    ]
+    note = f"{seeds} clips of each kind from seed {FIRST_SEED}, cut-off {BLOB_CUT_OFF:g}; ± is the standard error."
+    table = tabulated(found, columns, ("clutter", "method"))
+    return Outcome(values_of(found, ("scene", "method")), [table], notes=[note])
+
+
+def run_blobs(scene: BlobSceneSettings, method: str, particles: int, seed: int) -> PointScores:
+    """A method with so many particles on one clip, an object being there while half of it is in the image."""
+    frames = list(BlobClip(scene, seed).frames())
+    colour = NAMED_COLOURS[scene.colour]
+    if method == WAYS[0]:
+        # Each patch of the colour that is large enough for an object in the filter's births.
+        patches = PatchBirths(smallest=BlobSettings().smallest, limit=200)
+        found = [patches.patches(ColourImage.of(image, colour), np.empty((0, 4))) for (image,), _ in frames]
+        tracks = run_tracker((Detections(boxes, np.ones(len(boxes))) for boxes in found), Sort())
+    else:
+        tracker = BlobTracker(colour, BlobSettings(particles=particles))
+        for index, ((image,), _) in enumerate(frames):
+            tracker.update(Frame(index, index / scene.frame_rate, image))
+        tracks = tracker.tracks()
+    boxes, size = np.stack([boxes for _, boxes in frames]), np.array([scene.width, scene.height])
+    sides = np.clip(np.minimum(boxes[..., 2:], size) - np.maximum(boxes[..., :2], 0), 0, None)
+    share = sides.prod(axis=-1) / (boxes[..., 2:] - boxes[..., :2]).prod(axis=-1)
+    truth = as_ground_truth(np.where((share >= 0.5)[..., None], boxes, np.nan))
+    there = PointTracks(truth.frames, truth.ids, centres(truth.boxes))
+    return evaluate_points(there, PointTracks.of(tracks), scene.frames, BLOB_CUT_OFF)
+
+
+UPDATES: Mapping[str, tuple[likelihoods.Update, likelihoods.RegionLikelihood]] = {
+    "as printed": (likelihoods.as_printed, likelihoods.EachAlone()),
+    "equalised": (likelihoods.Equalised(likelihoods.as_printed), likelihoods.EachAlone()),
+    "calibrated": (likelihoods.calibrated, likelihoods.WithoutOthers()),
+}
+
+
+TARGETS = 3
+LEAST, LOST_AFTER = 0.05, 5
+"""A target with fewer than this share of its particles has none to speak of, and is lost after so many such frames."""
+
+
+Weakened: TypeAlias = Mapping[str, FloatArray]
+"""See `run_update`."""
+
+
+def equalisation(store: Store, seeds: int = 20, frames: int = 150, particles: int = 300) -> Outcome:
+    """Whether equal likelihoods keep the weak target of three: particles over time, with and without.
+
+    The end of section 6.2. Targets of one colour and size but unequal purity stay in the image for the whole clip. The
+    particles start on the targets, as many on each, and nothing is born, so that a target without particles stays lost.
+    Their number is held, since the printed likelihood only shrinks their sum. DIR gets results.json, tables.md and
+    particles.png.
+
+    Args:
+        store: of what was computed.
+        seeds: clips.
+        frames: length of each clip.
+        particles: number of particles of each target.
+    """
+    scene = BlobSceneSettings(
+        frames=frames, objects=TARGETS, purity=(0.45, 0.95), size=(34.0, 34.0), clutter=0, enter=0.0, stay=True,
+        speed=2.0,
+    )  # fmt: skip
+    rows = {update: partial(run_update, update, scene, particles) for update in UPDATES}
+    found = Study(rows, range(seeds), "clips").run(store)
+    purity = np.sort(BlobClip(scene, 0).purity)
+
+    def one_more(gained: FloatArray, _: str) -> str:
+        return f"at least one on {100 * np.mean(gained >= 1):.0f} % of the clips"
+
+    columns = [
+        Column(f"kept of {TARGETS}", lambda one: (one["lost"] >= frames).sum(), gain=one_more),
+        *(Column(f"frames, purity {p:.2f}", f"lost.{k}", ".0f") for k, p in enumerate(purity)),
+        Column("expected count at the end", lambda one: one["expected"][-1], ".3g"),
+    ]
+    table = tabulated(found, columns, ("update",), base="as printed")
+    plots, notes = {"particles": plot_particles(found, purity)}, [f"means over {seeds} clips"]
+    numbers = {
+        u: [{"lost": w["lost"], "expected_count_at_end": w["expected"][-1]} for w in of] for u, of in found.items()
+    }
+    return Outcome(values_of(numbers, ("update",)), [table], plots, notes=notes)
+
+
+def run_update(name: str, scene: BlobSceneSettings, density: int, seed: int) -> Weakened:
+    """Follow the targets of a clip from its first frame with one of `UPDATES` and so many particles of each target.
+
+    Returns:
+        Of K targets, the weakest first, ``particles``: ``(T, K)`` on each; ``expected``: ``(T,)`` sum of the weights;
+        ``lost``: ``(K,)`` first frame from which `LOST_AFTER` frames or the rest have too few particles on it; the
+        length of the clip where it never was lost.
+    """
+    update, likelihood = UPDATES[name]
+    rng = np.random.default_rng(seed)
+    fixed = 0 if name == "calibrated" else density * scene.objects
+    nowhere = AnywhereBirths(0.0, 0, size=(32.0, 32.0))
+    chosen = RegionPhdFilter(SteppingBox(1.5, 0.5), nowhere, likelihood, update, density, fixed, 1.0)
+    clip = BlobClip(scene, seed)
+    counts, expected = [], []
+    state = None
+    for (image,), boxes in clip.frames():
+        if state is None:
+            # Particles on each target with its size, and the place before. Drawn for nothing, so that a seed gives the
+            # particles of the published numbers.
+            rng.uniform(0, 2 * np.pi, len(boxes))
+            middles = np.repeat(centres(boxes), density, axis=0) + rng.standard_normal((len(boxes) * density, 2))
+            before = middles - 2.0 * rng.standard_normal(middles.shape)
+            particles = np.column_stack([middles, before, np.repeat(boxes[:, 2:] - boxes[:, :2], density, axis=0)])
+            state = chosen.init(particles, np.repeat(np.arange(1, len(boxes) + 1), density), float(len(boxes)))
+        state, info = chosen.step(state, ColourImage.of(image, NAMED_COLOURS[scene.colour]), rng)
+        counts.append(_on_targets(state.particles, boxes))
+        expected.append(info.expected_count)
+    particles = np.array(counts)[:, np.argsort(clip.purity)]
+    few = np.concatenate([particles < LEAST * density, np.ones((LOST_AFTER, scene.objects), dtype=np.bool_)])
+    lost = sliding_window_view(few, LOST_AFTER, axis=0).all(axis=-1).argmax(axis=0)
+    return {"particles": particles, "expected": np.array(expected), "lost": lost.astype(np.float64)}
+
+
+def _on_targets(particles: FloatArray, boxes: FloatArray) -> FloatArray:
+    """Particles ``(K,)`` whose centre is nearest to each target and inside it."""
+    middle = centres(likelihoods.boxes_of(particles))
+    inside = np.all((middle[:, None] >= boxes[None, :, :2]) & (middle[:, None] <= boxes[None, :, 2:]), axis=2)
+    distance = np.where(inside, cdist(middle, centres(boxes)), np.inf)
+    nearest = np.argmin(distance, axis=1)
+    return np.bincount(nearest[np.isfinite(distance.min(axis=1))], minlength=len(boxes)).astype(np.float64)
+
+
+def plot_particles(found: Mapping[str, list[Weakened]], purity: FloatArray) -> Figure:
+    """Particles on each target over time, and how many of the clips still have it; a column for each update."""
+    figure = Figure(figsize=(3.6 * len(found), 5.4), dpi=90, layout="constrained")
+    panels = figure.subplots(2, len(found), sharex=True, sharey="row", squeeze=False)
+    for (name, clips), (above, below) in zip(found.items(), panels.T, strict=True):
+        mean, lost = np.mean([one["particles"] for one in clips], axis=0), np.array([one["lost"] for one in clips])
+        for target in reversed(range(len(purity))):
+            above.plot(mean[:, target], label=f"purity {purity[target]:.2f}")
+            below.plot(np.mean(lost[:, target, None] > np.arange(len(mean)), axis=0))
+        above.set(title=name, ylim=(0, None))
+        below.set(xlabel="frame", ylim=(0, 1.05))
+    panels[0, 0].set_ylabel("particles on the target")
+    panels[1, 0].set_ylabel("share of clips that still have it")
+    panels[0, 0].legend(fontsize="small")
+    return figure

@@ -12,10 +12,10 @@ import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -46,7 +46,7 @@ from tsuiseki.tracking.types.tracks import FloorDetections
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments import study
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench, Column, Name, Outcome, Study, Table, with_interval
+from tsuiseki.trainers.experiments.study import Column, Name, Outcome, Study, Table, with_interval
 
 ROOMS: tuple[Room, ...] = ("large", "small")
 VALIDATION_SEEDS = (900, 901)
@@ -147,14 +147,14 @@ class Observed:
     """The observations of a sequence, and the truth of one frame in every second.
 
     Attributes:
-        rate: frames per second.
+        clip: the sequence.
         found: of each frame, without features.
         features: by kind of crop, of each frame, in half precision.
         truth: its frames count seconds.
         seconds: of each stage, over all frames.
     """
 
-    rate: int
+    clip: CeilingClip
     found: list[FloorDetections]
     features: dict[str, list[FloatArray]]
     truth: GroundTruth
@@ -195,7 +195,7 @@ def observe(clip: CeilingClip, detector_file: Path, appearance_file: Path) -> Ob
         plain = Detections(located.detections.boxes, detected.scores)
         found.append(FloorDetections(plain, located.rotated, located.places))
         truths += [truth] if frame % RATE == 0 else []
-    return Observed(clip.rate, found, features, ground_truth(truths), times.seconds)
+    return Observed(clip, found, features, ground_truth(truths), times.seconds)
 
 
 # Seconds that all rows keep a track without a detection, and that a new one needs detections in a row.
@@ -209,12 +209,10 @@ Choice = dict[str, float]
 Tracking = Callable[[Sequence[FloorDetections], float, Choice], list[Track]]
 
 
-@dataclass(frozen=True)
-class RoomRow:
+class RoomRow(NamedTuple):
     """One way to track.
 
     Attributes:
-        name: as in the table.
         crops: what the appearance comes from: ``image``, ``upright`` or ``none``.
         track: detections of a sequence, its rate and a choice of settings to tracks.
         grid: what the settings are chosen from.
@@ -222,27 +220,25 @@ class RoomRow:
         least_score: of its detections, where it is not the common one.
     """
 
-    name: str
     crops: str
     track: Tracking
     grid: Mapping[str, Sequence[float]]
     like: str = ""
     least_score: float | None = None
 
-    def choices(self) -> Iterator[Choice]:
-        """Every combination of the grid."""
-        for values in itertools.product(*self.grid.values()):
-            yield dict(zip(self.grid, values, strict=True))
+
+def choices_of(row: RoomRow) -> list[Choice]:
+    """Every combination of the grid."""
+    return [dict(zip(row.grid, values, strict=True)) for values in itertools.product(*row.grid.values())]
 
 
-def _hungarian(by_appearance: bool, by_place: bool, **fixed: float) -> Tracking:
-    def track(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[Track]:
-        # As in the thesis, the second stage asks for the place alone, unless a row says otherwise.
-        given = {"start_score": 0.0, "place_feature_gate": 2.0, **choice, **fixed}
-        settings = FisheyeSettings(by_appearance, by_place, confirm=CONFIRM, max_age=PATIENCE, **given)
-        return _online(found, rate, settings)
-
-    return track
+def _hungarian(
+    by_appearance: bool, by_place: bool, found: Sequence[FloorDetections], rate: float, choice: Choice, **fixed: float
+) -> list[Track]:
+    # As in the thesis, the second stage asks for the place alone, unless a row says otherwise.
+    given = {"start_score": 0.0, "place_feature_gate": 2.0, **choice, **fixed}
+    settings = FisheyeSettings(by_appearance, by_place, confirm=CONFIRM, max_age=PATIENCE, **given)
+    return _online(found, rate, settings)
 
 
 def _online(found: Sequence[FloorDetections], rate: float, settings: FisheyeSettings) -> list[Track]:
@@ -291,21 +287,21 @@ STARTS = (0.0, 0.45, 0.5, 0.55, 0.6, 0.7)
 GATED = "both, appearance in both stages"
 # What `track fisheye` takes of its detector.
 SHIPPED_SCORE = 0.3
-_ROWS: tuple[RoomRow, ...] = (
-    RoomRow("baseline", "image", _hungarian(True, False), GATES),
-    RoomRow("SORT", "none", _sort, OVERLAP),
-    RoomRow("DeepSORT", "image", _deepsort, {**GATES, **IMAGE}),
-    RoomRow("rectification", "upright", _hungarian(True, False), GATES),
-    RoomRow("world", "none", _hungarian(False, True), WORLD),
-    RoomRow("both", "upright", _hungarian(True, True), {**GATES, **WORLD}),
-    RoomRow(GATED, "upright", _hungarian(True, True, place_feature_gate=PLACE_GATE), {**GATES, **WORLD}, like="both"),
+ROWS = {
+    "baseline": RoomRow("image", partial(_hungarian, True, False), GATES),
+    "SORT": RoomRow("none", _sort, OVERLAP),
+    "DeepSORT": RoomRow("image", _deepsort, {**GATES, **IMAGE}),
+    "rectification": RoomRow("upright", partial(_hungarian, True, False), GATES),
+    "world": RoomRow("none", partial(_hungarian, False, True), WORLD),
+    "both": RoomRow("upright", partial(_hungarian, True, True), {**GATES, **WORLD}),
+    GATED: RoomRow("upright", partial(_hungarian, True, True, place_feature_gate=PLACE_GATE), {**GATES, **WORLD},
+                   like="both"),
     # As the command does it, whatever validation says.
-    RoomRow("track fisheye", "upright", lambda found, rate, _: _online(found, rate, FisheyeSettings()), {},
-             least_score=SHIPPED_SCORE),
-    RoomRow("track fisheye, flow", "upright", lambda found, rate, _: [t.track for t in flow_on_floor(found, rate)], {},
-             least_score=SHIPPED_SCORE),
-)  # fmt: skip
-ROWS = {row.name: row for row in _ROWS}
+    "track fisheye": RoomRow("upright", lambda found, rate, _: _online(found, rate, FisheyeSettings()), {},
+                             least_score=SHIPPED_SCORE),
+    "track fisheye, flow": RoomRow("upright", lambda found, rate, _: [t.track for t in flow_on_floor(found, rate)], {},
+                                   least_score=SHIPPED_SCORE),
+}  # fmt: skip
 
 
 def each_second(tracks: Sequence[Track], rate: int) -> list[Track]:
@@ -314,11 +310,11 @@ def each_second(tracks: Sequence[Track], rate: int) -> list[Track]:
     return [Track(t.id, t.frames[k] // rate, t.boxes[k], t.scores[k]) for t, k in kept if k.any()]
 
 
-def tracked(row: tuple[str, Choice, float], observed: Observed) -> list[Track]:
+def tracked(name: str, choice: Choice, least: float, observed: Observed) -> list[Track]:
     """The tracks of a row by its name, choice and lowest score in a sequence, in the seconds that have a truth."""
-    how, choice, least = ROWS[row[0]], *row[1:]
+    how = ROWS[name]
     found = observed.described(how.crops, least if how.least_score is None else how.least_score)
-    return each_second(how.track(found, float(observed.rate), choice), observed.rate)
+    return each_second(how.track(found, float(observed.clip.rate), choice), observed.clip.rate)
 
 
 def pair_of(name: str, observed: Observed, tracks: Sequence[Track], where: Any = None) -> SequencePair:
@@ -328,21 +324,14 @@ def pair_of(name: str, observed: Observed, tracks: Sequence[Track], where: Any =
         truth = truth.select(where(truth.boxes))
         kept = [(t, where(t.boxes)) for t in plain]
         plain = [Track(t.id, t.frames[k], t.boxes[k], t.scores[k]) for t, k in kept if k.any()]
-    return SequencePair(name, truth, plain, len(observed.found) // observed.rate)
+    return SequencePair(name, truth, plain, len(observed.found) // observed.clip.rate)
 
 
 LEAST_SCORES = (0.2, 0.3, 0.4, 0.5, 0.6)
 
 
-@dataclass(frozen=True)
-class Graded:
-    """Settings of a row, and its scores on the validation rooms with them.
-
-    Attributes:
-        choice: settings by name.
-        mota: up to 1.
-        idf1: in [0, 1].
-    """
+class Graded(NamedTuple):
+    """Settings of a row by name, and its MOTA, up to 1, and IDF1, in [0, 1], on the validation rooms with them."""
 
     choice: Choice
     mota: float
@@ -353,7 +342,7 @@ def grades(name: str, validation: Sequence[Observed], least: float, choices: Seq
     """The scores of some settings of the row ``name`` on the validation sequences."""
     graded = []
     for choice in choices:
-        pairs = [pair_of(str(k), o, tracked((name, choice, least), o)) for k, o in enumerate(validation)]
+        pairs = [pair_of(str(k), o, tracked(name, choice, least, o)) for k, o in enumerate(validation)]
         found = evaluate_sequences(pairs).combined
         graded.append(Graded(choice, found.mota, found.idf1))
     return graded
@@ -365,16 +354,16 @@ def best_choice(row: RoomRow, graded: Callable[[list[Choice]], list[Graded]]) ->
     def best(choices: list[Choice]) -> Graded:
         return max(graded(choices), key=lambda one: one.mota)
 
-    grid = list(row.choices())
+    grid = choices_of(row)
     if not row.grid:
         return best(grid)
-    start = best(_starts(grid[len(grid) // 2])).choice["start_score"]
-    found = best([{**choice, "start_score": start} for choice in grid])
-    return best(_starts(found.choice))
+    start = best(_starts(grid)).choice["start_score"]
+    return best(_starts([best([{**choice, "start_score": start} for choice in grid]).choice]))
 
 
-def _starts(choice: Choice) -> list[Choice]:
-    return [{**choice, "start_score": start} for start in STARTS]
+def _starts(grid: Sequence[Choice]) -> list[Choice]:
+    """The middle of a grid with each score to start a track."""
+    return [{**grid[len(grid) // 2], "start_score": start} for start in STARTS]
 
 
 def lowest_score(store: Store, names: Sequence[str], validation: Sequence[Observed]) -> float:
@@ -384,29 +373,23 @@ def lowest_score(store: Store, names: Sequence[str], validation: Sequence[Observ
     track that is best then: weak detections help a row only where they start nothing.
     """
 
-    middles = {name: (grid := list(ROWS[name].choices()))[len(grid) // 2] for name in names}
-
     def mean_mota(least: float) -> float:
-        found = [store.recall(grades, name, validation, least, _starts(middles[name])) for name in names]
+        every = {name: _starts(choices_of(ROWS[name])) for name in names}
+        found = [store.recall(grades, name, validation, least, starts) for name, starts in every.items()]
         return float(np.mean([max(one.mota for one in each) for each in found]))
 
     return max(LEAST_SCORES, key=mean_mota)
 
 
-@dataclass(frozen=True)
-class FloorResults:
+class FloorResults(NamedTuple):
     """The test sequences of one room and rate, seed by seed all cameras, and their tracks by row."""
 
-    clips: list[CeilingClip]
     observed: list[Observed]
     tracks: dict[str, list[list[Track]]]
 
 
-CHOSEN_ON = "all settings have the best MOTA on rooms of seeds 900 and 901"
-
-
 def reproduce(
-    bench: Bench,
+    store: Store,
     seeds: int = 6,
     first_seed: int = 0,
     seconds: int = 60,
@@ -419,7 +402,7 @@ def reproduce(
     DIR gets results.json, tables.md, prevented.jpg and remaining.jpg like Figs. 4.4 and 4.5.
 
     Args:
-        bench: where it works.
+        store: of what was computed.
         seeds: rooms of each size, two cameras each.
         first_seed: of these rooms.
         seconds: of each sequence at 1 frame a second.
@@ -428,64 +411,44 @@ def reproduce(
         calibration: lens of the cameras, any that tsuiseki calibrate convert reads; by default an equidistant one.
 
     Raises:
-        RequestError: a number below 1 (`fast_seeds`: below 0), or a file that cannot be read.
+        RequestError: a room that settings are chosen on, or a file that cannot be read.
     """
-    study.at_least_one(seeds=seeds, seconds=seconds, fast_seconds=fast_seconds)
-    tested = _tested(first_seed, seeds, fast_seeds)
+    tested = range(first_seed, first_seed + seeds)
+    if set(tested) & set(VALIDATION_SEEDS):
+        known = " and ".join(map(str, VALIDATION_SEEDS))
+        raise RequestError(f"`first_seed`: expected rooms without {known}, on which settings are chosen")
     models = shipped(DETECTORS["unrolled"]), shipped("appearance_people")
     plans = [(room, seed, seconds, 1) for room in ROOMS for seed in (*VALIDATION_SEEDS, *tested)]
     plans += [(room, seed, fast_seconds, 15) for seed in tested[:fast_seeds] for room in ROOMS]
     jobs = [CeilingClip(*plan, camera, calibration) for plan in plans for camera in range(CAMERAS)]
-    every = list(zip(jobs, bench.each(observe, [(clip, *models) for clip in jobs], "clips"), strict=True))
-    chosen, least = _chosen(bench, every)
-    results = _results(bench, [one for one in every if one[0].seed in tested], chosen, least)
+    every = store.each(observe, [(clip, *models) for clip in jobs], "clips")
+    chosen, least = _chosen(store, [one for one in every if one.clip.seed in VALIDATION_SEEDS])
+    rows = {name: partial(tracked, name, one.choice, least) for name, one in chosen.items()}
+    results = list[FloorResults]()
+    for kind in itertools.product((1, 15), ROOMS):
+        own = [o for o in every if o.clip.seed in tested and (o.clip.rate, o.clip.room) == kind]
+        results += [FloorResults(own, Study(rows, own, "tracking").run(store))] if own else []
     values: dict[str, Any] = {
         "rooms": {"seeds": list(tested), "seconds": seconds, "fast_seeds": fast_seeds, "fast_seconds": fast_seconds},
-        "chosen": {"least_score": least, "rows": {name: asdict(each) for name, each in chosen.items()}},
+        "chosen": {"least_score": least, "rows": {name: each._asdict() for name, each in chosen.items()}},
         "rows": {label: row_values(each) for label, each in zip(LABELS, results, strict=False)},
         "where": where_parts_help(results[0]),
         "milliseconds": {
             room: stage_milliseconds(each, chosen["both"], least) for room, each in zip(ROOMS, results, strict=False)
         },
     }
-    files = switch_pictures(results[0])
-    return Outcome(values, tables(values), files=files, notes=[f"{CHOSEN_ON}; lowest score of a detection {least:g}"])
+    note = f"all settings have the best MOTA on rooms of seeds 900 and 901; lowest score of a detection {least:g}"
+    return Outcome(values, tables(values), files=switch_pictures(results[0]), notes=[note])
 
 
-def _tested(first: int, seeds: int, fast_seeds: int) -> range:
-    """The rooms that are scored, none of which settings were chosen on."""
-    if fast_seeds < 0:
-        raise RequestError(f"`fast_seeds`: expected 0 or more, got {fast_seeds}")
-    tested = range(first, first + seeds)
-    if first < 0 or set(tested) & set(VALIDATION_SEEDS):
-        known = " and ".join(map(str, VALIDATION_SEEDS))
-        raise RequestError(f"`first_seed`: expected rooms from 0 on without {known}, on which settings are chosen")
-    return tested
-
-
-def _chosen(bench: Bench, every: Sequence[tuple[CeilingClip, Observed]]) -> tuple[dict[str, Graded], float]:
+def _chosen(store: Store, every: Sequence[Observed]) -> tuple[dict[str, Graded], float]:
     """The settings of each row and the lowest score of a detection, chosen on rooms that are not scored."""
-    ordered = sorted(every, key=lambda one: one[0].seed)
-    validation = [each for clip, each in ordered if clip.seed in VALIDATION_SEEDS]
-    least, chosen = lowest_score(bench.store, list(PAPER), validation), dict[str, Graded]()
+    validation = sorted(every, key=lambda one: one.clip.seed)
+    least, chosen = lowest_score(store, list(PAPER), validation), dict[str, Graded]()
     for name, row in progress(ROWS.items(), "settings", len(ROWS)):
-        grade: Any = partial(bench.store.recall, grades, name, validation, least)  # type: ignore[call-arg]
+        grade: Any = partial(store.recall, grades, name, validation, least)  # type: ignore[call-arg]
         chosen[name] = chosen[row.like] if row.like else best_choice(row, grade)
     return chosen, least
-
-
-def _results(
-    bench: Bench, every: Sequence[tuple[CeilingClip, Observed]], chosen: Mapping[str, Graded], least: float
-) -> list[FloorResults]:
-    """The tracks of every row, by rate and room."""
-    rows = {name: (name, one.choice, least) for name, one in chosen.items()}
-    results = []
-    for kind in itertools.product((1, 15), ROOMS):
-        own = [one for one in every if (one[0].rate, one[0].room) == kind]
-        if own:
-            clips, observed = map(list, zip(*own, strict=True))
-            results.append(FloorResults(clips, observed, Study(rows, observed, tracked, "tracking").run(bench)))
-    return results
 
 
 def _scores(found: FloorResults, name: str, where: Any = None) -> list[PeopleScores]:
@@ -507,27 +470,20 @@ def row_values(found: FloorResults) -> dict[str, list[dict[str, float]]]:
 def where_parts_help(found: FloorResults) -> dict[str, Any]:
     """Table 4.4: gains of each part alone, in points of MOTA, by direction and distance from the image's middle."""
 
-    def polar(boxes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def inside(label: str, boxes: FloatArray) -> BoolArray:
         x, y = ((boxes[:, :2] + boxes[:, 2:]) / 2 - [640, 480]).T
-        return np.arctan2(y, x), np.hypot(x, y)
+        quarter, radius = np.abs((np.arctan2(y, x) + np.pi / 4) % (np.pi / 2) - np.pi / 4), np.hypot(x, y)
+        regions: dict[str, BoolArray] = {
+            "aligned": quarter <= np.pi / 8, "oblique": quarter > np.pi / 8, "centre": radius <= 200,
+            "rim": (radius > 300) & (radius <= 500),
+        }  # fmt: skip
+        return regions[label]
 
-    def aligned(boxes: FloatArray) -> BoolArray:
-        quarter = np.abs((polar(boxes)[0] + np.pi / 4) % (np.pi / 2) - np.pi / 4)
-        return np.asarray(quarter <= np.pi / 8)
-
-    def within(boxes: FloatArray, low: float, high: float) -> BoolArray:
-        radius = polar(boxes)[1]
-        return np.asarray((radius > low) & (radius <= high))
-
-    cases = (("aligned", aligned, "rectification", "baseline"),
-             ("oblique", lambda boxes: ~aligned(boxes), "rectification", "baseline"),
-             ("centre", partial(within, low=-1, high=200), "world", "SORT"),
-             ("rim", partial(within, low=300, high=500), "world", "SORT"))  # fmt: skip
     result = {}
-    for label, where, ours, theirs in cases:
-        pairs = zip(_scores(found, ours, where), _scores(found, theirs, where), strict=True)
-        gains = [100 * (a.mota - b.mota) for a, b in pairs]
-        result[label] = {"row": ours, "against": theirs, "by_seed": gains}
+    for label in REGIONS:
+        ours, theirs = ("world", "SORT") if label in ("centre", "rim") else ("rectification", "baseline")
+        pairs = zip(*(_scores(found, row, partial(inside, label)) for row in (ours, theirs)), strict=True)
+        result[label] = {"row": ours, "against": theirs, "by_seed": [100 * (a.mota - b.mota) for a, b in pairs]}
     return result
 
 
@@ -536,7 +492,7 @@ def stage_milliseconds(found: FloorResults, chosen: Graded, least: float) -> dic
     observed = found.observed[0]
     frames, times = len(observed.found), CpuTimes()
     with times.measure("associate"):
-        tracked(("both", chosen.choice, least), observed)
+        tracked("both", chosen.choice, least, observed)
     spent = {stage: 1000 * seconds / frames for stage, seconds in {**observed.seconds, **times.seconds}.items()}
     return {**spent, "people": sum(map(len, observed.found)) / frames}
 
@@ -572,13 +528,12 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
 def switch_pictures(found: FloorResults) -> dict[str, bytes]:
     """``prevented.jpg``: DeepSORT above, both parts below; ``remaining.jpg`` likewise. Missing where there is none."""
     pictures = dict[str, bytes]()
-    for clip, observed, *rows in zip(found.clips, found.observed, found.tracks["DeepSORT"], found.tracks["both"],
-                                     strict=True):  # fmt: skip
+    for observed, *rows in zip(found.observed, found.tracks["DeepSORT"], found.tracks["both"], strict=True):
         theirs, ours = (named(observed, tracks) for tracks in rows)
         spots = {"prevented.jpg": first_switch(theirs, ours), "remaining.jpg": first_switch(ours, None)}
         for name, spot in spots.items():
             if spot is not None and name not in pictures:
-                strip = _strip(clip, observed, spot, rows)
+                strip = _strip(observed, spot, rows)
                 pictures[name] = cv2.imencode(".jpg", strip[:, :, ::-1])[1].tobytes()
     return pictures
 
@@ -605,14 +560,14 @@ def first_switch(switching: Named, keeping: Named | None) -> tuple[int, int] | N
     return None
 
 
-def _strip(clip: CeilingClip, observed: Observed, spot: tuple[int, int], rows: Sequence[Sequence[Track]]) -> ImageArray:
+def _strip(observed: Observed, spot: tuple[int, int], rows: Sequence[Sequence[Track]]) -> ImageArray:
     """Three frames up to a switch, cut out around the person, a row for the tracks of each method."""
     frame, person = spot
-    room, truth, lines = clip.plan(), observed.truth, list[ImageArray]()
+    room, truth, lines = observed.clip.plan(), observed.truth, list[ImageArray]()
     for tracks in rows:
         overlay, cells = Overlay(tracks, 1.0, trail_seconds=0.0), list[ImageArray]()
         for at in range(frame - 2, frame + 1):
-            image = room.draw_frame(room.view(clip.camera), at * RATE)[0]
+            image = room.draw_frame(room.view(observed.clip.camera), at * RATE)[0]
             drawn = overlay.draw(Frame(at, float(at), image))
             box = truth.boxes[(truth.frames == at) & (truth.ids == person)][0]
             centre = np.round((box[:2] + box[2:]) / 2).astype(int)

@@ -12,11 +12,11 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 from operator import itemgetter
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from matplotlib.figure import Figure
 
-from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
 from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, wide_noise
@@ -28,16 +28,13 @@ from tsuiseki.tracking.filters.learnt_motion import LearntMotion, motion_text
 from tsuiseki.tracking.filters.resampling import probabilities, systematic
 from tsuiseki.tracking.formats.body_states import centre_inside, read_silhouettes, read_states, write_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray, Status
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import open_source
 from tsuiseki.trainers.experiments import study
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench, Column, Curve, Name, Outcome, Table, tabulated
+from tsuiseki.trainers.experiments.study import Column, Curve, Name, Outcome, tabulated
 from tsuiseki.trainers.learn_motion import learn_motion
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 # Fish of the clips to learn from, 20 together, and of those to test on, 24; their seeds lie apart.
 LEARNING_FISH = (1, 2, 3, 2, 1, 2, 3, 2, 2, 2)
@@ -84,28 +81,11 @@ Asked: TypeAlias = tuple[str, int]
 """An arm and a nominal number of particles."""
 Counts: TypeAlias = Mapping[Asked, FloatArray]
 """``(S, 2)`` by seed: fish followed to the end, of all and of those that turn suddenly."""
+Trial: TypeAlias = Mapping[str, Any]
+"""See `run_trial`."""
 
 
-@dataclass(frozen=True)
-class Trial:
-    """All runs on one clip with one seed.
-
-    Attributes:
-        turning: ``(F,)`` of each fish, whether it turns suddenly.
-        preparation: CPU seconds a frame to find edges and distances.
-        followed: ``(A, F)`` of each run and fish, whether the estimated centre lay in the fish's silhouette to the end.
-        seconds: ``(A,)`` of CPU for all fish in each run, without the preparation.
-        fish_frames: ``(A,)`` how many fish in how many frames that took.
-    """
-
-    turning: BoolArray
-    preparation: float
-    followed: BoolArray
-    seconds: FloatArray
-    fish_frames: IntArray
-
-
-def reproduce(bench: Bench, seeds: int = 6) -> Outcome:
+def reproduce(store: Store, seeds: int = 6) -> Outcome:
     """How many particles a goldfish needs, with and without what was learnt of its shape and motion.
 
     Generates 10 clips to learn from and 10 to test on, learns from a wide run with 3000 particles, and follows the 24
@@ -114,26 +94,27 @@ def reproduce(bench: Bench, seeds: int = 6) -> Outcome:
     core.
 
     Args:
-        bench: where it works.
+        store: of what was computed.
         seeds: of the particles; more give narrower intervals, and only the new ones are run.
-
-    Raises:
-        RequestError: no seed.
     """
-    study.at_least_one(seeds=seeds)
-    learning, test = clips(bench.store, "learning", LEARNING_FISH), clips(bench.store, "test", TEST_FISH)
-    learnt, learning_followed, learning_fish = learn(bench.store, learning)
+    learning, test = clips(store, "learning", LEARNING_FISH), clips(store, "test", TEST_FISH)
+    learnt, learning_followed, learning_fish = learn(store, learning)
     asked = list(dict.fromkeys((arm, n) for arms, numbers in PARTS.values() for arm in arms for n in numbers))
-    trials = bench.each(run_trial, [(folder, learnt, asked, n) for folder in test for n in range(seeds)], "trials")
+    trials = store.each(run_trial, [(folder, learnt, asked, n) for folder in test for n in range(seeds)], "trials")
     by_seed = np.array([followed_counts(trials[seed::seeds]) for seed in range(seeds)])
     counts = {one: by_seed[:, number] for number, one in enumerate(asked)}
-    turns = np.concatenate([trial.turning for trial in trials[::seeds]]).tolist()
+    turns = np.concatenate([trial["turning"] for trial in trials[::seeds]]).tolist()
     claims: dict[Name, FloatArray] = {
         text: counts[first] - counts[second] for text, first, second in CLAIMS if {first, second} <= set(counts)
     }
     columns = [Column(of, itemgetter(k), "+.2f", show=study.with_interval) for k, of in enumerate(("all", "that turn"))]
     title = f"Differences, of {len(turns)} fish, {sum(turns)} of which turn suddenly; {seeds} seeds, 95 %"
-    tables = [*(_followed_table(counts, *of) for of in PARTS.values()), tabulated(claims, columns, title=title)]
+    tables = []
+    for arms, numbers in PARTS.values():
+        found = {ARMS[arm][0]: np.stack([counts[arm, n] for n in numbers], axis=1) for arm in arms}
+        of = [Column(str(n), itemgetter(k), ".1f", show=_both) for k, n in enumerate(numbers)]
+        tables.append(tabulated(found, of, ["fish followed: all / turning"]))
+    tables.append(tabulated(claims, columns, title=title))
     values = {
         "fish": len(turns),
         "turning": sum(turns),
@@ -148,14 +129,16 @@ def reproduce(bench: Bench, seeds: int = 6) -> Outcome:
     return Outcome(values, tables, plots, files, [note])
 
 
-def _write_clip(folder: Path, settings: GoldfishSettings, seed: int) -> Path:
-    return write_clip(folder, plan_goldfish(settings, seed))
-
-
 def clips(store: Store, name: str, counts: Sequence[int]) -> list[Path]:
     """Folders of the clips ``NAME-01`` … of as many fish as ``counts`` says; each is made once."""
     return [
-        store.made(f"{name}-{n + 1:02d}", _write_clip, GoldfishSettings(fish=fish), FIRST_SEEDS[name] + n)
+        store.made(
+            f"{name}-{n + 1:02d}",
+            study.write_planned,
+            plan_goldfish,
+            GoldfishSettings(fish=fish),
+            FIRST_SEEDS[name] + n,
+        )
         for n, fish in enumerate(counts)
     ]
 
@@ -240,7 +223,14 @@ def follow_fish(
 
 
 def run_trial(folder: Path, learnt: LearntMotion, asked: Sequence[Asked], seed: int) -> Trial:
-    """Every arm and number of particles that is ``asked`` for, on the clip in ``folder`` with one ``seed``."""
+    """Every arm and number of particles that is ``asked`` for, on the clip in ``folder`` with one ``seed``.
+
+    Returns:
+        ``turning``: ``(F,)`` of each fish, whether it turns suddenly; ``preparation``: CPU seconds a frame to find
+        edges and distances; ``followed``: ``(A, F)`` of each run and fish, whether the estimated centre lay in the
+        fish's silhouette to the end; ``seconds``: ``(A,)`` of CPU for all fish in each run, without the preparation;
+        ``fish_frames``: ``(A,)`` how many fish in how many frames that took.
+    """
     clip = prepare_clip(folder)
     followed, seconds, frames = [], [], []
     for arm, particles in asked:
@@ -250,34 +240,30 @@ def run_trial(folder: Path, learnt: LearntMotion, asked: Sequence[Asked], seed: 
         followed.append([survived == len(clip.edges) for _, survived in found])
         frames.append(sum(len(track) for track, _ in found))
     turning = np.array([sudden_turns(fish.states).any() for fish in clip.fish])
-    return Trial(turning, clip.preparation, np.array(followed), np.array(seconds), np.array(frames))
+    return {
+        "turning": turning, "preparation": clip.preparation, "followed": np.array(followed),
+        "seconds": np.array(seconds), "fish_frames": np.array(frames),
+    }  # fmt: skip
 
 
 def followed_counts(trials: Sequence[Trial]) -> FloatArray:
     """``(A, 2)`` fish followed to the end in each run of all clips with one seed, of all and of those that turn."""
-    followed = np.concatenate([trial.followed for trial in trials], axis=1)
-    turning = np.concatenate([trial.turning for trial in trials])
+    followed = np.concatenate([trial["followed"] for trial in trials], axis=1)
+    turning = np.concatenate([trial["turning"] for trial in trials])
     return np.stack([followed.sum(axis=1), followed[:, turning].sum(axis=1)], axis=1).astype(np.float64)
 
 
 def _values(counts: Counts, trials: Sequence[Trial]) -> list[dict[str, Any]]:
     """The runs for results.json."""
-    seconds = np.sum([one.seconds for one in trials], axis=0) / np.sum([one.fish_frames for one in trials], axis=0)
-    preparation = np.mean([one.preparation for one in trials])
+    seconds, frames = (np.sum([one[name] for one in trials], axis=0) for name in ("seconds", "fish_frames"))
+    preparation = np.mean([one["preparation"] for one in trials])
     return [
         {
             "arm": arm, "title": ARMS[arm][0], "particles": particles, "all": of[:, 0], "turning": of[:, 1],
             "milliseconds": 1000 * spent, "frames_per_second": 1 / (preparation + spent),
         }
-        for ((arm, particles), of), spent in zip(counts.items(), seconds.tolist(), strict=True)
+        for ((arm, particles), of), spent in zip(counts.items(), (seconds / frames).tolist(), strict=True)
     ]  # fmt: skip
-
-
-def _followed_table(counts: Counts, arms: Sequence[str], numbers: Sequence[int]) -> Table:
-    """Fish followed, of all and of those that turn, by number of particles."""
-    found: dict[Name, FloatArray] = {ARMS[arm][0]: np.stack([counts[arm, n] for n in numbers], axis=1) for arm in arms}
-    columns = [Column(str(n), itemgetter(k), ".1f", show=_both) for k, n in enumerate(numbers)]
-    return tabulated(found, columns, ["fish followed: all / turning"])
 
 
 def _both(values: FloatArray, form: str) -> str:
@@ -310,10 +296,12 @@ def plot_particles(folder: Path, learnt: LearntMotion) -> Figure:
 
     Both arms follow a fish from its exact state three frames before it has turned.
     """
-    from matplotlib.figure import Figure
 
     clip = prepare_clip(folder)
-    fish, frame = first_turn(clip)
+    frames = [(n, np.flatnonzero(sudden_turns(one.states))) for n, one in enumerate(clip.fish)]
+    turns = [(n, int(turned[turned > 3][0])) for n, turned in frames if (turned > 3).any()]
+    # Any fish and frame where none has turned.
+    fish, frame = next(iter(turns), (0, min(10, len(clip.edges) - 1)))
     image = list(open_source(folder).frames())[frame].image
     x, y = clip.fish[fish].states[frame, :2]
     figure = Figure(figsize=(10, 5.2), dpi=120, layout="constrained")
@@ -344,16 +332,6 @@ def sudden_turns(centres: FloatArray) -> BoolArray:
         change = np.abs(np.angle(np.exp(1j * (direction[lag:] - direction[:-lag]))))
         turned[1 + lag :] |= (change > SUDDEN_ANGLE) & moving[lag:] & moving[:-lag]
     return turned
-
-
-def first_turn(clip: FishClip) -> tuple[int, int]:
-    """Index of a fish, and the frame from the fourth on in which it has turned suddenly; any frame where none has."""
-    for index, fish in enumerate(clip.fish):
-        frames = np.flatnonzero(sudden_turns(fish.states))
-        frames = frames[frames > 3]
-        if len(frames):
-            return index, int(frames[0])
-    return 0, min(10, len(clip.edges) - 1)
 
 
 def predicted(clip: FishClip, motion: BodyMotion, fish: int, frame: int) -> FloatArray:

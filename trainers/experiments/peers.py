@@ -1,10 +1,8 @@
-"""Programs of others, run in whatever environment has them, to be measured beside our own.
-
-A program is a file that imports nothing of ours, with the functions ``version() -> str`` and ``answer(job)``.
-"""
+"""Programs of others, run in whatever environment has them, to be measured beside our own."""
 
 from __future__ import annotations
 
+import hashlib
 import json
 import subprocess
 import sys
@@ -14,65 +12,73 @@ from pathlib import Path
 from typing import Any
 
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.trainers.experiments.peer_programs import PACKAGES
 
-RUN = """
-import json, runpy, sys, warnings
-warnings.filterwarnings("ignore")
-program = runpy.run_path(sys.argv[1])
-result = program["answer"](json.load(sys.stdin)) if len(sys.argv) == 2 else program["version"]()
-json.dump(result, sys.stdout)
-"""
+PROGRAMS = Path(__file__).with_name("peer_programs.py")
 
 
 @dataclass(frozen=True)
 class Peer:
-    """An environment with the peer's package.
+    """An environment with a peer's packages.
 
     Attributes:
-        python: its interpreter.
-        version: of the package.
+        program: one of those in peer_programs.py.
+        python: interpreter of the environment.
+        version: of the packages.
     """
 
+    program: str
     python: str
     version: str
 
     @property
     def fingerprint(self) -> str:
         """Where it is installed makes no difference to what it computes."""
-        return f"peer {self.version}"
+        return f"{self.program} {self.version} {hashlib.sha256(PROGRAMS.read_bytes()).hexdigest()}"
 
-    def answer(self, program: Path, job: Mapping[str, Any]) -> Any:
-        """What ``program`` answers to a job there, both of them JSON.
+    def answer(self, job: Mapping[str, Any]) -> Any:
+        """What the program answers to a job, both of them JSON.
 
         Raises:
             RunError: it broke off.
         """
-        command = [self.python, "-c", RUN, str(program)]
-        done = subprocess.run(command, input=json.dumps(job), capture_output=True, text=True)
+        done = _run(self.python, self.program, job)
         if done.returncode:
             last = (done.stderr.strip() or f"exit status {done.returncode}").splitlines()[-1]
-            raise RunError(f"{program.name}: expected an answer from {self.python}, it broke off: {last}")
+            raise RunError(f"{self.program}: expected an answer from {self.python}, it broke off: {last}")
         return json.loads(done.stdout)
 
 
-def find_peer(python: str | None, program: Path, package: str) -> Peer | None:
+def _run(python: str, program: str, job: Mapping[str, Any] | None = None) -> subprocess.CompletedProcess[str]:
+    """A program on a job; without one it tells its version."""
+    command = [python, "-c", PROGRAMS.read_text(encoding="utf-8"), program]
+    return subprocess.run(command, input=json.dumps(job), capture_output=True, text=True)
+
+
+def find_peer(python: str | None, program: str) -> Peer | None:
     """The peer in an environment; None where it is not installed.
 
     Args:
         python: an interpreter; by default the one that runs this.
-        program: runs there, and knows the package's version.
-        package: what it needs, for the message.
+        program: one of those in peer_programs.py.
 
     Raises:
-        RequestError: a named interpreter cannot be run or has not the package.
+        RequestError: a named interpreter cannot be run or has not the packages.
     """
     try:
-        command = [python or sys.executable, "-c", RUN, str(program), "version"]
-        asked = subprocess.run(command, capture_output=True, text=True, check=True)
+        done = _run(python or sys.executable, program)
+        done.check_returncode()
     except (OSError, subprocess.CalledProcessError) as error:
         if python is None:
             return None
+        packages = " and ".join(PACKAGES[program])
         raise RequestError(
-            f"`peer`: expected the python of an environment with {package}, got {python}, which has none"
+            f"`peer`: expected the python of an environment with the packages {packages}, got {python}, which has none"
         ) from error
-    return Peer(python or sys.executable, json.loads(asked.stdout))
+    return Peer(program, python or sys.executable, json.loads(done.stdout))
+
+
+def skipped(program: str) -> str:
+    """The note that a peer is not measured."""
+    packages = " and ".join(PACKAGES[program])
+    return f"peers: skipped, the packages {packages} are not installed here; name a python that has them as peer"

@@ -6,20 +6,20 @@ the same over the sequences that are given, so levels differ and the shapes of t
 
 from __future__ import annotations
 
-import hashlib
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property, lru_cache, partial
+from functools import lru_cache, partial
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from tsuiseki.datamodules.scenes.single_clip import draw_single_clip
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.coverage import spans
 from tsuiseki.tracking.evaluation.success_curves import OVERLAPS, evaluate_boxes
 from tsuiseki.tracking.formats.single import SingleSequence, find_single_sequences
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_pairs, xywh_from_corners
@@ -35,9 +35,8 @@ from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.trainers.experiments import study
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench, Column, Curve, Name, Outcome, share_of_all, tabulated
+from tsuiseki.trainers.experiments.study import Column, Curve, Name, Outcome, share_of_all, tabulated
 
-CSRT = Path(__file__).with_name("single_csrt.py")
 WITHIN, FOLLOWED = 10, 0.5
 """Frames without overlap that are a loss, to be noticed within them; overlap above which a target is followed."""
 AFTERWARDS = 10
@@ -45,38 +44,32 @@ WAYS = ("KCF", "Fix", "Proposed")
 """Of going on at the start of a search (Fig. 3.10): KCF, a box that stands still, and the particles."""
 
 
-@dataclass(frozen=True)
-class TargetClip:
-    """A sequence with its images in memory."""
-
-    sequence: SingleSequence
-    images: list[ImageArray]
-
-    @cached_property
-    def fingerprint(self) -> str:
-        """The same for the same labels and images."""
-        digest = hashlib.sha256(np.ascontiguousarray(self.sequence.boxes).tobytes())
-        for image in self.images:
-            digest.update(repr(image.shape).encode() + np.ascontiguousarray(image).tobytes())
-        return digest.hexdigest()
+Loaded: TypeAlias = tuple[FloatArray, list[ImageArray]]
+"""Boxes ``(T, 4)`` of a target, NaN without a label, and ``T`` images ``(H, W, 3)`` uint8."""
+TargetClip: TypeAlias = Callable[[], Loaded]
+"""Loads a clip when it is needed, since all together would fill the memory."""
 
 
 @lru_cache(maxsize=4)
-def _drawn(number: int) -> TargetClip:
+def loaded(clip: TargetClip) -> Loaded:
+    """A clip, kept for the next tracker on it."""
+    return clip()
+
+
+def read_clip(sequence: SingleSequence) -> Loaded:
+    """Boxes and images of a sequence."""
+    return sequence.boxes, [read_image(path) for path in sequence.images]
+
+
+def draw_clip(number: int) -> Loaded:
+    """Boxes and images of a generated clip."""
     made = draw_single_clip(np.random.default_rng([17, number]))
-    return TargetClip(SingleSequence(f"generated-{number + 1}", (), made.boxes), list(made.images))
+    return made.boxes, list(made.images)
 
 
-@dataclass(frozen=True)
-class GeneratedClip:
-    """A generated sequence by its number, drawn where it is needed: all together would fill the memory."""
-
-    number: int
-    sequence = property(lambda self: _drawn(self.number).sequence)
-    images = property(lambda self: _drawn(self.number).images)
-
-
-AnyClip: TypeAlias = TargetClip | GeneratedClip
+def drawn_clips(count: int) -> dict[str, TargetClip]:
+    """The first so many generated clips by name."""
+    return {f"generated-{number + 1}": partial(draw_clip, number) for number in range(count)}
 
 
 @dataclass(frozen=True)
@@ -91,6 +84,16 @@ Entrant: TypeAlias = (
     CombinedSettings | KcfParticleSettings | RegularisedSettings | kcf.KcfSettings | SingleMethod | Csrt
 )
 """A tracker of an experiment: ours, the thesis's, their filters alone, one of chapter 2, or the peer."""
+MAKERS: Mapping[type, Callable[[Any, int], SingleTracker]] = {
+    CombinedSettings: Combined,
+    KcfParticleSettings: KcfParticle,
+    RegularisedSettings: lambda settings, _: RegularisedTracker(settings),
+    kcf.KcfSettings: lambda settings, _: kcf.KcfTracker(settings),
+    str: lambda method, seed: make_tracker(method, seed=seed),
+}
+"""New trackers by what names them, from that and a seed."""
+Scores: TypeAlias = Mapping[str, Any]
+"""See `clip_scores`."""
 
 
 PARTS = ("unseen", "status", "sweeps", "comparison", "intervals")
@@ -111,67 +114,53 @@ PAPER: Mapping[Name, float] = {"KCF, fixed size": 38.38, "combined, printed": 40
 SEARCHES = {"printed": PRINTED, "robust": ROBUST}
 
 
-@dataclass(frozen=True)
-class Sweep:
+class Sweep(NamedTuple):
     """One parameter, the others at the thesis's values, to the letter.
 
     Attributes:
         figure: of the thesis.
-        field: of `KcfParticleSettings`.
-        values: tried here.
-        paper: its areas by value, where the text gives them, percent.
-        others: fields that differ besides.
+        trackers: by value of the parameter.
+        paper: areas by value, where the text gives them, percent.
     """
 
     figure: str
-    field: str
-    values: tuple[float, ...]
+    trackers: Mapping[float, KcfParticleSettings]
     paper: Mapping[float, float]
-    others: Mapping[str, Any]
-
-    def settings(self, value: float) -> KcfParticleSettings:
-        """The tracker with one value of the parameter."""
-        return replace(PRINTED, **{**self.others, self.field: value})
 
 
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 SWEEPS: Mapping[str, Sweep] = {
     "epsilon_2": Sweep(
-        "Fig. 3.6", "convergence", (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.1), {0.0: 32.84, 0.03: 37.73},
-        {"response_share": 1.0, "hypotheses": 1},
+        "Fig. 3.6",
+        {v: replace(PRINTED, response_share=1.0, hypotheses=1, convergence=v)
+         for v in (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.1)},
+        {0.0: 32.84, 0.03: 37.73},
     ),
     "alpha": Sweep(
-        "Fig. 3.7", "response_share", (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0), {0.3: 38.60, 1.0: 37.73},
-        {"hypotheses": 1},
+        "Fig. 3.7",
+        {v: replace(PRINTED, hypotheses=1, response_share=v) for v in (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0)},
+        {0.3: 38.60, 1.0: 37.73},
     ),
-    "M": Sweep("Fig. 3.8", "hypotheses", (1, 2, 5, 10, 20, 30, 40, 50), {1: 38.60, 20: 40.64}, {}),
+    "M": Sweep(
+        "Fig. 3.8", {v: replace(PRINTED, hypotheses=v) for v in (1, 2, 5, 10, 20, 30, 40, 50)}, {1: 38.60, 20: 40.64}
+    ),
     "mu, uniform": Sweep(
-        "Table 3.4", "past_share", (0.0, 0.25, 0.5, 0.75, 1.0),
-        {0.0: 39.97, 0.25: 39.28, 0.5: 40.64, 0.75: 38.95, 1.0: 38.84}, {},
+        "Table 3.4", {v: replace(PRINTED, past_share=v) for v in SHARES},
+        dict(zip(SHARES, (39.97, 39.28, 40.64, 38.95, 38.84), strict=True)),
     ),
-    "mu, score": Sweep("Table 3.4", "past_share", (0.0, 0.25, 0.5, 0.75, 1.0), {}, {"past_by_score": True}),
+    "mu, score": Sweep("Table 3.4", {v: replace(PRINTED, past_by_score=True, past_share=v) for v in SHARES}, {}),
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class ClipGroup:
-    """Trackers that all try other sizes, or none: KCF, others beside it, and candidates of ours to choose from."""
-
-    base: kcf.KcfSettings
-    others: Mapping[str, Entrant]
-    candidates: Mapping[str, CombinedSettings]
-
-
 FIXED = CombinedSettings(filter=RegularisedSettings(sizes=1))
-GROUPS: Mapping[str, ClipGroup] = {
-    "scale search": ClipGroup(
-        kcf.KcfSettings(),
-        {"kcf-particle, robust": ROBUST, "filter alone": RegularisedSettings(),
+GROUPS: Mapping[str, tuple[int, Mapping[str, Entrant], Mapping[str, CombinedSettings]]] = {
+    "scale search": (
+        33,
+        {"KCF": kcf.KcfSettings(), "kcf-particle, robust": ROBUST, "filter alone": RegularisedSettings(),
          "combined as shipped": CombinedSettings()},
         {},
     ),
-    "fixed size": ClipGroup(
-        kcf.THESIS,
-        {"kcf-particle, printed": PRINTED, "kcf-particle, robust": replace(ROBUST, kcf=kcf.THESIS),
+    "fixed size": (
+        1,
+        {"KCF": kcf.THESIS, "kcf-particle, printed": PRINTED, "kcf-particle, robust": replace(ROBUST, kcf=kcf.THESIS),
          "filter alone": FIXED.filter, "combined as shipped": FIXED},
         {
             f"colours {share:g}, doubt {doubt:g}": replace(
@@ -181,6 +170,7 @@ GROUPS: Mapping[str, ClipGroup] = {
         },
     ),
 }  # fmt: skip
+"""Trackers that all try other sizes, or none: the sizes of CSRT, those that are compared, and ours to choose from."""
 OURS = "combined, chosen on the others"
 STATUS: Mapping[str, Entrant] = {
     "KCF": kcf.KcfSettings(),
@@ -192,7 +182,7 @@ GENERATED = ((0, 24), (24, 48), (48, 96), (24, 96))
 
 
 def reproduce(
-    bench: Bench,
+    store: Store,
     data: list[Path] | None = None,
     parts: list[str] = list(PARTS),  # noqa: B006, the parser shows it and it is never changed
     seeds: int = 5,
@@ -204,7 +194,7 @@ def reproduce(
     DIR gets results.json, tables.md, sweeps.png, comparison.png and intervals-*.png.
 
     Args:
-        bench: where it works.
+        store: of what was computed.
         data: folders of sequences (OTB, VOT, UAV123), separated by commas; by default four generated clips.
         parts: unseen (the gain over KCF on sequences that no setting was tuned on), status (whether `lost` is true),
             sweeps (Figs. 3.6-3.8, Table 3.4), comparison (Fig. 3.9), intervals (Fig. 3.10), separated by
@@ -215,27 +205,24 @@ def reproduce(
             this one, if it has it.
 
     Raises:
-        RequestError: an unknown part, a number below 1, no sequence with images, or a python without the package.
+        RequestError: an unknown part, no sequence with images, or a python without the package.
     """
     study.some_of(PARTS, parts=parts)
-    study.at_least_one(seeds=seeds, sweep_seeds=sweep_seeds)
-    clips: Sequence[AnyClip] = [GeneratedClip(number) for number in range(4)]
-    if data:
-        sequences = [s for folder in data for s in find_single_sequences(folder) if s.images]
-        clips = [TargetClip(s, [read_image(path) for path in s.images]) for s in sequences]
+    clips = drawn_clips(0 if data else 4)
+    for folder in data or ():
+        clips |= {s.name: partial(read_clip, s) for s in find_single_sequences(folder) if s.images}
     if not clips:
         raise RequestError("`data`: expected sequences with images, found none")
-    environment = find_peer(peer, CSRT, "opencv-contrib-python-headless")
-    run: Mapping[str, Any] = {
+    environment = find_peer(peer, "csrt")
+    run: Mapping[str, Callable[..., Outcome]] = {
         "unseen": partial(unseen, peer=environment), "status": lost_status, "sweeps": sweeps, "comparison": comparison,
         "intervals": intervals,
     }  # fmt: skip
-    found: list[Outcome] = [
-        run[part](bench, clips, range(sweep_seeds if part == "sweeps" else seeds)) for part in PARTS if part in parts
+    found = [
+        run[part](store, clips, range(sweep_seeds if part == "sweeps" else seeds)) for part in PARTS if part in parts
     ]
-    values = {name: value for one in found for name, value in (one.values or {}).items()}
     return Outcome(
-        {"sequences": [clip.sequence.name for clip in clips], **values},
+        {"sequences": list(clips), **{k: v for one in found for k, v in (one.values or {}).items()}},
         [table for one in found for table in one.tables],
         {name: plot for one in found for name, plot in one.plots.items()},
         notes=[note for one in found for note in one.notes],
@@ -243,23 +230,23 @@ def reproduce(
 
 
 def scored(
-    bench: Bench, clips: Sequence[AnyClip], entrants: Mapping[str, Entrant], seeds: Sequence[int], what: str
-) -> dict[str, list[ClipScores]]:
+    store: Store, clips: Mapping[str, TargetClip], entrants: Mapping[str, Entrant], seeds: Sequence[int], what: str
+) -> dict[str, list[Scores]]:
     """Scores of each tracker on each clip."""
-    found: dict[str, list[ClipScores]] = {name: [] for name in entrants}
-    jobs = [(clip, name) for clip in clips for name in entrants]
+    found: dict[str, list[Scores]] = {name: [] for name in entrants}
+    jobs = [(clip, name) for clip in clips.values() for name in entrants]
     for clip, name in progress(jobs, what, len(jobs)):
-        found[name].append(clip_scores(clip, passes(bench.store, clip, entrants[name], seeds)))
+        found[name].append(clip_scores(store, clip, entrants[name], seeds))
     return found
 
 
-def by_seed(scores: Sequence[ClipScores]) -> list[dict[str, float]]:
+def by_seed(scores: Sequence[Scores]) -> list[dict[str, float]]:
     """Mean areas over the clips, one a seed."""
-    means = np.mean([(one.auc_11, one.auc_21) for one in scores], axis=0)
+    means = np.mean([(one["auc_11"], one["auc_21"]) for one in scores], axis=0)
     return [{"auc_11": eleven, "auc_21": twenty_one} for eleven, twenty_one in means.T.tolist()]
 
 
-def unseen(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int], peer: Peer | None = None) -> Outcome:
+def unseen(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int], peer: Peer | None = None) -> Outcome:
     """What the combined tracker gains over KCF on sequences that its settings were not tuned on.
 
     Of a few candidates the one with the best mean over all *other* sequences, with the first seed, is scored on a
@@ -269,24 +256,23 @@ def unseen(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int], peer: P
         return Outcome(notes=["unseen: expected at least two sequences to choose settings on others"])
     values: dict[str, Any] = {}
     tables = []
-    for name, group in GROUPS.items():
-        rows: dict[str, Entrant] = {"KCF": group.base, **group.others}
-        rows |= {"CSRT": Csrt(peer, 33 if name == "scale search" else 1)} if peer else {}
-        found = {row: areas(of) for row, of in scored(bench, clips, rows, seeds, name).items()}
+
+    def gain(gains: FloatArray, form: str) -> str:
+        return f"{study.with_bootstrap(gains, form)}, worst {gains.min():{form}}"
+
+    for name, (scales, rows, candidates) in GROUPS.items():
+        rivals: dict[str, Entrant] = {"CSRT": Csrt(peer, scales)} if peer else {}
+        found = {row: areas(of) for row, of in scored(store, clips, {**rows, **rivals}, seeds, name).items()}
         chosen: list[str] = []
-        if group.candidates:
-            first = scored(bench, clips, group.candidates, seeds[:1], f"{name}, candidates")
+        if candidates:
+            first = scored(store, clips, candidates, seeds[:1], f"{name}, candidates")
             chosen = leave_one_out({candidate: areas(of) for candidate, of in first.items()})
-            found[OURS] = np.array(
-                [
-                    clip_scores(clip, passes(bench.store, clip, group.candidates[one], seeds)).auc_21.mean()
-                    for clip, one in zip(clips, chosen, strict=True)
-                ]
-            )
+            ours = zip(clips.values(), chosen, strict=True)
+            found[OURS] = areas(clip_scores(store, clip, candidates[one], seeds) for clip, one in ours)
         title = f"Unseen, {name}: AUC [%], 21 thresholds; gain with 95 % over sequences"
-        tables.append(tabulated(found, [Column("mean", form=".1f", gain=_gain)], ("tracker",), title, "KCF"))
+        tables.append(tabulated(found, [Column("mean", form=".1f", gain=gain)], ("tracker",), title, "KCF"))
         by_clip: dict[Name, list[dict[str, float]]] = {
-            clip.sequence.name: [{row: float(one[k]) for row, one in found.items()}] for k, clip in enumerate(clips)
+            clip: [{row: float(one[k]) for row, one in found.items()}] for k, clip in enumerate(clips)
         }
         columns = [Column(row, itemgetter(row), ".1f") for row in found]
         tables.append(tabulated(by_clip, columns, ("sequence",), f"The same, {name}, by sequence"))
@@ -294,13 +280,9 @@ def unseen(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int], peer: P
     return Outcome({"unseen": values}, tables)
 
 
-def _gain(gains: FloatArray, form: str) -> str:
-    return f"{study.with_bootstrap(gains, form)}, worst {gains.min():{form}}"
-
-
-def areas(scores: Iterable[ClipScores]) -> FloatArray:
+def areas(scores: Iterable[Scores]) -> FloatArray:
     """``(C,)`` areas with 21 thresholds of C clips, means over the seeds, percent."""
-    return np.array([one.auc_21.mean() for one in scores])
+    return np.array([one["auc_21"].mean() for one in scores])
 
 
 def leave_one_out(candidates: Mapping[str, FloatArray]) -> list[str]:
@@ -314,23 +296,23 @@ def leave_one_out(candidates: Mapping[str, FloatArray]) -> list[str]:
     return [names[k] for k in np.argmax(others, axis=0)]
 
 
-def lost_status(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> Outcome:
+def lost_status(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int]) -> Outcome:
     """Whether ``lost`` says the truth: within ten frames of losing the target, and not while it is followed."""
     last = max(high for _, high in GENERATED)
-    given = scored(bench, clips, STATUS, seeds, "status, given clips")
-    drawn = scored(bench, [GeneratedClip(k) for k in range(last)], STATUS, seeds, "status, generated clips")
+    given = scored(store, clips, STATUS, seeds, "status, given clips")
+    drawn = scored(store, drawn_clips(last), STATUS, seeds, "status, generated clips")
     found = {("given clips", name): of for name, of in given.items()}
     for low, high in GENERATED:
         found |= {(f"generated clips {low + 1} to {high}", name): of[low:high] for name, of in drawn.items()}
     columns = [
-        Column("AUC [%]", lambda one: one.auc_21.mean(), ".1f", gain=study.with_bootstrap),
-        Column("losses noticed within 10 frames", lambda one: [one.noticed, one.losses], "d", show=_of),
-        Column("called lost while followed [% of frames]", lambda s: [s.alarms, s.followed], ".1f", 1, share_of_all),
+        Column("AUC [%]", lambda one: one["auc_21"].mean(), ".1f", gain=study.with_bootstrap),
+        Column("losses noticed within 10 frames", itemgetter("noticed", "losses"), "d", show=_of),
+        Column("called lost while followed [% of frames]", itemgetter("alarms", "followed"), ".1f", 1, share_of_all),
     ]
     table = tabulated(found, columns, ("clips", "tracker"), "Status lost", lambda name: (name[0], next(iter(STATUS))))
     values = {
         ", ".join(name): {
-            **{key: sum(getattr(one, key) for one in of) for key in ("losses", "noticed", "followed", "alarms")},
+            **{key: sum(one[key] for one in of) for key in ("losses", "noticed", "followed", "alarms")},
             "areas": areas(of).tolist(),
         }
         for name, of in found.items()
@@ -343,17 +325,17 @@ def _of(values: FloatArray, form: str) -> str:
     return f"{part:{form}} of {whole:{form}}"
 
 
-def sweeps(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> Outcome:
+def sweeps(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int]) -> Outcome:
     """Figs. 3.6 to 3.8 and Table 3.4."""
     tables, panels, values = [], {}, {}
     for name, sweep in SWEEPS.items():
-        entrants = {f"{value:g}": sweep.settings(value) for value in sweep.values}
-        found = {value: by_seed(of) for value, of in scored(bench, clips, entrants, seeds, name).items()}
+        entrants = {f"{value:g}": tracker for value, tracker in sweep.trackers.items()}
+        found = {value: by_seed(of) for value, of in scored(store, clips, entrants, seeds, name).items()}
         paper: Mapping[Name, float] = {f"{value:g}": area for value, area in sweep.paper.items()}
         columns = [Column("here", "auc_11", show=study.with_deviation, paper=paper, beside="thesis")]
         tables.append(tabulated(found, columns, ("value",), f"{sweep.figure}, {name}: AUC with 11 thresholds [%]"))
         here = [np.array([one["auc_11"] for one in of]) for of in found.values()]
-        lines = [Curve("here", sweep.values, [float(a.mean()) for a in here], [float(a.std()) for a in here])]
+        lines = [Curve("here", list(sweep.trackers), [float(a.mean()) for a in here], [float(a.std()) for a in here])]
         if sweep.paper:
             lines.append(Curve("thesis, TB-50", list(sweep.paper), list(sweep.paper.values()), style="s--"))
         panels[sweep.figure if sweep.paper else f"{sweep.figure}, by score"] = lines
@@ -362,9 +344,9 @@ def sweeps(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> Outc
     return Outcome({"sweeps": values}, tables, {"sweeps": figure})
 
 
-def comparison(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> Outcome:
+def comparison(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int]) -> Outcome:
     """Fig. 3.9."""
-    found = scored(bench, clips, COMPARED, seeds, "comparison")
+    found = scored(store, clips, COMPARED, seeds, "comparison")
     rows = {name: by_seed(of) for name, of in found.items()}
     columns = [
         Column("11 thresholds", "auc_11", show=study.with_deviation, paper=PAPER, beside="thesis"),
@@ -375,7 +357,7 @@ def comparison(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> 
     lines = [
         Curve(
             f"{name} [{np.mean([one['auc_11'] for one in rows[name]]):.1f}]", OVERLAPS,
-            100 * np.mean([curve for one in found[name] for curve in one.success], axis=0),
+            100 * np.mean([curve for one in found[name] for curve in one["success"]], axis=0),
             style=("-", "--", ":")[place // 6 % 3],
         )
         for place, name in enumerate(ranked)
@@ -385,12 +367,12 @@ def comparison(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> 
     return Outcome({"comparison": values}, tables, plots)
 
 
-def intervals(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> Outcome:
+def intervals(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int]) -> Outcome:
     """Fig. 3.10: overlaps in the frames of search and in the ten frames after, by what is done in the search."""
     tables, plots, values = [], {}, {}
     for name, settings in SEARCHES.items():
-        jobs = [(clip, settings, seed) for clip in clips for seed in seeds]
-        found = bench.each(searches, jobs, f"searches, {name}")
+        jobs = [(clip, settings, seed) for clip in clips.values() for seed in seeds]
+        found = store.each(searches, jobs, f"searches, {name}")
         panels, cells = {}, {}
         for part, title in enumerate(("during the search", "10 frames after")):
             own = {way: np.concatenate([np.array(one[part][way]) for one in found]) for way in WAYS}
@@ -406,8 +388,7 @@ def intervals(bench: Bench, clips: Sequence[AnyClip], seeds: Sequence[int]) -> O
     return Outcome({"intervals": values}, tables, plots)
 
 
-@dataclass(frozen=True)
-class Pass:
+class Pass(NamedTuple):
     """A tracker's way through a sequence.
 
     Attributes:
@@ -421,34 +402,16 @@ class Pass:
     drew: bool
 
 
-def start(entrant: Entrant, seed: int) -> SingleTracker:
-    """A new tracker."""
-    if isinstance(entrant, CombinedSettings):
-        return Combined(entrant, seed)
-    if isinstance(entrant, KcfParticleSettings):
-        return KcfParticle(entrant, seed)
-    if isinstance(entrant, RegularisedSettings):
-        return RegularisedTracker(entrant)
-    assert not isinstance(entrant, Csrt)
-    return kcf.KcfTracker(entrant) if isinstance(entrant, kcf.KcfSettings) else make_tracker(entrant, seed=seed)
-
-
-def passes(store: Store, clip: AnyClip, entrant: Entrant, seeds: Sequence[int]) -> list[Pass]:
-    """Passes over a clip, one a seed; one where the tracker never draws random numbers."""
-    draws = isinstance(entrant, CombinedSettings | KcfParticleSettings) or entrant == "colour-particle"
-    first = store.recall(follow, clip, entrant, 0)
-    return [store.recall(follow, clip, entrant, seed) if first.drew else first for seed in (seeds if draws else (0,))]
-
-
-def follow(clip: AnyClip, entrant: Entrant, seed: int) -> Pass:
+def follow(clip: TargetClip, entrant: Entrant, seed: int) -> Pass:
     """One pass."""
-    first = clip.sequence.boxes[0]
+    truth, images = loaded(clip)
+    first = truth[0]
     if isinstance(entrant, Csrt):
-        boxes = follow_with_csrt(entrant, clip.images, first)
+        boxes = follow_with_csrt(entrant, images, first)
         return Pass(boxes, np.zeros(len(boxes), dtype=np.bool_), drew=False)
-    tracker = start(entrant, seed)
-    tracker.start(clip.images[0], first)
-    states = [tracker.follow(image) for image in clip.images[1:]]
+    tracker = MAKERS[type(entrant)](entrant, seed)
+    tracker.start(images[0], first)
+    states = [tracker.follow(image) for image in images[1:]]
     boxes = np.array([first] + [state.box for state in states])
     lost = np.array([False] + [state.status == "lost" for state in states])
     # Particles are the only ones that draw, and these two count the frames in which they have any.
@@ -462,47 +425,34 @@ def follow_with_csrt(settings: Csrt, images: Sequence[ImageArray], box: FloatArr
         path = Path(folder) / "images.npy"
         np.save(path, np.stack(images)[..., ::-1])
         job = {"images": str(path), "box": xywh_from_corners(box).tolist(), "scales": settings.scales}
-        found = np.array(settings.peer.answer(CSRT, job), dtype=np.float64)
+        found = np.array(settings.peer.answer(job), dtype=np.float64)
     return np.asarray(np.concatenate([box[None], corners_from_xywh(found)]))
 
 
-@dataclass(frozen=True)
-class ClipScores:
-    """One tracker on one clip.
+def clip_scores(store: Store, clip: TargetClip, entrant: Entrant, seeds: Sequence[int]) -> Scores:
+    """A tracker on a clip, one pass a seed, or one where it never draws random numbers.
 
-    Attributes:
-        auc_11, auc_21: ``(S,)`` by seed, areas under the success curve with so many thresholds, percent.
-        success: ``(S, 21)`` success curves.
-        losses: segments of ten frames and more without any overlap, of all seeds together.
-        noticed: of them, those called lost within ten frames.
-        followed: frames with an overlap above 0.5.
-        alarms: of them, those called lost.
+    Returns:
+        ``auc_11``, ``auc_21``: ``(S,)`` by seed, areas under the success curve with so many thresholds, percent;
+        ``success``: ``(S, 21)`` success curves; of all seeds together ``losses``: segments of ten frames and more
+        without any overlap, ``noticed``: those called lost within ten frames, ``followed``: frames with an overlap
+        above 0.5, ``alarms``: those called lost.
     """
-
-    auc_11: FloatArray
-    auc_21: FloatArray
-    success: FloatArray
-    losses: int
-    noticed: int
-    followed: int
-    alarms: int
-
-
-def clip_scores(clip: AnyClip, found: Sequence[Pass]) -> ClipScores:
-    """Scores of the passes over a clip, one a seed."""
-    truth = clip.sequence.boxes
-    scores = [evaluate_boxes(truth, one.boxes) for one in found]
+    first, truth = store.recall(follow, clip, entrant, 0), loaded(clip)[0]
+    draws = isinstance(entrant, CombinedSettings | KcfParticleSettings) or entrant == "colour-particle"
+    every = [store.recall(follow, clip, entrant, s) if first.drew else first for s in (seeds if draws else (0,))]
+    scores = [evaluate_boxes(truth, one.boxes) for one in every]
     counts = np.zeros(4, dtype=np.int64)
-    for one in found:
+    for one in every:
         overlaps = iou_pairs(truth[1:], one.boxes[1:])
         overlaps[~np.isfinite(truth[1:]).all(axis=1)] = np.nan
         counts += count_losses(overlaps, one.lost[1:])
-    return ClipScores(
-        100 * np.array([one.thesis_auc for one in scores]),
-        100 * np.array([one.auc for one in scores]),
-        np.array([one.success for one in scores]),
-        *counts.tolist(),
-    )
+    return {
+        "auc_11": 100 * np.array([one.thesis_auc for one in scores]),
+        "auc_21": 100 * np.array([one.auc for one in scores]),
+        "success": np.array([one.success for one in scores]),
+        **dict(zip(("losses", "noticed", "followed", "alarms"), counts.tolist(), strict=True)),
+    }
 
 
 def count_losses(overlaps: FloatArray, lost: BoolArray) -> tuple[int, int, int, int]:
@@ -512,25 +462,24 @@ def count_losses(overlaps: FloatArray, lost: BoolArray) -> tuple[int, int, int, 
         overlaps: ``(T,)`` with the true box, in [0, 1]; NaN without label, which ends a segment.
         lost: ``(T,)`` whether the status was ``lost``.
     """
-    gone = np.concatenate([[False], overlaps <= 0, [False]]).astype(np.int8)
-    starts, ends = np.flatnonzero(np.diff(gone) == 1), np.flatnonzero(np.diff(gone) == -1)
-    long = ends - starts >= WITHIN
-    noticed = sum(bool(lost[begin : begin + WITHIN].any()) for begin in starts[long])
+    gone = [span for span in spans(np.arange(len(overlaps)), (overlaps <= 0).astype(np.int64)) if span.value]
+    begins = [span.first for span in gone if span.last - span.first + 1 >= WITHIN]
+    noticed = sum(bool(lost[begin : begin + WITHIN].any()) for begin in begins)
     followed = overlaps > FOLLOWED
-    return int(long.sum()), noticed, int(followed.sum()), int((followed & lost).sum())
+    return len(begins), noticed, int(followed.sum()), int((followed & lost).sum())
 
 
-def searches(clip: AnyClip, settings: KcfParticleSettings, seed: int) -> list[dict[str, list[float]]]:
+def searches(clip: TargetClip, settings: KcfParticleSettings, seed: int) -> list[dict[str, list[float]]]:
     """Overlaps during the searches of one pass, and in the ten frames after each, by what is done in the search.
 
     At each start of a search, KCF and a box that stands still go on from the same state beside the particles.
     """
-    tracker, truth = KcfParticle(settings, seed), clip.sequence.boxes
+    tracker, (truth, images) = KcfParticle(settings, seed), loaded(clip)
     during: dict[str, list[float]] = {way: [] for way in WAYS}
     after: dict[str, list[float]] = {way: [] for way in WAYS}
-    tracker.start(clip.images[0], truth[0])
+    tracker.start(images[0], truth[0])
     boxes, searching, states = [truth[0]], [False], [tracker.target]
-    for image in clip.images[1:]:
+    for image in images[1:]:
         count = tracker.searched_frames
         boxes.append(tracker.follow(image).box)
         searching.append(tracker.searched_frames > count)
@@ -541,8 +490,8 @@ def searches(clip: AnyClip, settings: KcfParticleSettings, seed: int) -> list[di
         last = min(end + AFTERWARDS, stop)
         frames, before = range(begin, last), states[begin - 1]
         found = (
-            _kcf_boxes(clip, tracker, before, frames, learn_from=begin),
-            _kcf_boxes(clip, tracker, before, frames, learn_from=end),
+            _kcf_boxes(images, tracker, before, frames, learn_from=begin),
+            _kcf_boxes(images, tracker, before, frames, learn_from=end),
             boxes[begin:last],
         )
         labelled: BoolArray = np.asarray(np.isfinite(truth[begin:last]).all(axis=1))
@@ -554,13 +503,13 @@ def searches(clip: AnyClip, settings: KcfParticleSettings, seed: int) -> list[di
 
 
 def _kcf_boxes(
-    clip: AnyClip, tracker: KcfParticle, state: kcf.KcfState, frames: range, learn_from: int
+    images: Sequence[ImageArray], tracker: KcfParticle, state: kcf.KcfState, frames: range, learn_from: int
 ) -> list[FloatArray]:
     """KCF from ``learn_from`` on; before that the box stands still."""
     boxes = []
     for t in frames:
         if t >= learn_from:
-            state = kcf.step(tracker.model, state, clip.images[t])
+            state = kcf.step(tracker.model, state, images[t])
         boxes.append(tracker.model.box(state.centre, state.size))
     return boxes
 

@@ -12,9 +12,11 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias, get_args
+from typing import Any, Literal, TypeAlias, get_args
 
 import numpy as np
+from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
 
 from tsuiseki.datamodules.scenes.sphere_clip import (
     CarriedBallSettings,
@@ -35,10 +37,8 @@ from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
 from tsuiseki.tracking.sphere.tracker import SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments import study
-from tsuiseki.trainers.experiments.study import Bench, Column, Outcome, Study, at_quantile, tabulated, with_interval
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Column, Outcome, Study, at_quantile, tabulated, with_interval
 
 RADIUS = 0.10
 """Of the ball, metres; seen from 4 m it is 35 pixels across."""
@@ -149,7 +149,7 @@ Found: TypeAlias = Mapping[tuple[str, str], Sequence[FilmErrors]]
 
 
 def reproduce(
-    bench: Bench, seeds: int = 3, frames: int = 100, only: Group | Literal["varied"] | None = None, seed: int = 0
+    store: Store, seeds: int = 3, frames: int = 100, only: Group | Literal["varied"] | None = None, seed: int = 0
 ) -> Outcome:
     """Section 3 of the sphere paper: a ball moved by hand, by background difference and by outline, paper beside here.
 
@@ -157,7 +157,7 @@ def reproduce(
     5 as pictures.png, and errors.png.
 
     Args:
-        bench: where it works.
+        store: of what was computed.
         seeds: number of films, each with its own room, person, ball and noise.
         frames: of each film.
         only: one table alone: section 3; or disturbed, the error with inexact cameras and radius, blur and clocks that
@@ -165,35 +165,33 @@ def reproduce(
         seed: of the first film; the others follow.
 
     Raises:
-        RequestError: no film, or one of a single frame.
+        RequestError: films of a single frame.
     """
-    study.at_least_one(seeds=seeds)
-    if frames < 2 or seed < 0:
-        raise RequestError(f"expected at least 2 `frames` and a `seed` from 0, got {frames} frames and seed {seed}")
+    if frames < 2:
+        raise RequestError(f"`frames`: expected at least 2, got {frames}")
     groups = {None: get_args(Group), "varied": VARIED}.get(only, (only,))
     ways = {name: way for name, way in WAYS.items() if name[0] in groups}
     found: dict[tuple[str, str], list[FilmErrors]] = {name: [] for name in ways}
+    # A film has two cameras for those that are disturbed, else as many as any of the ways on it needs.
+    films: dict[str, dict[tuple[Group, str], FilmRow]] = {}
+    for name, way in ways.items():
+        films.setdefault(repr((name[0] == "disturbed", way.film)), {})[name] = way
     for number in range(seed, seed + seeds):
-        for alike in _of_one_film(ways):
+        for alike in films.values():
             own = list(alike.values())
             film = CarriedBallSettings(cameras=max(way.cameras for way in own), frames=frames, **own[0].film)
-            errors = bench.store.recall(run_film, number, film, own)
+            errors = store.recall(run_film, number, film, own)
             for name, one in zip(alike, errors, strict=True):
                 found[name].append(one)
     tables = [
         tabulated({label: errors for (of, label), errors in found.items() if of == group}, _columns(group), (group,))
         for group in groups
     ]
+    plots = {"errors": errors_figure(found)} if set(groups) >= set(VARIED) else {}
+    if "section 3" in groups:
+        plots["pictures"] = pictures_figure(plan_sphere(CarriedBallSettings(frames=frames), seed))
     note = f"Errors in cm over {seeds} films: mean over films of mean and sd, greatest max; 95 % by Student's t."
-    return Outcome(study.values_of(found, ("group", "name")), tables, _plots(found, frames, seed), notes=[note])
-
-
-def _of_one_film(ways: Mapping[tuple[Group, str], FilmRow]) -> list[dict[tuple[Group, str], FilmRow]]:
-    """The ways by their film: it has two cameras for those that are disturbed, else as many as any of them needs."""
-    films: dict[str, dict[tuple[Group, str], FilmRow]] = {}
-    for name, way in ways.items():
-        films.setdefault(repr((name[0] == "disturbed", way.film)), {})[name] = way
-    return list(films.values())
+    return Outcome(study.values_of(found, ("group", "name")), tables, plots, notes=[note])
 
 
 def _columns(group: str) -> list[Column]:
@@ -241,9 +239,8 @@ class _Run:
         )
         self.rng = np.random.default_rng((seed, 4))
         # The paper measures where the ball is at the start.
-        self.state: SphereState = self.tracker.start_at(
-            scene.truth[0], OURS.spread, way.particles, way.cameras, self.rng, float(scene.times[0])
-        )
+        begin = scene.truth[0], OURS.spread, way.particles, way.cameras, self.rng, float(scene.times[0])
+        self.state: SphereState = self.tracker.start_at(*begin)
         self.hidden = range(FIRST_COVERED, FIRST_COVERED + way.covered)
         self.points: list[FloatArray] = []
 
@@ -265,36 +262,20 @@ def turned(camera: PinholeCamera, pixels: float, rng: np.random.Generator) -> Pi
     """The camera turned in a random direction so far that the middle of its image moves by ``pixels``."""
     direction = rng.uniform(0, 2 * np.pi)
     angle = float(np.arctan(pixels / camera.focal.mean()))
-    # Rodrigues' formula about an axis across the optical one.
-    x, y = np.cos(direction), np.sin(direction)
-    cross = np.array([[0.0, 0.0, y], [0.0, 0.0, -x], [-y, x, 0.0]])
-    turn = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
-    return replace(camera, rotation=turn @ camera.rotation)
+    axis = np.array([np.cos(direction), np.sin(direction), 0.0])
+    return replace(camera, rotation=Rotation.from_rotvec(angle * axis).as_matrix() @ camera.rotation)
 
 
-def _plots(found: Found, frames: int, seed: int) -> dict[str, Figure]:
-    groups = {group for group, _ in found}
-    plots: dict[str, Figure] = {}
-    if "section 3" in groups:
-        scene = plan_sphere(CarriedBallSettings(frames=frames), seed)
-        frame = min(PAPER_FRAME, frames) - 1
-        images, _ = next(islice(scene.frames(), frame, None))
-        plots["pictures"] = pictures_figure(images, scene.backgrounds(), frame + 1)
-    if groups.issuperset(VARIED):
-        plots["errors"] = errors_figure(found)
-    return plots
-
-
-def pictures_figure(images: Sequence[ImageArray], empty: Sequence[ImageArray], frame: int) -> Figure:
+def pictures_figure(scene: SphereClip) -> Figure:
     """Figures 2 and 5: what two cameras show at one moment, and its difference from the empty scene."""
-    from matplotlib.figure import Figure
-
+    number = min(PAPER_FRAME, scene.settings.frames)
+    images, _ = next(islice(scene.frames(), number - 1, None))
     figure = Figure(figsize=(9, 7), dpi=80, layout="constrained")
     panels = figure.subplots(2, 2)
-    for place, (image, background) in enumerate(zip(images[:2], empty, strict=False)):
+    for place, (image, background) in enumerate(zip(images[:2], scene.backgrounds(), strict=False)):
         difference = np.sqrt(np.square(image.astype(np.float64) - background).sum(axis=2))
         panels[0, place].imshow(image)
-        panels[0, place].set_title(f"Figure 2 ({'ab'[place]}): camera {place + 1}, frame {frame}", fontsize=9)
+        panels[0, place].set_title(f"Figure 2 ({'ab'[place]}): camera {place + 1}, frame {number}", fontsize=9)
         panels[1, place].imshow(difference, cmap="gray", vmin=0, vmax=200)
         panels[1, place].set_title(f"Figure 5 ({'ab'[place]}): difference from the background", fontsize=9)
     for axes in panels.ravel():
@@ -349,21 +330,19 @@ COLUMNS = (
 )
 
 
-def points(bench: Bench, seeds: int = 20, seed: int = 0) -> Outcome:
+def points(store: Store, seeds: int = 20, seed: int = 0) -> Outcome:
     """A thrown ball by its pixels in two cameras: what knowing gravity, drag and spin is worth.
 
     DIR gets results.json and tables.md.
 
     Args:
-        bench: where it works.
+        store: of what was computed.
         seeds: throws.
         seed: of the first.
-
-    Raises:
-        RequestError: no throw.
     """
-    study.at_least_one(seeds=seeds)
-    found = Study(ROWS, range(seed, seed + seeds), run_throw, "throws").run(bench)
+    found = Study(
+        {name: partial(run_throw, row) for name, row in ROWS.items()}, range(seed, seed + seeds), "throws"
+    ).run(store)
     note = (
         f"{seeds} throws of {FRAMES} frames at {RATE:g} frames/s, two cameras; pixels {PIXEL:g} px off, "
         f"{100 * MISSED:.0f} % missed, {100 * FALSE:.0f} % false; drag {DRAG:g} 1/m, top spin {-SPIN[0]:g} 1/s."

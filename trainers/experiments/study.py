@@ -2,7 +2,7 @@
 
 A `Study` names rows (what is compared), units (clips, sequences or seeds) and a function that measures one row on one
 unit. `tabulated` turns the measurements into a table with intervals over the units and the paper's values beside ours,
-`curves` into a plot. An experiment's module has a function ``reproduce(bench, option, …) -> Outcome``; it neither
+`curves` into a plot. An experiment's module has a function ``reproduce(store, option, …) -> Outcome``; it neither
 prints nor writes, as `tsuiseki reproduce` does that for all of them alike.
 """
 
@@ -11,13 +11,16 @@ from __future__ import annotations
 import inspect
 import json
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Generic, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar
 
 import numpy as np
+from matplotlib.figure import Figure
+from scipy.stats import t
 
+from tsuiseki.datamodules.scenes.clip import Clip, write_clip
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
@@ -26,60 +29,43 @@ from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments.store import Store
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-T = TypeVar("T")
-Row = TypeVar("Row")
-Unit = TypeVar("Unit")
 Found = TypeVar("Found")
 Name: TypeAlias = str | tuple[str, ...]
 """Of a row: the cells that begin its line in a table."""
-OneName = TypeVar("OneName", bound=Name)
 Show: TypeAlias = Callable[[FloatArray, str], str]
 """Text of the values ``(S,)`` of S units, from the values and the format of a number."""
 SAMPLES = 10_000
+FROM_ZERO = ("seed", "first_seed", "fast_seeds", "places", "streets")
+"""Numbers of experiments that may be 0."""
 
 
 @dataclass(frozen=True)
-class Bench:
-    """Where an experiment works.
-
-    Attributes:
-        store: keeps what was computed.
-    """
-
-    store: Store
-
-    def each(self, compute: Callable[..., T], jobs: Sequence[Iterable[Any]], what: str) -> list[T]:
-        """``compute(*job)`` of every job, from the store where it is there; ``what`` names them."""
-        return [self.store.recall(compute, *job) for job in progress(jobs, what, len(jobs))]
-
-
-@dataclass(frozen=True)
-class Study(Generic[OneName, Row, Unit, Found]):
+class Study(Generic[Found]):
     """Rows × units.
 
     Attributes:
-        rows: settings of each row, in the order of the table.
+        rows: how each row measures a unit, by its name in the order of the table: a function of a module, or a
+            `partial` of one with the row's settings. It gives a number, or a dataclass or dictionary of numbers.
         units: what every row is measured on.
-        measure: a function of a module ``(row's settings, unit) -> measurements``: a number, or a dataclass or
-            dictionary of numbers.
         what: names the runs in the line of progress.
     """
 
-    rows: Mapping[OneName, Row]
-    units: Sequence[Unit]
-    measure: Callable[[Row, Unit], Found]
+    rows: Mapping[Any, Callable[[Any], Found]]
+    units: Sequence[Any]
     what: str = "runs"
 
-    def run(self, bench: Bench) -> dict[OneName, list[Found]]:
+    def run(self, store: Store) -> dict[Any, list[Found]]:
         """Measurements of each row, one a unit; each is kept at once, so that an interrupted study goes on."""
-        found: dict[OneName, list[Found]] = {name: [] for name in self.rows}
+        found: dict[Any, list[Found]] = {name: [] for name in self.rows}
         jobs = [(unit, name) for unit in self.units for name in self.rows]
         for unit, name in progress(jobs, self.what, len(jobs)):
-            found[name].append(bench.store.recall(self.measure, self.rows[name], unit))
+            found[name].append(store.recall(self.rows[name], unit))
         return found
+
+
+def write_planned(folder: Path, plan: Callable[..., Clip[Any]], *args: Any) -> None:
+    """Draw the clip that ``plan(*args)`` plans; for `Store.made`."""
+    write_clip(folder, plan(*args))
 
 
 def interval(values: FloatArray) -> tuple[float, float, float]:
@@ -88,8 +74,6 @@ def interval(values: FloatArray) -> tuple[float, float, float]:
     >>> interval(np.array([1.0, 2.0, 3.0]))[0]
     2.0
     """
-    from scipy.stats import t
-
     mean = float(np.mean(values))
     if len(values) < 2:
         return mean, float("nan"), float("nan")
@@ -108,11 +92,6 @@ def bootstrap(values: FloatArray) -> tuple[float, float, float]:
 def mean_only(values: FloatArray, form: str) -> str:
     """The mean."""
     return f"{np.mean(values):{form}}"
-
-
-def median_only(values: FloatArray, form: str) -> str:
-    """The median."""
-    return f"{np.median(values):{form}}"
 
 
 def at_quantile(values: FloatArray, form: str, share: float) -> str:
@@ -142,6 +121,8 @@ def _between(values: FloatArray, form: str, ends: Callable[[FloatArray], tuple[f
     return f"{mean} [{low}, {high}]" if len(values) > 1 else mean
 
 
+median_only: Show = partial(at_quantile, share=0.5)
+"""The median."""
 with_interval: Show = partial(_between, ends=interval)
 """The mean and its interval by Student's t."""
 with_bootstrap: Show = partial(_between, ends=bootstrap)
@@ -218,11 +199,11 @@ class Table:
 
 
 def tabulated(
-    found: Mapping[OneName, Iterable[Any]],
+    found: Mapping[Any, Iterable[Any]],
     columns: Sequence[Column],
     heads: Sequence[str] = ("",),
     title: str = "",
-    base: Callable[[OneName], OneName] | OneName | None = None,
+    base: Callable[[Any], Name] | Name | None = None,
 ) -> Table:
     """A line for each row.
 
@@ -255,7 +236,7 @@ def tabulated(
     return Table(title, headings, lines)
 
 
-def values_of(found: Mapping[OneName, Iterable[Any]], heads: Sequence[str] = ("row",)) -> list[dict[str, Any]]:
+def values_of(found: Mapping[Any, Iterable[Any]], heads: Sequence[str] = ("row",)) -> list[dict[str, Any]]:
     """All measurements for results.json: of each row its name, a key a head, and ``runs``, one a unit."""
     names = {name: (name,) if isinstance(name, str) else name for name in found}
     return [{**dict(zip(heads, names[name], strict=True)), "runs": runs} for name, runs in found.items()]
@@ -291,8 +272,6 @@ def curves(
         up: label of the vertical axis of the first.
         size: of a panel, inches.
     """
-    from matplotlib.figure import Figure
-
     figure = Figure(figsize=(size[0] * len(panels), size[1]), dpi=100, layout="constrained")
     for place, (title, lines) in enumerate(panels.items()):
         axes = figure.add_subplot(1, len(panels), place + 1)
@@ -339,26 +318,11 @@ def _plain(value: Any) -> Any:
     """What JSON cannot hold, in its terms."""
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
-    if is_dataclass(value):
-        return {field.name: getattr(value, field.name) for field in fields(value)}
-    if isinstance(value, Path):
-        return str(value)
-    raise TypeError(f"expected a value that JSON can hold, got {type(value).__qualname__}")
+    return str(value) if isinstance(value, Path) else vars(value)
 
 
 def _write(path: Path, content: str | bytes) -> None:
     path.write_bytes(content if isinstance(content, bytes) else content.encode())
-
-
-def at_least_one(**numbers: float) -> None:
-    """Refuse arguments below 1.
-
-    Raises:
-        RequestError: names the first of them.
-    """
-    for name, value in numbers.items():
-        if value < 1:
-            raise RequestError(f"`{name}`: expected at least 1, got {value}")
 
 
 def some_of(known: Sequence[str], **asked: Sequence[str]) -> None:
@@ -387,16 +351,20 @@ class Reproduction(Output):
 
 
 def command(name: str, experiment: Callable[..., Outcome]) -> Callable[..., int]:
-    """The command for an experiment: its own options, and those that every experiment has."""
+    """The command for an experiment: its own options, and those that every experiment has.
+
+    Numbers are at least 1, but for those in `FROM_ZERO`.
+    """
 
     def reproduce(output: Reproduction, **options: Any) -> int:
-        for option in options.keys() & {"seed", "first_seed"}:
-            if options[option] < 0:
-                raise RequestError(f"`{option}`: expected a whole number from 0, got {options[option]}")
+        for option, value in options.items():
+            least, kind = (0, "a whole number from 0") if option in FROM_ZERO else (1, "at least 1")
+            if isinstance(value, int) and value < least:
+                raise RequestError(f"`{option}`: expected {kind}, got {value}")
         with output.run() as run:
             try:
                 with run.times.measure("experiment"):
-                    outcome = experiment(Bench(Store(output.cache)), **options)
+                    outcome = experiment(Store(output.cache), **options)
             except KeyboardInterrupt as error:
                 kept = f"what was computed is kept in {output.cache}: run the same command again to go on"
                 raise Interrupted(signal_of(error), kept) from error
@@ -406,8 +374,8 @@ def command(name: str, experiment: Callable[..., Outcome]) -> Callable[..., int]
             run.done("\n".join([*tables, *outcome.notes, f"results: {output.out}"]))
         return run.status
 
-    bench, *own = inspect.signature(experiment, eval_str=True).parameters.values()
-    output = bench.replace(name="output", annotation=Reproduction, default=Reproduction(Path("out") / name))
+    store, *own = inspect.signature(experiment, eval_str=True).parameters.values()
+    output = store.replace(name="output", annotation=Reproduction, default=Reproduction(Path("out") / name))
     every = [p.replace(kind=p.KEYWORD_ONLY) for p in (*own, output)]
     reproduce.__signature__ = inspect.Signature(every)  # type: ignore[attr-defined]
     reproduce.__doc__ = inspect.getdoc(experiment)

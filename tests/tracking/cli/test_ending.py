@@ -11,7 +11,8 @@ import pytest
 from tsuiseki.tracking.cli.ending import ended
 from tsuiseki.tracking.cli.parser import call
 from tsuiseki.tracking.options import PlottedFile
-from tsuiseki.trainers.experiments.study import Bench, Outcome, Table
+from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Outcome, Table
 from tsuiseki.trainers.experiments.study import command as reproduction
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
@@ -35,15 +36,15 @@ def test_a_file_that_is_whole_is_told_and_half_a_file_vanishes(
     assert capsys.readouterr().err == f"tsuiseki: interrupted; {tmp_path / 'a.json'} is written\n"
 
 
-def experiment(bench: Bench, end: int = 0, seed: int = 0) -> Outcome:
+def experiment(store: Store, end: int | None = None, seed: int = 0) -> Outcome:
     """An experiment of no work.
 
     Args:
-        bench: keeps what was computed.
+        store: keeps what was computed.
         end: signal with which it is ended.
         seed: of nothing.
     """
-    del bench, seed
+    del store, seed
     if end:
         signal.raise_signal(signal.Signals(end))
     table = Table("found", ("what", "here"), [("one", "1.0")])

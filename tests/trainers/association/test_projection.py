@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from tests.trainers.association.crossing import crossing
-from tsuiseki.models.association_network import AppearanceProjection, AssociationNetwork
+from tsuiseki.models.association_network import AppearanceProjection
 from tsuiseki.tracking.association.evidence import LINK_FEATURES
 from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.errors import RequestError
@@ -22,7 +22,7 @@ from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs, no_other
 from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.training import AppearanceLearning, AssociationTraining
 from tsuiseki.trainers.association.windows import TrainingWindow
-from tsuiseki.trainers.experiments.end_to_end import Fit, NetworkChanges, fitted
+from tsuiseki.trainers.experiments.end_to_end import fitted
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.export_costs import TOLERANCE, export_association
 
@@ -96,7 +96,7 @@ def test_it_learns_which_numbers_tell_people_apart(graphs: list[Graphs]) -> None
     module.standardise(graphs)
     assert module.network.projection is not None
     before = module.network.projection.matrix.clone()
-    fitted(module, graphs, Fit(steps=60, seconds=4.0))
+    fitted(module, graphs, 60, 4.0)
     assert (module.network.projection.matrix - before).abs().max() > 0.1
     other = sequence_graphs(described(100)).detections
     assert other.features is not None
@@ -140,14 +140,15 @@ def test_a_checkpoint_and_a_file_have_it(learnt: AssociationTraining, exported: 
     costs, (found,) = CostNetwork(exported, threads=1), [described(9).detections[3]]
     assert costs.card.feature_length == LENGTH
     projected = costs.projected(found).features
-    expected = NetworkChanges(network).projected(found).features
     assert projected is not None
-    assert expected is not None
+    assert network.projection is not None
+    with torch.no_grad():
+        expected = network.projection(torch.as_tensor(found.features, dtype=torch.float32)).numpy()
     assert projected.shape == (len(found), 2)
     np.testing.assert_allclose(projected, expected, atol=TOLERANCE)
 
 
-def test_the_tracker_compares_what_was_projected(graphs: list[Graphs]) -> None:
+def test_the_tracker_compares_what_was_projected(graphs: list[Graphs], tmp_path: Path) -> None:
     """As if the features had come projected; and other tracks than from the features as they came."""
     module = AssociationTraining(appearance=AppearanceLearning(projection=1))
     module.standardise(graphs)
@@ -156,17 +157,21 @@ def test_the_tracker_compares_what_was_projected(graphs: list[Graphs]) -> None:
     with torch.no_grad():
         network.projection.matrix.copy_(torch.eye(1, LENGTH))
     found: dict[str, list[Detections]] = {"raw": list(video.detections)}
-    found["projected"] = [NetworkChanges(network).projected(one) for one in video.detections]
     plain = copy.deepcopy(network)
     plain.projection = None
+    costs = {}
+    for name, one in (("network", network), ("plain", plain)):
+        export_association(one, tmp_path / f"{name}.onnx")
+        costs[name] = CostNetwork(tmp_path / f"{name}.onnx", threads=1)
+    found["projected"] = [costs["network"].projected(one) for one in video.detections]
 
-    def boxes(changes: AssociationNetwork, given: str) -> list[list[float]]:
-        tracker = FlowTracker(frame_rate=25.0, size=video.size, changes=NetworkChanges(changes))
+    def boxes(changes: str, given: str) -> list[list[float]]:
+        tracker = FlowTracker(frame_rate=25.0, size=video.size, changes=costs[changes])
         for one in found[given]:
             tracker.update(one)
         return [track.boxes.round(6).tolist() for track in tracker.tracks()]
 
-    assert boxes(network, "raw") == boxes(plain, "projected") != boxes(plain, "raw")
+    assert boxes("network", "raw") == boxes("plain", "projected") != boxes("plain", "raw")
 
 
 @pytest.mark.parametrize("length", [None, 4])

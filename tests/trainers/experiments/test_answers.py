@@ -32,8 +32,8 @@ def test_the_truth_in_closed_form():
     scene = scene_in((100, 100))
     boxes = np.array([[58.0, 50, 62, 60]] * 5)
     found = true_answers([Track(1, np.arange(5), boxes, np.ones(5))], scene, 8, 5.0)
-    assert found.occupancy == [1] * 5 + [0] * 3
-    assert (found.dwell, found.stay) == pytest.approx((1.0, 1.0))
+    assert found["occupancy"] == [1] * 5 + [0] * 3
+    assert (found["dwell"], found["stay"]) == pytest.approx((1.0, 1.0))
 
 
 def test_a_visit_within_the_band_is_no_stay_and_a_brief_leave_ends_none():

@@ -13,21 +13,19 @@ from tsuiseki.datamodules.scenes.people.walkers import Motion
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.tracking.types import Track
 from tsuiseki.trainers.experiments import association
-from tsuiseki.trainers.experiments.association import PACKAGE, PROGRAM, LinkedBy, linked
-from tsuiseki.trainers.experiments.association_peers import NAMES
-from tsuiseki.trainers.experiments.given_sequences import (
+from tsuiseki.trainers.experiments.association import (
     DATA_SETS,
     combined_scores,
-    filled,
     find_given,
     given_detections,
     given_labels,
+    linked,
     score_table,
     track_sums,
     write_streets,
 )
+from tsuiseki.trainers.experiments.peer_programs import LINKERS
 from tsuiseki.trainers.experiments.peers import find_peer
 
 LENGTH, RATE = 24, 20.0
@@ -158,24 +156,15 @@ def stand_in(tmp_path_factory: pytest.TempPathFactory) -> str:
 def test_peers_are_run_where_they_are_installed(data: Path, tmp_path: Path, stand_in: str) -> None:
     assert main(words(data, tmp_path, "--sets", "mot17", "--parts", "methods", "--peer", stand_in)) == 0
     values = json.loads((tmp_path / "out/results.json").read_text())
-    assert values["peer"] == "0.1, arcsort 0.1"
-    for name in NAMES:
+    assert values["peer"] == "trackers 0.1, arcsort 0.1"
+    for name in LINKERS:
         assert values["sets"]["mot17"][f"{name} (peer)"]["id_switches"] == 0
         assert values["sets"]["mot17"][f"{name} (peer)"]["idf1"] > 0.9
 
 
-def test_gaps_of_the_others_can_be_filled_as_the_flow_fills_its_own() -> None:
-    boxes = np.array([[t, 0, t + 20, 50] for t in (0.0, 1, 2, 6, 7, 30)])
-    track = Track(3, np.array([0, 1, 2, 6, 7, 30]), boxes, np.ones(6))
-    (done,) = filled([track], longest=5)
-    assert done.frames.tolist() == [*range(8), 30]
-    np.testing.assert_allclose(done.boxes[:8, 0], np.arange(8))
-    assert done.observed.tolist() == [True] * 3 + [False] * 3 + [True] * 3
-
-
 def test_a_python_without_the_peers_is_named(tmp_path: Path) -> None:
     with pytest.raises(RequestError, match="`peer`: expected the python of an environment with the packages trackers"):
-        find_peer(str(tmp_path / "no-python"), PROGRAM, PACKAGE)
+        find_peer(str(tmp_path / "no-python"), "links")
 
 
 @pytest.mark.parametrize(
@@ -217,7 +206,7 @@ def test_boxes_without_an_area_are_left_out(data: Path) -> None:
 def test_sort_on_mot17_scores_as_known(data_folder: Path) -> None:
     """HOTA .510, MOTA .645, IDF1 .616 and 207 switches, as measured apart from this experiment."""
     sequences = find_given(data_folder, DATA_SETS[0])
-    found = combined_scores(np.stack([track_sums(given, linked(LinkedBy("sort"), given)) for given in sequences]))
+    found = combined_scores(np.stack([track_sums(given, linked("sort", given)) for given in sequences]))
     assert found["hota"] == pytest.approx(0.510, abs=5e-4)
     assert found["mota"] == pytest.approx(0.645, abs=5e-4)
     assert found["idf1"] == pytest.approx(0.616, abs=5e-4)

@@ -1,20 +1,32 @@
 """Clips that are scored in chapter 5 are none that something was learnt from."""
 
+from pathlib import Path
+
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.experiments.drone_actions import scored_plans, second_plans
+from tsuiseki.trainers.experiments import drone_actions as drone
+from tsuiseki.trainers.experiments.store import Store
 
 
 @pytest.mark.parametrize("size", [(3, 2, 300), (5, 10, 600)])
-def test_the_clips_of_the_tables_are_new(size: tuple[int, int, int]) -> None:
+def test_the_clips_of_the_tables_are_new(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, size: tuple[int, int, int]
+) -> None:
+    planned: list[list[object]] = []
+
+    def stop(_: object, every: list[object]) -> None:
+        planned.append(every)
+        raise InterruptedError
+
+    monkeypatch.setattr(drone, "on_all_cores", stop)
+    with pytest.raises(InterruptedError):
+        drone.reproduce(Store(tmp_path), *size)
     seeds, clips, _ = size
-    assert len(scored_plans(*size)) == seeds * clips
-    assert len(second_plans(*size[1:])) == clips
+    assert len(planned[0]) == seeds * clips + clips
 
 
-def test_a_clip_that_something_was_learnt_from_is_refused() -> None:
+@pytest.mark.parametrize("size", [(171, 1), (1, 11001)])
+def test_a_clip_that_something_was_learnt_from_is_refused(tmp_path: Path, size: tuple[int, int]) -> None:
     with pytest.raises(RequestError, match="got seed 20000"):
-        scored_plans(171, 1, 10)
-    with pytest.raises(RequestError, match="got seed 20000"):
-        second_plans(11001, 10)
+        drone.reproduce(Store(tmp_path), *size, 10)

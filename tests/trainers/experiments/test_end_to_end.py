@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,17 +12,21 @@ import pytest
 from tests.trainers.association.crossing import crossing
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
+from tsuiseki.trainers.association.flow_loss import FlowLoss
+from tsuiseki.trainers.experiments.association import (
+    DATA_SETS,
+    STREETS,
+    find_given,
+    given_detections,
+    write_streets,
+)
 from tsuiseki.trainers.experiments.end_to_end import (
     FITS,
     FOLDS,
-    STREETS,
-    Fit,
     fold_sums,
     given_rows,
 )
-from tsuiseki.trainers.experiments.given_sequences import DATA_SETS, find_given, given_detections, write_streets
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench
 
 LENGTH = 40
 
@@ -66,9 +71,9 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path) -> None:
 
 def test_each_group_is_tracked_by_what_the_others_taught(data: Path, tmp_path: Path) -> None:
     one = next(one for one in DATA_SETS if one.key == "mot15")
-    sequences, fit = find_given(data, one), Fit(steps=3)
-    rows = given_rows(Bench(Store(tmp_path)), one, sequences, {"short": fit})
-    expected = [fold_sums(fit, ((b,), (a,)))[0] for a, b in (sequences, sequences[::-1])]
+    sequences, fit = find_given(data, one), partial(fold_sums, FlowLoss(), 3)
+    rows = given_rows(Store(tmp_path), one, sequences, {"short": fit})
+    expected = [fit(((b,), (a,)))[0] for a, b in (sequences, sequences[::-1])]
     np.testing.assert_allclose(rows["short"], expected)
     assert set(rows) == {"default", "short", "right links"}
 

@@ -48,8 +48,7 @@ def generated_scenario(
 
 def mean_score(path, method, name):
     """Over two runs at the scenario's first clutter rate."""
-    row = (read_scenario(path), 0, method, 500)
-    return np.mean([run_scenario(row, run)[name] for run in (0, 1)])
+    return np.mean([run_scenario(read_scenario(path), 0, method, 500, run)[name] for run in (0, 1)])
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pytest
 from tsuiseki.tracking.cameras.multicamera import PlacedTruth, read_floor_folder
 from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments import one_floor
-from tsuiseki.trainers.experiments.one_floor import FollowedBy, floor_detections, kept_ids, measure, simulated
+from tsuiseki.trainers.experiments.one_floor import floor_detections, kept_ids, measure, simulated
 
 FRAMES = 10
 
@@ -33,7 +33,7 @@ def test_rows_are_measured_and_drawn_anew(data_folder, monkeypatch):
     folder = data_folder / "multicamera/wildtrack"
     monkeypatch.setattr(one_floor, "read_floor_folder", short_folder)
     scores = {
-        name: measure(FollowedBy(folder, cameras, method), 0)
+        name: measure(folder, cameras, method, 0)
         for name, cameras, method in (
             ("all", tuple(range(7)), "flow"),
             ("one", (0,), "flow"),

@@ -11,7 +11,7 @@ from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_states, plan_goldfish
 from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments import goldfish
-from tsuiseki.trainers.experiments.goldfish import Trial, followed_counts, sudden_turns
+from tsuiseki.trainers.experiments.goldfish import followed_counts, sudden_turns
 
 pytestmark = pytest.mark.slow
 
@@ -70,7 +70,7 @@ def test_an_experiment_is_whole_and_the_same_again(folders):
 
 def test_fish_are_counted_over_the_clips_of_a_seed():
     def trial(*followed):
-        return Trial(np.array([False, True]), 0.0, np.array(followed), np.ones(2), np.full(2, 40))
+        return {"turning": np.array([False, True]), "followed": np.array(followed)}
 
     found = followed_counts([trial([1, 0], [0, 0]), trial([1, 1], [0, 1])])
     assert found.tolist() == [[3, 1], [1, 1]]

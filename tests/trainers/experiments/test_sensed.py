@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments import finite_sets
-from tsuiseki.trainers.experiments.finite_sets import STANDARD_PLACES, Scenarios, drawn_scenario, run_sensed
+from tsuiseki.trainers.experiments.finite_sets import STANDARD_PLACES, Scenarios, drawn_scenario, peer_rows, run_sensed
 from tsuiseki.trainers.experiments.peers import Peer
 
 
@@ -33,7 +34,7 @@ def test_the_experiment_prints_every_kind(
 
 def test_an_environment_without_the_peers_gets_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["reproduce", "phd-unseen", "--peer", sys.executable, "--out", str(tmp_path / "out")]) == 2
-    assert "environment with stonesoup and multisensor-lmb-filters-rs" in capsys.readouterr().err
+    assert "environment with the packages stonesoup and multisensor-lmb-filters-rs" in capsys.readouterr().err
 
 
 def test_a_scenario_has_the_births_clutter_and_misses_of_its_settings() -> None:
@@ -51,16 +52,18 @@ def test_a_scenario_has_the_births_clutter_and_misses_of_its_settings() -> None:
 
 
 def test_what_a_peer_reports_outside_the_region_or_twice_is_dropped(tmp_path: Path) -> None:
-    program = tmp_path / "program.py"
-    program.write_text(
-        "def answer(job):\n"
-        "    scans = job['scans']\n"
-        "    rows = [[k, n, *z] for k, scan in enumerate(scans) for n, z in enumerate(scan, 1)]\n"
-        "    rows += [[0, 1, 0.0, 0.0], [0, 99, 5000.0, 0.0]]\n"
-        "    return {'rows': rows, 'milliseconds': [2.0] * len(scans)}\n"
+    stand_in, python = tmp_path / "stand_in.py", tmp_path / "python"
+    stand_in.write_text(
+        "import json, sys\n"
+        "scans = json.load(sys.stdin)['scans']\n"
+        "rows = [[k, n, *z] for k, scan in enumerate(scans) for n, z in enumerate(scan, 1)]\n"
+        "rows += [[0, 1, 0.0, 0.0], [0, 99, 5000.0, 0.0]]\n"
+        "print(json.dumps({'rows': rows, 'milliseconds': [2.0] * len(scans)}))\n"
     )
+    python.write_text(f"#!/bin/sh\nexec {sys.executable} {stand_in}\n")
+    python.chmod(0o755)
     settings = Scenarios(steps=10, clutter=0.0, births=0.0, survival=1.0, detection=1.0, deviation=0.0, speed=0.0)
-    found = run_sensed((settings, Peer(sys.executable, "1"), program, "all measurements"), 1)
+    found = run_sensed(settings, partial(peer_rows, Peer("points", str(python), "1"), "all measurements"), 1)
     # Exact measurements of every target: nothing is wrong but the identities.
     assert found["ospa1"] == pytest.approx(0.0, abs=1e-9)
     assert (found["false"], found["milliseconds"]) == (0.0, 2.0)

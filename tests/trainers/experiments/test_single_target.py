@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -12,46 +13,48 @@ import pytest
 from tsuiseki.datamodules.scenes.single_clip import SingleClipSettings, draw_single_clip
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.evaluation.success_curves import evaluate_boxes
-from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.single.combined import CombinedSettings
 from tsuiseki.tracking.single.kcf import KcfSettings
 from tsuiseki.tracking.single.kcf_particle import PRINTED
 from tsuiseki.tracking.single.regularised import RegularisedSettings
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments import single_target as single
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
 from tsuiseki.trainers.experiments.single_target import (
-    CSRT,
     SWEEPS,
     Csrt,
-    GeneratedClip,
     TargetClip,
     area,
     by_seed,
     count_losses,
+    drawn_clips,
     follow,
     follow_with_csrt,
     leave_one_out,
+    loaded,
     scored,
     searches,
 )
 from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Bench
 
 ALWAYS = replace(PRINTED, response_share=1.0, switch=10.0, plain_frames=3, hypotheses=3, particles=30, convergence=1e9)
 SMALL = CombinedSettings(filter=RegularisedSettings(sizes=1))
 
 
-def clip(seed: int = 1, frames: int = 14) -> TargetClip:
+def draw_tiny(seed: int, frames: int) -> tuple[FloatArray, list[ImageArray]]:
     settings = SingleClipSettings(frames=frames, width=120, height=90, person_height=(30, 31), passers=0, obstacles=0)
     made = draw_single_clip(np.random.default_rng(seed), settings)
-    return TargetClip(SingleSequence(f"tiny-{seed}", (), made.boxes, frozenset({"OCC"})), list(made.images))
+    return made.boxes, list(made.images)
+
+
+def clip(seed: int = 1, frames: int = 14) -> TargetClip:
+    return partial(draw_tiny, seed, frames)
 
 
 def test_sweeps_hold_the_thesis_s_values_and_change_one_parameter() -> None:
     for sweep in SWEEPS.values():
-        assert set(sweep.paper) <= set(sweep.values)
-        assert len({sweep.settings(v) for v in sweep.values}) == len(sweep.values)
+        assert set(sweep.paper) <= set(sweep.trackers)
+        assert len(set(sweep.trackers.values())) == len(sweep.trackers)
 
 
 def test_searches_compare_three_ways_on_the_same_frames() -> None:
@@ -68,7 +71,7 @@ def test_a_figure_has_the_frames_during_the_search_and_after_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(single, "SEARCHES", {"always": ALWAYS})
-    outcome = single.intervals(Bench(Store(tmp_path)), [clip()], [0])
+    outcome = single.intervals(Store(tmp_path), {"tiny": clip()}, [0])
     titles = [axes.get_title(loc="left") for axes in outcome.plots["intervals-always"].axes]
     assert titles == ["(a) during the search", "(b) 10 frames after"]
     assert [row[:2] for row in outcome.tables[0].rows] == [["during the search", "4"], ["10 frames after", "9"]]
@@ -78,18 +81,18 @@ def test_results_by_seed_and_nothing_is_run_again(tmp_path: Path) -> None:
     def kept() -> dict[Path, int]:
         return {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.pickle")}
 
-    bench, tiny = Bench(Store(tmp_path)), clip()
-    found = scored(bench, [tiny], {"combined": ALWAYS}, [0, 1], "passes")
+    bench, tiny = Store(tmp_path), clip()
+    found = scored(bench, {"tiny": tiny}, {"combined": ALWAYS}, [0, 1], "passes")
     areas = [one["auc_11"] for one in by_seed(found["combined"])]
     assert len(areas) == 2
     before = kept()
     assert len(before) == 2
-    scored(bench, [tiny], {"combined": ALWAYS}, [0, 1], "passes")
+    scored(bench, {"tiny": tiny}, {"combined": ALWAYS}, [0, 1], "passes")
     assert kept() == before
-    scored(bench, [tiny], {"combined": replace(ALWAYS, particles=31)}, [0], "passes")
+    scored(bench, {"tiny": tiny}, {"combined": replace(ALWAYS, particles=31)}, [0], "passes")
     assert len(kept()) == 3
     # A tracker without random numbers passes once, whatever the seeds.
-    assert len(scored(bench, [tiny], {"kcf": KcfSettings()}, [0, 1], "passes")["kcf"][0].auc_11) == 1
+    assert len(scored(bench, {"tiny": tiny}, {"kcf": KcfSettings()}, [0, 1], "passes")["kcf"][0]["auc_11"]) == 1
 
 
 def test_a_sequence_has_no_say_in_its_own_settings() -> None:
@@ -104,9 +107,9 @@ def test_of_equal_candidates_the_first_is_taken() -> None:
 
 
 def test_the_table_of_unseen_sequences_has_a_row_a_tracker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    group = single.ClipGroup(KcfSettings(scale_step=1.0), {"alone": RegularisedSettings(sizes=1)}, {"one": SMALL})
+    group = 1, {"KCF": KcfSettings(scale_step=1.0), "alone": RegularisedSettings(sizes=1)}, {"one": SMALL}
     monkeypatch.setattr(single, "GROUPS", {"small": group})
-    outcome = single.unseen(Bench(Store(tmp_path)), [clip(1, 8), clip(2, 8)], [0])
+    outcome = single.unseen(Store(tmp_path), {"one": clip(1, 8), "two": clip(2, 8)}, [0])
     assert [row[0] for row in outcome.tables[0].rows] == ["KCF", "alone", single.OURS]
     values = outcome.values["unseen"]["small"]
     gain = np.mean(np.array(values[single.OURS]) - values["KCF"])
@@ -114,7 +117,7 @@ def test_the_table_of_unseen_sequences_has_a_row_a_tracker(tmp_path: Path, monke
 
 
 def test_one_sequence_is_too_few(tmp_path: Path) -> None:
-    outcome = single.unseen(Bench(Store(tmp_path)), [clip()], [0])
+    outcome = single.unseen(Store(tmp_path), {"tiny": clip()}, [0])
     assert not outcome.tables
     assert "two sequences" in outcome.notes[0]
 
@@ -141,12 +144,12 @@ def test_the_table_of_the_status_has_given_clips_and_generated_ones(
     tracker = RegularisedSettings(sizes=1)
     monkeypatch.setattr(single, "GENERATED", ((0, 1), (1, 2), (0, 2)))
     monkeypatch.setattr(single, "STATUS", {"filter": tracker})
-    given = GeneratedClip(0)
-    outcome = single.lost_status(Bench(Store(tmp_path)), [given], [0])
+    ((name, given),) = drawn_clips(1).items()
+    outcome = single.lost_status(Store(tmp_path), {name: given}, [0])
     first, second, third, both = outcome.tables[0].rows
     assert first[2:] == second[2:]
     assert (third[0], both[0]) == ("generated clips 2 to 2", "generated clips 1 to 2")
-    auc = evaluate_boxes(given.sequence.boxes, follow(given, tracker, 0).boxes).auc
+    auc = evaluate_boxes(loaded(given)[0], follow(given, tracker, 0).boxes).auc
     assert float(first[2]) == pytest.approx(100 * auc, abs=0.06)
     assert outcome.values["status"]["given clips, filter"]["followed"] > 0
 
@@ -154,7 +157,7 @@ def test_the_table_of_the_status_has_given_clips_and_generated_ones(
 def test_a_python_without_csrt_is_refused(tmp_path: Path) -> None:
     for python in (sys.executable, str(tmp_path / "python")):
         with pytest.raises(RequestError, match="opencv-contrib-python-headless"):
-            find_peer(python, CSRT, "opencv-contrib-python-headless")
+            find_peer(python, "csrt")
 
 
 def csrt(folder: Path, script: str) -> Csrt:
@@ -162,7 +165,7 @@ def csrt(folder: Path, script: str) -> Csrt:
     (folder / "stand_in.py").write_text(f"import json, sys\nimport numpy as np\njob = json.load(sys.stdin)\n{script}\n")
     (folder / "python").write_text(f"#!/bin/sh\nexec {sys.executable} {folder}/stand_in.py\n")
     (folder / "python").chmod(0o755)
-    return Csrt(Peer(str(folder / "python"), "5"), 33)
+    return Csrt(Peer("csrt", str(folder / "python"), "5"), 33)
 
 
 def test_all_images_are_sent_to_csrt_and_the_boxes_come_back(tmp_path: Path) -> None:
@@ -175,5 +178,5 @@ def test_all_images_are_sent_to_csrt_and_the_boxes_come_back(tmp_path: Path) -> 
 
 
 def test_where_csrt_breaks_off_the_user_hears_of_it(tmp_path: Path) -> None:
-    with pytest.raises(RunError, match=r"single_csrt\.py: expected an answer from .*, it broke off: no camera"):
+    with pytest.raises(RunError, match=r"csrt: expected an answer from .*, it broke off: no camera"):
         follow_with_csrt(csrt(tmp_path, "sys.exit('no camera')"), [np.zeros((4, 6, 3), np.uint8)] * 3, np.arange(4.0))

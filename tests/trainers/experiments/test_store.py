@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import importlib
 import pickle
 import shutil
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from importlib.machinery import ModuleSpec
+from importlib import resources
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import pytest
@@ -19,7 +16,7 @@ import pytest
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.experiments import store as store_module
 from tsuiseki.trainers.experiments.peers import Peer
-from tsuiseki.trainers.experiments.store import Store, code_version
+from tsuiseki.trainers.experiments.store import Store
 
 CALLS: list[object] = []
 
@@ -101,53 +98,31 @@ def test_a_path_stands_for_what_is_in_it(tmp_path: Path) -> None:
 
 def test_where_a_peer_lies_and_what_was_computed_on_an_argument_make_no_difference(tmp_path: Path) -> None:
     store, settings = Store(tmp_path), Settings()
-    store.recall(find, settings, np.zeros(1), peer=Peer("here", "1.0"))
+    store.recall(find, settings, np.zeros(1), peer=Peer("csrt", "here", "1.0"))
     assert settings.double == 2
-    store.recall(find, settings, np.zeros(1), peer=Peer("there", "1.0"))
+    store.recall(find, settings, np.zeros(1), peer=Peer("csrt", "there", "1.0"))
     assert len(CALLS) == 1
 
 
-def module(folder: Path, name: str, source: str) -> ModuleType:
-    """A module of ours whose file is in ``folder``."""
-    (folder / f"{name}.py").write_text(source)
-    for memory in (store_module._source, store_module._is_module):
-        memory.cache_clear()
-    sys.modules.pop(f"tsuiseki.lab.{name}", None)
-    importlib.invalidate_caches()
-    return importlib.import_module(f"tsuiseki.lab.{name}")
+def test_nothing_that_other_code_made_is_taken_or_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    store = Store(tmp_path)
+    for points in (np.zeros(1), np.ones(1)):
+        store.recall(find, Settings(), points)
+    monkeypatch.setattr(store_module, "code_version", lambda: "another")
+    store.recall(find, Settings(), np.zeros(1))
+    assert len(CALLS) == 3
+    # What the older code made of the same arguments is gone; nothing else is.
+    assert len(list((tmp_path / "find").iterdir())) == 2
 
 
-@pytest.fixture
-def lab(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """The folder of a package `tsuiseki.lab`."""
-    folder = tmp_path / "lab"
-    folder.mkdir()
-    package = ModuleType("tsuiseki.lab")
-    package.__spec__ = ModuleSpec("tsuiseki.lab", None, is_package=True)
-    package.__path__ = [str(folder)]
-    monkeypatch.setitem(sys.modules, "tsuiseki.lab", package)
-    monkeypatch.setattr(sys, "dont_write_bytecode", True)
-    return folder
-
-
-def test_code_that_is_imported_at_any_depth_counts_and_other_code_does_not(lab: Path, tmp_path: Path) -> None:
-    module(lab, "deep", "FACTOR = 2\n")
-    module(lab, "beside", "NOTHING = 0\n")
-    module(lab, "middle", "def double(x):\n    from tsuiseki.lab.deep import FACTOR\n    return FACTOR * x\n")
-    source = "from tsuiseki.lab import middle\ndef compute(x: int) -> int:\n    return middle.double(x)\n"
-    store = Store(tmp_path / "store")
-    assert store.recall(module(lab, "top", source).compute, 4) == 8
-    before = code_version(["tsuiseki.lab.top"])
-    module(lab, "beside", "NOTHING = 1\n")
-    assert code_version(["tsuiseki.lab.top"]) == before
-    module(lab, "deep", "FACTOR = 3\n")
-    assert code_version(["tsuiseki.lab.top"]) != before
-    for name in ("deep", "middle", "top"):
-        sys.modules.pop(f"tsuiseki.lab.{name}")
-    store.recall(module(lab, "top", source).compute, 5)
-    assert store.recall(module(lab, "top", source).compute, 4) == 12
-    # What the older code made of 4 is gone; nothing else is.
-    assert len(list((tmp_path / "store" / "compute").iterdir())) == 2
+def test_the_version_of_the_code_is_that_of_all_sources(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(resources, "files", lambda _: tmp_path)
+    versions = set()
+    for name, text in (("a.py", "1"), ("deep/b.py", "1"), ("a.py", "2"), ("weights/c.json", "{}"), ("d.txt", "1")):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(text)
+        versions.add(store_module.code_version.__wrapped__())
+    assert len(versions) == 4
 
 
 def test_a_folder_is_made_once_and_whole(tmp_path: Path) -> None:

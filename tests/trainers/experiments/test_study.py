@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,6 @@ import pytest
 from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments.store import Store
 from tsuiseki.trainers.experiments.study import (
-    Bench,
     Column,
     Curve,
     Name,
@@ -38,7 +38,7 @@ def measure(slope: float, unit: int) -> dict[str, float]:
 
 
 ROWS: dict[Name, float] = {"plain": 1.0, "steep": 3.0}
-STUDY = Study(ROWS, (1, 2, 4), measure)
+STUDY = Study({name: partial(measure, slope) for name, slope in ROWS.items()}, (1, 2, 4))
 
 
 @pytest.fixture(autouse=True)
@@ -47,7 +47,7 @@ def no_calls() -> None:
 
 
 def test_means_gains_and_the_papers_values_stand_side_by_side(tmp_path: Path) -> None:
-    found = STUDY.run(Bench(Store(tmp_path)))
+    found = STUDY.run(Store(tmp_path))
     columns = (
         Column("error", "error", ".1f", show=with_error, paper={"plain": 2.5}, gain=with_interval),
         Column("missed, %", lambda one: one["missed"], ".0f", 100),
@@ -64,14 +64,14 @@ def test_means_gains_and_the_papers_values_stand_side_by_side(tmp_path: Path) ->
 def test_an_interrupted_study_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(STOP, "after", 4)
     with pytest.raises(KeyboardInterrupt):
-        STUDY.run(Bench(Store(tmp_path)))
+        STUDY.run(Store(tmp_path))
     assert len(CALLS) == 4
     monkeypatch.undo()
-    found = STUDY.run(Bench(Store(tmp_path)))
+    found = STUDY.run(Store(tmp_path))
     assert len(CALLS) == len(set(CALLS)) == 6
     assert [one["error"] for one in found["steep"]] == [3.0, 6.0, 12.0]
     # One more row or unit costs its own runs alone.
-    Study({**ROWS, "flat": 0.0}, (1, 2, 4, 8), measure).run(Bench(Store(tmp_path)))
+    Study({**STUDY.rows, "flat": partial(measure, 0.0)}, (1, 2, 4, 8)).run(Store(tmp_path))
     assert len(CALLS) == 6 + 2 + 4
 
 

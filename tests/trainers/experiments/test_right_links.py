@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence
 from tsuiseki.tracking.types import Detections, FloatArray
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.experiments.given_sequences import filled, right_links
+from tsuiseki.trainers.experiments.association import right_links
 
 LENGTH = 20
 
@@ -45,7 +46,7 @@ def test_right_links_reach_as_far_as_they_may(longest: float, tracks: int) -> No
 
 def test_filled_right_links_are_the_truth() -> None:
     """People walk straight, so boxes on straight lines are where they were."""
-    found = filled(right_links(seen({0: range(8, 12)}), labels(), 5), LENGTH)
+    found = [fill_gaps(one, LENGTH) for one in right_links(seen({0: range(8, 12)}), labels(), 5)]
     scores = evaluate_sequence(labels(), found, LENGTH)
     assert (scores.hota, scores.mota, scores.idf1) == (1, 1, 1)
     assert [int((~one.observed).sum()) for one in found] == [4, 0]
