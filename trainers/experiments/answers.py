@@ -19,8 +19,7 @@ from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 from tsuiseki.trainers.experiments import association, study
 from tsuiseki.trainers.experiments.association import GivenSequence
 from tsuiseki.trainers.experiments.peers import Peer, find_peer, skipped
-from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Column, Outcome, Study, tabulated
+from tsuiseki.trainers.experiments.study import Column, Outcome, Store, Study, tabulated
 
 FIRST_SEED = 1000
 """Of the streets; smaller seeds, and those from 1100 on, fitted the intervals."""

@@ -35,8 +35,7 @@ from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.experiments.peer_programs import LINKERS
 from tsuiseki.trainers.experiments.peers import Peer, find_peer, skipped
-from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Outcome, Study, Table, some_of
+from tsuiseki.trainers.experiments.study import Outcome, Store, Study, Table, some_of
 
 SAMPLES = 2000
 

@@ -26,8 +26,7 @@ from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.types import BoolArray, IntArray
 from tsuiseki.trainers.experiments import association
 from tsuiseki.trainers.experiments.association import STREETS, GivenSequence, combined_scores, track_sums
-from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Column, Outcome, tabulated
+from tsuiseki.trainers.experiments.study import Column, Outcome, Store, tabulated
 
 OVERLAP, AROUND, SHORTEST = 0.3, 3, 3
 # Share of decisions that is reviewed, and of what the detections allow that is reached.

@@ -28,8 +28,7 @@ from tsuiseki.trainers.experiments.association import (
     given_detections,
     sums_of,
 )
-from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Outcome, Study, Table, some_of
+from tsuiseki.trainers.experiments.study import Outcome, Store, Study, Table, some_of
 from tsuiseki.trainers.exporting.export_costs import export_association
 from tsuiseki.trainers.networks.modules import WarmupCosine
 

@@ -45,8 +45,7 @@ from tsuiseki.tracking.types import Detections, FloatArray, Frame, measurements
 from tsuiseki.tracking.types.measurements import Scan, SensingModel
 from tsuiseki.trainers.experiments import study
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Column, Name, Outcome, Study, tabulated, values_of, with_interval
+from tsuiseki.trainers.experiments.study import Column, Name, Outcome, Store, Study, tabulated, values_of, with_interval
 
 PointFilter = Running[Any, FloatArray, SetInfo]
 METHODS = ("phd-literal", "phd", "labelled")
@@ -210,10 +209,8 @@ def scenario_model(settings: dict[str, Any], clutter_rate: float) -> point_model
     """The model that the scenario was made with: its motion, sensor, probabilities and clutter density."""
     volume = float(np.prod([high - low for low, high in settings["region"]]))
     sensor = scenario_sensor(settings)
-    if settings["kind"] == "linear":
-        motion = constant_velocity(settings["sigma_v"])
-    else:
-        motion = coordinated_turn(settings["sigma_v"], settings["sigma_turn"])
+    speed, turn = settings["sigma_v"], settings.get("sigma_turn")
+    motion = constant_velocity(speed) if turn is None else coordinated_turn(speed, turn)
     return point_model.PointModel(
         motion, sensor, settings["P_S"], settings["P_D"], clutter_rate / volume, settings["T"]
     )

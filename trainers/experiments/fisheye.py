@@ -45,8 +45,7 @@ from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import FloorDetections
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments import study
-from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Column, Name, Outcome, Study, Table, with_interval
+from tsuiseki.trainers.experiments.study import Column, Name, Outcome, Store, Study, Table, with_interval
 
 ROOMS: tuple[Room, ...] = ("large", "small")
 VALIDATION_SEEDS = (900, 901)

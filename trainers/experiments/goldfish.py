@@ -32,8 +32,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import open_source
 from tsuiseki.trainers.experiments import study
-from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Column, Curve, Name, Outcome, tabulated
+from tsuiseki.trainers.experiments.study import Column, Curve, Name, Outcome, Store, tabulated
 from tsuiseki.trainers.learn_motion import learn_motion
 
 # Fish of the clips to learn from, 20 together, and of those to test on, 24; their seeds lie apart.
@@ -163,11 +162,9 @@ def write_learning_tracks(path: Path, clip: Path, particles: int) -> None:
     """
     settings = replace(TRACKER, particles=particles)
     found = follow_fish(prepare_clip(clip), RandomWalk(wide_noise(BODY)), settings, seed=0)
-    right = []
-    for track, survived in found:
-        statuses: list[Status] = ["tracking"] * survived
-        statuses += ["lost"] * (len(track) - survived)
-        right.append(replace(track, statuses=tuple(statuses)))
+    tracking: Status = "tracking"
+    lost: Status = "lost"
+    right = [replace(t, statuses=(tracking,) * n + (lost,) * (len(t) - n)) for t, n in found]
     write_states(path, right, BODY.fields)
 
 

@@ -33,8 +33,7 @@ from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, IntArray
 from tsuiseki.trainers.experiments import study
-from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Column, Curve, Outcome, Study, Table, tabulated
+from tsuiseki.trainers.experiments.study import Column, Curve, Outcome, Store, Study, Table, tabulated
 
 MISSED, FALSE, NOISE = 0.3, 2.0, 0.05
 """Share of the labels' boxes, false ones a view and frame, and deviation of an edge of the height."""

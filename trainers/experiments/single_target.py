@@ -34,8 +34,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.trainers.experiments import study
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Column, Curve, Name, Outcome, share_of_all, tabulated
+from tsuiseki.trainers.experiments.study import Column, Curve, Name, Outcome, Store, share_of_all, tabulated
 
 WITHIN, FOLLOWED = 10, 0.5
 """Frames without overlap that are a loss, to be noticed within them; overlap above which a target is followed."""

@@ -37,8 +37,7 @@ from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
 from tsuiseki.tracking.sphere.tracker import SphereState, SphereTracker, TimedViews
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments import study
-from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Column, Outcome, Study, at_quantile, tabulated, with_interval
+from tsuiseki.trainers.experiments.study import Column, Outcome, Store, Study, at_quantile, tabulated, with_interval
 
 RADIUS = 0.10
 """Of the ball, metres; seen from 4 m it is 35 pixels across."""

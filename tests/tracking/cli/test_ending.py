@@ -11,8 +11,7 @@ import pytest
 from tsuiseki.tracking.cli.ending import ended
 from tsuiseki.tracking.cli.parser import call
 from tsuiseki.tracking.options import PlottedFile
-from tsuiseki.trainers.experiments.store import Store
-from tsuiseki.trainers.experiments.study import Outcome, Table
+from tsuiseki.trainers.experiments.study import Outcome, Store, Table
 from tsuiseki.trainers.experiments.study import command as reproduction
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]

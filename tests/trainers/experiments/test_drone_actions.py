@@ -6,7 +6,7 @@ import pytest
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.experiments import drone_actions as drone
-from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Store
 
 
 @pytest.mark.parametrize("size", [(3, 2, 300), (5, 10, 600)])

@@ -26,7 +26,7 @@ from tsuiseki.trainers.experiments.end_to_end import (
     fold_sums,
     given_rows,
 )
-from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Store
 
 LENGTH = 40
 

@@ -39,7 +39,7 @@ from tsuiseki.trainers.experiments.fisheye import (
     tables,
     tracked,
 )
-from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Store
 
 
 def score(pair):

@@ -35,7 +35,7 @@ from tsuiseki.trainers.experiments.single_target import (
     scored,
     searches,
 )
-from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Store
 
 ALWAYS = replace(PRINTED, response_share=1.0, switch=10.0, plain_frames=3, hypotheses=3, particles=30, convergence=1e9)
 SMALL = CombinedSettings(filter=RegularisedSettings(sizes=1))

@@ -14,9 +14,9 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.experiments import store as store_module
+from tsuiseki.trainers.experiments import study as store_module
 from tsuiseki.trainers.experiments.peers import Peer
-from tsuiseki.trainers.experiments.store import Store
+from tsuiseki.trainers.experiments.study import Store
 
 CALLS: list[object] = []
 

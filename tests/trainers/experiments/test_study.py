@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.trainers.experiments.store import Store
 from tsuiseki.trainers.experiments.study import (
     Column,
     Curve,
     Name,
+    Store,
     Study,
     bootstrap,
     curves,
