@@ -113,12 +113,25 @@ Unit = Callable[[], Case]
 """What makes a case."""
 
 
-def street(seed: int, frames: int, finding: Mapping[str, float]) -> Case:
+def street(seed: int, length: int, finding: Mapping[str, float]) -> Case:
     """A generated street of so many frames; ``finding`` says what a detector makes of it."""
-    settings = StreetSettings(frames=frames, people=6 + seed % 12, occluders=0, samples=1)
-    true = plan_boxes(settings, seed)
-    found = simulated_boxes(true, frames, seed, **finding)
-    return _case(true, found, settings.frame_rate, (settings.width, settings.height))
+    settings = StreetSettings(frames=length, people=6 + seed % 12, occluders=0, samples=1)
+    size = settings.width, settings.height
+    clip, true = plan_street(settings, seed), list[Track]()
+    for number, walker in enumerate(clip.walkers, start=1):
+        feet, depth = clip.camera.project(np.insert(walker.positions, 2, 0.0, axis=1))
+        heads, _ = clip.camera.project(np.insert(walker.positions, 2, walker.person.build.height, axis=1))
+        tall = np.maximum(feet[:, 1] - heads[:, 1], 1.0)
+        half = 0.5 * WIDE * tall
+        boxes = np.column_stack([feet[:, 0] - half, feet[:, 1] - tall, feet[:, 0] + half, feet[:, 1]])
+        frames = walker.first + np.arange(len(boxes))
+        middle = 0.5 * (boxes[:, :2] + boxes[:, 2:])
+        # Somebody is there who is at least half in the picture.
+        there = (middle >= 0).all(axis=1) & (middle < size).all(axis=1)
+        there &= (depth > 0.5) & (frames >= 0) & (frames < length)
+        if there.any():
+            true.append(Track(number, frames[there], boxes[there], np.ones(int(there.sum()))))
+    return _case(true, simulated_boxes(true, length, seed, **finding), settings.frame_rate, size)
 
 
 def labelled(given: GivenSequence) -> Case:
@@ -238,36 +251,17 @@ def _job(case: Case, own_tracks: bool) -> dict[str, Any]:
     }
 
 
-def plan_boxes(settings: StreetSettings, seed: int) -> list[Track]:
-    """The boxes of everybody in a planned street, who are at least half in the picture."""
-    clip, tracks = plan_street(settings, seed), []
-    for number, walker in enumerate(clip.walkers, start=1):
-        feet, depth = clip.camera.project(np.insert(walker.positions, 2, 0.0, axis=1))
-        heads, _ = clip.camera.project(np.insert(walker.positions, 2, walker.person.build.height, axis=1))
-        tall = np.maximum(feet[:, 1] - heads[:, 1], 1.0)
-        half = 0.5 * WIDE * tall
-        boxes = np.column_stack([feet[:, 0] - half, feet[:, 1] - tall, feet[:, 0] + half, feet[:, 1]])
-        frames = walker.first + np.arange(len(boxes))
-        middle = 0.5 * (boxes[:, :2] + boxes[:, 2:])
-        there = (middle >= 0).all(axis=1) & (middle < (settings.width, settings.height)).all(axis=1)
-        there &= (depth > 0.5) & (frames >= 0) & (frames < settings.frames)
-        if there.any():
-            tracks.append(Track(number, frames[there], boxes[there], np.ones(int(there.sum()))))
-    return tracks
-
-
 def _visible(frames: IntArray, boxes: FloatArray) -> FloatArray:
     """Share of each box that no box of a nearer person covers, by 8 x 8 points of it."""
     shares = np.ones(len(boxes))
     grid = (np.arange(8) + 0.5) / 8
     for frame in np.unique(frames):
         here = np.flatnonzero(frames == frame)
-        own = boxes[here]
-        x = own[:, 0, None] + grid * (own[:, 2] - own[:, 0])[:, None]
-        y = own[:, 1, None] + grid * (own[:, 3] - own[:, 1])[:, None]
-        across = (x[:, None] > own[None, :, 0, None]) & (x[:, None] < own[None, :, 2, None])
-        down = (y[:, None] > own[None, :, 1, None]) & (y[:, None] < own[None, :, 3, None])
-        nearer = own[None, :, 3] > own[:, None, 3]
+        x1, y1, x2, y2 = boxes[here].T
+        x, y = (low[:, None] + grid * (high - low)[:, None] for low, high in ((x1, x2), (y1, y2)))
+        across = (x[:, None] > x1[None, :, None]) & (x[:, None] < x2[None, :, None])
+        down = (y[:, None] > y1[None, :, None]) & (y[:, None] < y2[None, :, None])
+        nearer = y2 > y2[:, None]
         covered = ((across & nearer[..., None])[..., None, :] & down[..., None]).any(axis=1)
         shares[here] = 1 - covered.mean(axis=(1, 2))
     return shares
