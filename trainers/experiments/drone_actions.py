@@ -204,7 +204,7 @@ def observed(actions: Sequence[Path], appearance: Path, detector: Path, folder: 
     sequence = read_sequence(folder)
     describe, act = Appearance(appearance, threads=1), ActionRecogniser(actions, threads=1)
     observers = Observers(Detector(detector, threads=1), describe, act, camera=True)
-    boxes, owners = as_detections(read_tracks(sequence.ground_truth_path), sequence.length)
+    boxes, owners = tracks_as_detections(read_tracks(sequence.ground_truth_path), sequence.length)
     known = replace(observers, detect=boxes, describe=None, camera=False)
     detected, given = (list(observe(open_source(folder).frames(), one)) for one in (observers, known))
     truth, labels = read_ground_truth(sequence.ground_truth_path), read_labelled_actions(folder, "lenient")[0]
