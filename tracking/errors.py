@@ -5,8 +5,10 @@ The message says what was expected, what came, and what to do.
 
 from __future__ import annotations
 
+import difflib
 import re
 import signal
+from collections.abc import Sequence
 from pathlib import Path
 
 
@@ -19,6 +21,12 @@ def a_path(value: object, name: str = "path") -> Path:
     if not isinstance(value, str | Path):
         raise RequestError(f"`{name}`: expected a path, got {type(value).__name__}")
     return Path(value)
+
+
+def hint_at(name: str, known: Sequence[str]) -> str:
+    """What to write in place of an unknown name: the nearest of those known, or one of all."""
+    near = difflib.get_close_matches(name, known, n=1)
+    return f"did you mean {near[0]}?" if near else f"expected one of {', '.join(known) or 'none'}"
 
 
 class InputWarning(UserWarning):

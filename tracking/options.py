@@ -88,6 +88,12 @@ class Files(Shared):
         self.written.append(path)
         return result
 
+    def draw(self, save: Callable[[Path], object]) -> None:
+        """Write the ``plot``, where that is wanted."""
+        plot: Path | None = getattr(self, "plot", None)
+        if plot is not None:
+            self.write(plot, save)
+
 
 @dataclass(frozen=True, kw_only=True)
 class OutputFile(Files):
@@ -111,8 +117,3 @@ class PlottedFile(OutputFile):
 
     file_options: ClassVar[Sequence[str]] = ("out", "plot")
     plot: Path | None = None
-
-    def draw(self, save: Callable[[Path], object]) -> None:
-        """Write the plot, where that is wanted."""
-        if self.plot is not None:
-            self.write(self.plot, save)

@@ -101,8 +101,7 @@ class Tracklets:
             return None
         missing = self._count - len(self._sums)
         sums = np.concatenate([self._sums, np.zeros((missing, self._sums.shape[1]))])
-        length = np.linalg.norm(sums, axis=1, keepdims=True)
-        return np.asarray(np.divide(sums, length, out=np.full_like(sums, np.nan), where=length > 0))
+        return unit_means(sums)
 
     def _grow(self, count: int) -> None:
         more = count - len(self._labels)
@@ -297,6 +296,11 @@ def _means(appearance: FloatArray, into: IntArray, weight: IntArray) -> FloatArr
     known = ~np.isnan(appearance).any(axis=1)
     sums = np.zeros_like(appearance)
     np.add.at(sums, into[known], appearance[known] * weight[known, None])
+    return unit_means(sums)
+
+
+def unit_means(sums: FloatArray) -> FloatArray:
+    """``(M, D)`` sums of features scaled to unit length, NaN where there are none."""
     length = np.linalg.norm(sums, axis=1, keepdims=True)
     return np.asarray(np.divide(sums, length, out=np.full_like(sums, np.nan), where=length > 0))
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import atexit
-import difflib
 import os
 import sys
 from collections.abc import Sequence
@@ -12,7 +11,7 @@ from functools import partial
 
 from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group, Tree
 from tsuiseki.tracking.cli.ending import DEADLINE, DONE, SIGNALLED, WRONG_REQUEST, ended
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, hint_at
 
 PROGRAM = "tsuiseki"
 
@@ -42,9 +41,8 @@ def _dispatch(words: list[str], typed: list[str], tree: Tree) -> int:
         return DONE
     entry = tree.get(words[0])
     if entry is None:
-        close = difflib.get_close_matches(words[0], list(tree), n=1)
-        hint = f"did you mean {close[0]}?" if close else f"expected one of {', '.join(tree)}"
-        raise RequestError(f"unknown command `{' '.join([PROGRAM, *typed, words[0]])}`; {hint}")
+        unknown = " ".join([PROGRAM, *typed, words[0]])
+        raise RequestError(f"unknown command `{unknown}`; {hint_at(words[0], [*tree])}")
     typed, rest = [*typed, words[0]], words[1:]
     return _dispatch(rest, typed, entry.commands) if isinstance(entry, Group) else _run(entry, typed, rest)
 

@@ -6,7 +6,7 @@ import json as text
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
@@ -70,11 +70,6 @@ class PlottedComparison(Comparison):
 
     file_options: ClassVar[Sequence[str]] = ("json", "plot")
     plot: Path | None = None
-
-    def draw(self, save: Callable[[Path], object]) -> None:
-        """Write the plot, where that is wanted."""
-        if self.plot is not None:
-            self.write(self.plot, save)
 
 
 @dataclass(frozen=True)

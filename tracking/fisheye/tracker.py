@@ -32,6 +32,7 @@ from tsuiseki.tracking.association.network_flow import build_graph, solve, track
 from tsuiseki.tracking.association.pairwise_flow import GateSettings, HandSetCost, pairs_with_costs
 from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, FloorFlowSettings
 from tsuiseki.tracking.people.lifecycle import Record
+from tsuiseki.tracking.people.sort import running_mean
 from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
@@ -163,12 +164,13 @@ class FisheyeTracker:
         step = old.undetected[:, None]
         alpha = 1 - np.exp(-step / settings.noise)
         beta = alpha**2 / (2 - alpha)
+        known = running_mean(old.appearance, features[detected], 1 - settings.update, settings.update)
         zero = np.zeros(len(born))
         parts = (
             (old.numbers, kept.numbers, new),
             (old.places + alpha * away, kept.places, found.places[born]),
             (old.velocities + beta * away / step, kept.velocities, np.zeros((len(born), 2))),
-            (self._mean(old.appearance, features[detected]), kept.appearance, features[born]),
+            (known, kept.appearance, features[born]),
             (old.hits + 1, kept.hits, np.ones(len(born), np.int64)),
             (np.zeros(len(matched)), kept.undetected, zero),
         )
@@ -186,13 +188,6 @@ class FisheyeTracker:
             self._names |= given.names
             rows = np.concatenate([given.boxes, found.rotated, found.places, given.origin], axis=1)[which]
             self._record.append(self._frame, numbers, rows, given.scores[which])
-
-    def _mean(self, before: FloatArray, now: FloatArray) -> FloatArray:
-        """``(N, D)`` unit-length running mean of the appearance."""
-        mean = (1 - self.settings.update) * before + self.settings.update * now
-        length = np.linalg.norm(mean, axis=1, keepdims=True)
-        mean = np.where(length > 0, mean / np.where(length > 0, length, 1), now)
-        return np.asarray(np.where(np.isnan(before), now, np.where(np.isnan(now), before, mean)))
 
 
 def flow_on_floor(

@@ -24,7 +24,7 @@ import numpy as np
 from tsuiseki.tracking.association.flow_window import CONTEXT, FlowWindow
 from tsuiseki.tracking.association.nearby import Pairs
 from tsuiseki.tracking.association.smoothing import SmoothingSettings
-from tsuiseki.tracking.association.tracklets import APPEARANCE_WINDOW, JOIN_WINDOW, join
+from tsuiseki.tracking.association.tracklets import APPEARANCE_WINDOW, JOIN_WINDOW, join, unit_means
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, solve_window
 from tsuiseki.tracking.people.whole_flow import long_tracks, reported
 from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray, Targets, Track
@@ -179,7 +179,7 @@ class DelayedFlow:
         if not (labels >= 0).any():
             return labels
         known = self._known(labels, (self._owner < 0) & (labels >= 0))
-        features = None if table.features is None else mean_of(known.sums[:, 3:])
+        features = None if table.features is None else unit_means(known.sums[:, 3:])
         return join(table, labels, features, self.window.costs.link, self.window.changes, known.ids > 0)
 
     def _known(self, tracks: IntArray, rows: BoolArray) -> SettledPeople:
@@ -275,9 +275,3 @@ class DelayedFlow:
         if self.input.path is not None:
             # Others may follow the same path, and have yet to ask how the camera came to the newest frame.
             self.input.path.forget(self.input.inferences.frame - 1)
-
-
-def mean_of(sums: FloatArray) -> FloatArray:
-    """``(M, D)`` sums of features scaled to unit length, NaN where there are none."""
-    length = np.linalg.norm(sums, axis=1, keepdims=True)
-    return np.asarray(np.divide(sums, length, out=np.full_like(sums, np.nan), where=length > 0))

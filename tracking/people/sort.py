@@ -214,9 +214,14 @@ class DeepSort(LifecycleTracker):
     def _updated_appearance(self, parts: Survivors, features: FloatArray) -> FloatArray:
         """``(N, D)`` the appearance of the live tracks after a frame."""
         before, now = self._appearance[parts.matched], features[parts.detected]
-        mean = self.settings.memory * before + (1 - self.settings.memory) * now
-        length = np.linalg.norm(mean, axis=1, keepdims=True)
-        # Two opposite features can cancel; the newer then stands alone, as it does where the older is not known.
-        mean = np.where(length > 0, mean / np.where(length > 0, length, 1), now)
-        mean = np.where(np.isnan(before), now, np.where(np.isnan(now), before, mean))
+        mean = running_mean(before, now, self.settings.memory, 1 - self.settings.memory)
         return np.concatenate([mean, self._appearance[parts.kept], features[parts.started]])
+
+
+def running_mean(before: FloatArray, now: FloatArray, old: float, new: float) -> FloatArray:
+    """``(N, D)`` unit-length means of features, weighted by ``old`` and ``new``; the known one where one is NaN."""
+    mean = old * before + new * now
+    length = np.linalg.norm(mean, axis=1, keepdims=True)
+    # Two opposite features can cancel; the newer then stands alone, as it does where the older is not known.
+    mean = np.where(length > 0, mean / np.where(length > 0, length, 1), now)
+    return np.asarray(np.where(np.isnan(before), now, np.where(np.isnan(now), before, mean)))

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import difflib
 from pathlib import Path
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, hint_at
 from tsuiseki.tracking.weights.catalogue import find_model
 
 FOLDER = Path(__file__).resolve().parent
@@ -33,10 +32,7 @@ def shipped(name: str) -> Path:
         path = FOLDER / f"{name}{suffix}"
         if path.is_file():
             return path
-    names = shipped_names()
-    near = difflib.get_close_matches(name, names, n=1)
-    hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(names) or 'none'}"
-    raise RequestError(f"this installation ships no model {name!r}; {hint}")
+    raise RequestError(f"this installation ships no model {name!r}; {hint_at(name, shipped_names())}")
 
 
 def shipped_or_file(kind: str, given: str | Path) -> Path:

@@ -8,7 +8,6 @@ A download goes on where it was cut off. Only what has the right sum is kept.
 
 from __future__ import annotations
 
-import difflib
 import errno
 import hashlib
 import json
@@ -24,7 +23,7 @@ from typing import Any, BinaryIO
 from urllib.error import HTTPError, URLError
 from urllib.request import Request, urlopen
 
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.errors import RequestError, RunError, hint_at
 
 OBJECTS365 = "Objects365, under the terms of its site"
 COCO = "COCO train2017: annotations CC BY 4.0, pictures under the terms of their photographers on Flickr"
@@ -194,10 +193,9 @@ def model_named(name: str) -> CatalogueModel:
     Raises:
         RequestError: there is none.
     """
-    found, names = find_model(name), [each.name for each in CATALOGUE]
+    found = find_model(name)
     if found is None:
-        near = difflib.get_close_matches(name, names, n=1)
-        hint = f"did you mean {near[0]}?" if near else f"expected one of {', '.join(names)}"
+        hint = hint_at(name, [each.name for each in CATALOGUE])
         raise RequestError(f"the catalogue has no model {name!r}; {hint}")
     return found
 
