@@ -17,7 +17,7 @@ from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import Cutout, SizeByRow, cut_out_people, empty_view, fit_size_by_row
 from tsuiseki.datamodules.labelled_images import labelled_images, read_image
 from tsuiseki.datamodules.scenes.clip import IMAGES, FrameTruth, ground_truth, write_image
-from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings, plan_drone
+from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.room_pictures import panorama_picture
@@ -25,7 +25,6 @@ from tsuiseki.datamodules.scenes.training_pictures import (
     THINGS,
     TOWN,
     BoxConvention,
-    Stock,
     random_training_scene,
     settings_of_scene,
 )
@@ -208,7 +207,7 @@ def write_pictures(source: TrainingSource, size: tuple[int, int]) -> None:
     folder, count = Path(source.folder), source.generate
     if count < 1:
         raise RequestError(f"expected at least one picture to generate for {folder}, got {count}")
-    photographs = _stock(source.sprites, source.photographs).photographs
+    photographs = _stock(source.sprites, source.photographs)[1]
     if source.things and not (photographs and photographs.paths["things"]):
         where = f"in {source.photographs}/things" if source.photographs else "with `things`"
         raise RequestError(f"expected photographs of things {where}, got none")
@@ -241,7 +240,7 @@ def _picture(source: TrainingSource, size: tuple[int, int], number: int) -> tupl
         return image, truth.boxes, truth.visibility
     rng = np.random.default_rng([source.seed, number])
     if source.scene == "ceiling":
-        return panorama_picture(rng, *size, _stock(source.sprites, "").sprites)
+        return panorama_picture(rng, *size, _stock(source.sprites, "")[0])
     settings = replace(
         settings_of_scene(source.scene, rng, *size),
         town=TOWN if source.town else (0, 0),
@@ -249,18 +248,15 @@ def _picture(source: TrainingSource, size: tuple[int, int], number: int) -> tupl
         sun=source.sun,
         boxes=source.boxes,
     )
-    return random_training_scene(rng, settings, _stock(source.sprites, source.photographs))
+    return random_training_scene(rng, settings, *_stock(source.sprites, source.photographs))
 
 
 @lru_cache(maxsize=1)
 def _drone_clip(size: tuple[int, int], sun: float, seed: int) -> DroneClip:
     settings = DroneSceneSettings(*size, frames=_PER_CLIP * _APART, people=_DRONE_PEOPLE, focal=_DRONE_FOCAL, sun=sun)
-    return plan_drone(settings, seed)
+    return DroneClip(settings, seed)
 
 
 @lru_cache(maxsize=1)
-def _stock(sprites: str, photographs: str) -> Stock:
-    return Stock(
-        SpriteLibrary(sprites) if sprites else None,
-        Photographs(photographs) if photographs else None,
-    )
+def _stock(sprites: str, photographs: str) -> tuple[SpriteLibrary | None, Photographs | None]:
+    return SpriteLibrary(sprites) if sprites else None, Photographs(photographs) if photographs else None

@@ -14,7 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.single_clip import SingleClipSettings, draw_single_clip
+from tsuiseki.datamodules.scenes.single_clip import SingleClip, SingleClipSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.objectness import (
     SIDE,
@@ -58,7 +58,7 @@ def generated_images(count: int, seed: int) -> list[BoxedImage]:
         settings = SingleClipSettings(
             frames=3, person_height=(size, 1.6 * size), passers=0, obstacles=int(rng.integers(0, 3))
         )
-        clip = draw_single_clip(rng, settings)
+        clip = SingleClip(rng, settings)
         visible = [k for k in range(settings.frames) if clip.visibility[k] > 0.8]
         images.extend(BoxedImage(clip.images[k], clip.boxes[k : k + 1]) for k in visible)
     return images[:count]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.body_clip import BouncingBallSettings, plan_balls
+from tsuiseki.datamodules.scenes.body_clip import BouncingBallSettings, BouncingClip
 from tsuiseki.tracking.bodies.body import Ball
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.settings import DeformableSettings
@@ -40,7 +40,7 @@ class Clip:
 
 def make_clip(seed: int, settings: BouncingBallSettings) -> Clip:
     """A generated clip as the tracker sees it."""
-    clip = plan_balls(settings, seed)
+    clip = BouncingClip(settings, seed)
     frames = [clip.draw_frame(number) for number in range(settings.frames)]
     return Clip(np.stack([f.states[0] for f in frames]), [EdgeImage.of(f.image, EXTRACTION) for f in frames])
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_states, plan_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishClip, GoldfishSettings, goldfish_states
 from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.settings import DeformableSettings
@@ -83,7 +83,7 @@ def main() -> None:
     parser.add_argument("--repeats", type=int, default=5)
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    planned = plan_goldfish(GoldfishSettings(frames=options.frames, fish=1), seed=3)
+    planned = GoldfishClip(GoldfishSettings(frames=options.frames, fish=1), seed=3)
     drawn = [planned.draw_frame(number) for number in range(options.frames)]
     clip = Clip([frame.image for frame in drawn], np.stack([frame.states[0] for frame in drawn]))
     print(f"{platform.processor() or platform.machine()}, OpenCV {cv2.__version__}, numpy {np.__version__}; 640x480")

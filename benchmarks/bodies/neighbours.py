@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishClip, GoldfishSettings
 from tsuiseki.tracking.bodies.contour import wide_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.filters.body_motion import BodyMotion, RandomWalk
@@ -49,7 +49,7 @@ def main() -> None:
     asked = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         folders = [
-            write_clip(Path(folder) / f"{n}", plan_goldfish(GoldfishSettings(fish=FISH), FIRST_SEED + n))
+            write_clip(Path(folder) / f"{n}", GoldfishClip(GoldfishSettings(fish=FISH), FIRST_SEED + n))
             for n in range(asked.clips + 1)
         ]
         clips = [prepare_clip(one) for one in folders]

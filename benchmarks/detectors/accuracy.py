@@ -21,7 +21,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
+from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections, labelled_boxes
 from tsuiseki.tracking.features.exported import open_detector
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
@@ -123,7 +123,7 @@ def labelled(
 def generated(streets: int, step: int) -> Iterator[tuple[ImageArray, LabelledBoxes]]:
     """Frames of streets that no training used."""
     for seed in range(streets):
-        street = plan_street(StreetSettings(frames=STREET), 7100 + seed)
+        street = StreetClip(StreetSettings(frames=STREET), 7100 + seed)
         for number in range(0, STREET, step):
             image, truth = street.draw_frame(number)
             yield image, LabelledBoxes(truth.boxes, truth.visibility < 0.25)

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
+from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, read_sequence
 from tsuiseki.tracking.types import FloatArray, IntArray
@@ -51,7 +51,7 @@ def labelled_tracks(sequence: MotSequence) -> Iterator[Track]:
 
 def street_tracks(seed: int) -> Iterator[Track]:
     """The people of a generated street, every frame."""
-    street = plan_street(StreetSettings(frames=FRAMES), seed)
+    street = StreetClip(StreetSettings(frames=FRAMES), seed)
     drawn = [street.draw_frame(number)[1] for number in range(FRAMES)]
     ids, boxes = np.concatenate([s.ids for s in drawn]), np.concatenate([s.boxes for s in drawn])
     frames = np.repeat(np.arange(FRAMES), [len(s.ids) for s in drawn])

@@ -17,7 +17,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.figures.rendering import Sprite
-from tsuiseki.datamodules.scenes.training_pictures import Stock, random_training_scene, settings_of_scene
+from tsuiseki.datamodules.scenes.training_pictures import random_training_scene, settings_of_scene
 from tsuiseki.tracking.features.exported import SizedDetect, open_detector
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import FloatArray
@@ -62,7 +62,7 @@ def found(detector: SizedDetect, library: OnePose, number: int) -> FloatArray:
     rng = np.random.default_rng([SEED, *(library.shown or STANDING).encode(), number])
     settings = settings_of_scene(SCENES[number % len(SCENES)], rng, *SIZE)
     settings = replace(settings, people=(2, 12), rendered=1.0)
-    image, boxes, visible = random_training_scene(rng, settings, Stock(library))
+    image, boxes, visible = random_training_scene(rng, settings, library)
     counted = visible >= 0.25
     (detections,) = detector.detect([image])
     overlap = iou_matrix(boxes[counted], detections.boxes).max(axis=1, initial=0)

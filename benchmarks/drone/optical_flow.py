@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 
 from benchmarks.machine import machine
-from tsuiseki.datamodules.scenes.flow_pairs import FlowPair, end_point_error, random_flow_pair
+from tsuiseki.datamodules.scenes.flow_pairs import FlowPair, end_point_error
 from tsuiseki.tracking.features.optical_flow import FLOW_METHODS, TvL1Settings, dis_flow, optical_flow, tv_l1
 from tsuiseki.tracking.types import ImageArray
 
@@ -96,7 +96,7 @@ def _measure_size(size: tuple[int, int], pairs: int, repeat: int, peer: Peer | N
     moved = []
     for number, motion in enumerate(MOTIONS):
         for k in range(pairs):
-            pair = random_flow_pair(np.random.default_rng([1000, size[0], number, k]), size, motion)
+            pair = FlowPair(np.random.default_rng([1000, size[0], number, k]), size, motion)
             moved.append(float(np.linalg.norm(pair.flow, axis=2).mean()))
             if peer is not None:
                 rows.setdefault(PEER, []).append(peer(pair, folder))

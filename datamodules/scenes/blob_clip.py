@@ -6,6 +6,7 @@ between targets however well a box fits.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -65,27 +66,38 @@ class BlobSceneSettings(ClipSettings):
         self.expect("blob", math.ceil(4 * self.size[1]), *own)
 
 
-@dataclass(frozen=True)
 class BlobClip(Clip[FloatArray]):
-    """The clip of a seed. Nearer objects (later ones) cover farther ones."""
+    """The clip of a seed. Nearer objects (later ones) cover farther ones.
 
-    settings: BlobSceneSettings
-    seed: int
+    Attributes:
+        purity: ``(K,)`` of the objects.
+    """
 
-    @property
-    def purity(self) -> FloatArray:
-        """``(K,)`` of the objects."""
-        return _purity(self.settings, np.random.default_rng(self.seed))
+    def __init__(self, settings: BlobSceneSettings, seed: int) -> None:
+        self.settings, self._rng = settings, (rng := np.random.default_rng(seed))
+        count, extent = settings.objects, [settings.width, settings.height]
+        self.purity = np.array([settings.purity[1]])
+        if count > 1:
+            self.purity = rng.permutation(np.linspace(*settings.purity, count))
+        sizes = np.round(rng.uniform(*settings.size, (count, 2)))
+        late = np.arange(count) < round(settings.enter * count)
+        start = np.where(late, rng.integers(1, max(settings.frames // 2, 2), count), 0)
+        self._boxes = boxes = np.full((settings.frames, count, 4), np.nan)
+        for k, half in enumerate(sizes / 2):
+            centres = _path(settings, sizes[k], bool(late[k]), settings.frames - int(start[k]), rng)
+            boxes[start[k] :, k] = np.concatenate([centres - half, centres + half], axis=1)
+        boxes[(np.minimum(boxes[..., 2:], extent) - np.maximum(boxes[..., :2], 0)).min(axis=-1) < 3] = np.nan
+        hue = HUES[settings.colour]
+        self._objects = [_sprite(size, share, hue, rng) for size, share in zip(sizes, self.purity, strict=True)]
+        self._ground = _ground(settings, rng)
 
     def frames(self) -> Iterator[Moment[FloatArray]]:
         """See `clip.Clip`; the truth is the boxes ``(K, 4)`` of a frame, NaN while an object is away."""
-        settings, rng = self.settings, np.random.default_rng(self.seed)
-        ways, objects = _plan(settings, rng)
-        ground = _ground(settings, rng)
-        for boxes in ways:
-            image = ground.copy()
-            _stain_colour(image, settings, settings.flashes, rng)
-            for box, (picture, shape) in zip(boxes, objects, strict=True):
+        rng = copy.deepcopy(self._rng)
+        for boxes in self._boxes:
+            image = self._ground.copy()
+            _stain_colour(image, self.settings, self.settings.flashes, rng)
+            for box, (picture, shape) in zip(boxes, self._objects, strict=True):
                 if np.isfinite(box[0]):
                     # Its corner lies at whole pixels.
                     there, own = overlap(image.shape, (round(float(box[1])), round(float(box[0]))), shape.shape)
@@ -96,28 +108,6 @@ class BlobClip(Clip[FloatArray]):
     def write_truth(self, folder: Path, name: str, truths: list[FloatArray]) -> None:
         """Write ``gt/gt.txt`` and ``seqinfo.ini``."""
         self.settings.write_info(folder, name, as_ground_truth(np.stack(truths)))
-
-
-def _purity(settings: BlobSceneSettings, rng: np.random.Generator) -> FloatArray:
-    count, most = settings.objects, settings.purity[1]
-    return rng.permutation(np.linspace(*settings.purity, count)) if count > 1 else np.array([most])
-
-
-def _plan(
-    settings: BlobSceneSettings, rng: np.random.Generator
-) -> tuple[FloatArray, list[tuple[ImageArray, BoolArray]]]:
-    """Boxes ``(T, K, 4)``, and the picture ``(h, w, 3)`` and mask ``(h, w)`` of each object."""
-    count, purity = settings.objects, _purity(settings, rng)
-    sizes = np.round(rng.uniform(*settings.size, (count, 2)))
-    late = np.arange(count) < round(settings.enter * count)
-    start = np.where(late, rng.integers(1, max(settings.frames // 2, 2), count), 0)
-    boxes = np.full((settings.frames, count, 4), np.nan)
-    for k, half in enumerate(sizes / 2):
-        centres = _path(settings, sizes[k], bool(late[k]), settings.frames - int(start[k]), rng)
-        boxes[start[k] :, k] = np.concatenate([centres - half, centres + half], axis=1)
-    inside = np.minimum(boxes[..., 2:], [settings.width, settings.height]) - np.maximum(boxes[..., :2], 0)
-    boxes[inside.min(axis=-1) < 3] = np.nan
-    return boxes, [_sprite(size, share, HUES[settings.colour], rng) for size, share in zip(sizes, purity, strict=True)]
 
 
 def as_ground_truth(boxes: FloatArray) -> GroundTruth:

@@ -7,7 +7,8 @@ spring; once free it is round again in no time. So force and shape are one, as t
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,13 +19,12 @@ from tsuiseki.datamodules.scenes.clip import IMAGES, Clip, ClipSettings, Moment
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.render.tracing import Window, overlap
 from tsuiseki.tracking.formats.body_states import FOLDER, write_states
-from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 from tsuiseki.tracking.types.tracks import exact_track
 
 MOST_BODIES = 5
 # The noise of the camera is drawn once, somewhat larger than an image: drawing it anew would cost more than the scene.
 _SHIFT = 64
-BALL_FIELDS = ("a", "b", "theta", "squash")
 # Distance of the walls from the image's border, and a ball's diameter at rest, pixels.
 WALL, DIAMETER = 12, 60.0
 # Pixels a second squared; natural frequency of a ball against a wall, radians a second.
@@ -94,24 +94,16 @@ class BodyFrame:
     silhouettes: ImageArray
 
 
-@dataclass(frozen=True)
 class BodyClip(Clip[FloatArray]):
     """A planned clip, of which every frame can be drawn on its own; its images are followed by the silhouettes.
 
     Attributes:
-        settings: of the clip.
         fields: names of the D numbers of a state.
         states: ``(T, K, D)`` exact states.
-        picture: draws a frame: the image ``(H, W, 3)`` in [0, 255] without noise, and its K bodies.
-        grain: noise of the camera, from `camera_grain`.
     """
 
-    settings: ClipSettings
     fields: tuple[str, ...]
     states: FloatArray
-    picture: Callable[[int], tuple[Float32, Sequence[Drawn]]]
-    grain: tuple[Float32, IntArray]
-
     views = (IMAGES, f"{FOLDER}/{{number:06d}}.png")
 
     def frames(self) -> Iterator[Moment[FloatArray]]:
@@ -121,14 +113,14 @@ class BodyClip(Clip[FloatArray]):
 
     def draw_frame(self, frame: int) -> BodyFrame:
         """Frame ``frame`` of the clip."""
-        image, bodies = self.picture(frame)
+        image, bodies = self._picture(frame)
         height, width = image.shape[:2]
         silhouettes = np.zeros((height, width), np.uint8)
         for bit, body in enumerate(bodies):
             part, own = body.within((height, width))
             silhouettes[part] |= np.where(body.silhouette[own], np.uint8(1 << bit), np.uint8(0))
-        (top, left), noise = self.grain[1][frame], self.grain[0]
-        noisy = cv2.add(image, noise[top : top + height, left : left + width], dtype=cv2.CV_8U)
+        top, left = self._places[frame]
+        noisy = cv2.add(image, self._noise[top : top + height, left : left + width], dtype=cv2.CV_8U)
         return BodyFrame(np.asarray(noisy, np.uint8), self.states[frame], silhouettes)
 
     def write_truth(self, folder: Path, name: str, truths: list[FloatArray]) -> None:
@@ -138,12 +130,15 @@ class BodyClip(Clip[FloatArray]):
         write_states(folder / "states.csv", tracks, self.fields)
         self.settings.write_info(folder, name)
 
+    @abstractmethod
+    def _picture(self, frame: int) -> tuple[Float32, Sequence[Drawn]]:
+        """The image ``(H, W, 3)`` in [0, 255] without noise, and its K bodies."""
 
-def camera_grain(settings: ClipSettings, level: float, rng: np.random.Generator) -> tuple[Float32, IntArray]:
-    """Noise of ``level`` grey levels on more than an image, and which part of it ``(T, 2)`` each frame has."""
-    size = (settings.height + _SHIFT, settings.width + _SHIFT, 3)
-    noise = np.float32(level) * rng.standard_normal(size, dtype=np.float32)
-    return noise, rng.integers(_SHIFT + 1, size=(settings.frames, 2))
+    def _grain(self, level: float, rng: np.random.Generator) -> None:
+        """Draw the camera's noise of ``level`` grey levels on more than an image, and which part each frame has."""
+        size = (self.settings.height + _SHIFT, self.settings.width + _SHIFT, 3)
+        self._noise = np.float32(level) * rng.standard_normal(size, dtype=np.float32)
+        self._places = rng.integers(_SHIFT + 1, size=(self.settings.frames, 2))
 
 
 @dataclass(frozen=True)
@@ -162,21 +157,25 @@ class BouncingBallSettings(ClipSettings):
         self.expect("ball", 4 * int(DIAMETER), (few, f"1 to {MOST_BODIES} balls", self.balls))
 
 
-def plan_balls(settings: BouncingBallSettings, seed: int) -> BodyClip:
-    """The clip of ``seed``; states are a, b, theta, squash."""
-    plan, stage = np.random.default_rng(seed).spawn(2)
-    states = np.stack([_bounce(settings, plan) for _ in range(settings.balls)], axis=1)
-    colours = [np.array([235, 40 + 12 * n, 45], np.float32) * stage.uniform(0.9, 1.0) for n in range(settings.balls)]
-    room = _room(settings, stage)
+class BouncingClip(BodyClip):
+    """The balls of ``seed``; states are a, b, theta, squash."""
 
-    def picture(frame: int) -> tuple[Float32, list[Drawn]]:
-        image = room.copy()
-        balls = [draw_ball(s, c) for s, c in zip(states[frame], colours, strict=True)]
+    fields = ("a", "b", "theta", "squash")
+
+    def __init__(self, settings: BouncingBallSettings, seed: int) -> None:
+        self.settings, (plan, stage) = settings, np.random.default_rng(seed).spawn(2)
+        self.states = np.stack([_bounce(settings, plan) for _ in range(settings.balls)], axis=1)
+        reds = (np.array([235, 40 + 12 * n, 45], np.float32) for n in range(settings.balls))
+        self._colours = [red * stage.uniform(0.9, 1.0) for red in reds]
+        self._room = _room(settings, stage)
+        self._grain(NOISE, stage)
+
+    def _picture(self, frame: int) -> tuple[Float32, list[Drawn]]:
+        image = self._room.copy()
+        balls = [draw_ball(s, c) for s, c in zip(self.states[frame], self._colours, strict=True)]
         for ball in balls:
             paint(image, ball)
         return image, balls
-
-    return BodyClip(settings, BALL_FIELDS, states, picture, camera_grain(settings, NOISE, stage))
 
 
 def _bounce(settings: BouncingBallSettings, rng: np.random.Generator) -> FloatArray:

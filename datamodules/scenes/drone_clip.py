@@ -9,17 +9,16 @@ from typing import Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 from scipy.ndimage import gaussian_filter1d
 
 from tsuiseki.datamodules.scenes import clip
 from tsuiseki.datamodules.scenes.people.activities import CRATE_HEIGHT, in_hand, standing_prop
-from tsuiseki.datamodules.scenes.people.gathering import Gathering, Performer, PerformerState, facing, gather
+from tsuiseki.datamodules.scenes.people.gathering import Gathering, Performer, PerformerState, facing
 from tsuiseki.datamodules.scenes.people.person import person_thing
-from tsuiseki.datamodules.scenes.people.posture import place
+from tsuiseki.datamodules.scenes.people.posture import PersonSkeleton
 from tsuiseki.datamodules.scenes.render.composing import Thing, draw_things
 from tsuiseki.datamodules.scenes.render.degrade import grains, level_tone, photographed, random_degradation
-from tsuiseki.datamodules.scenes.render.ground import GroundMap, ground_homography, look_down, map_ground, random_ground
+from tsuiseki.datamodules.scenes.render.ground import Ground, GroundMap, ground_homography, look_down
 from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_light
 from tsuiseki.datamodules.scenes.things.street_things import bush, crate, reach_of
 from tsuiseki.datamodules.scenes.things.town import made
@@ -127,21 +126,44 @@ class DroneSceneSettings(clip.ClipSettings):
         self.expect("drone", 64, *own)
 
 
-@dataclass(frozen=True)
 class DroneClip(clip.Clip[clip.FrameTruth]):
-    """A planned clip, of which every frame can be drawn on its own."""
-
-    settings: DroneSceneSettings
-    seed: int
-    cameras: list[PinholeCamera]
-    light: Light
-    ground: GroundMap
-    gathering: Gathering
-    static: list[Thing]
-    tone: FloatArray
-    grains: list[NDArray[np.int16]]
+    """The camera's way, the ground and what everybody does as a seed has it; every frame can be drawn on its own."""
 
     quality = 90
+
+    def __init__(self, settings: DroneSceneSettings, seed: int) -> None:
+        self.settings, self.seed, rng = settings, seed, np.random.default_rng([seed, 7])
+        altitude = float(np.exp(rng.uniform(*np.log(settings.altitude))))
+        tilt = min(float(np.radians(rng.uniform(*settings.tilt))), STEEPEST)
+        away = altitude / math.sin(tilt)
+        # Near the ground a wider lens keeps everybody in view.
+        focal = min(float(rng.uniform(*settings.focal)), max(away / BREADTH, settings.focal[0])) * settings.width
+        self.cameras = fly(rng, settings, altitude, tilt, focal)
+        # Centre and half axes of the ellipse that people act in: the middle of the view.
+        across, along = 0.36 * away * settings.width / focal, 0.34 * away * settings.height / focal / math.sin(tilt)
+        room = 1.1 * math.sqrt(settings.people)
+        arena = np.array([[0.0, 0.0], [max(across, room), max(along, 0.75 * room)]])
+        # Bushes, trees and boxes stand about it.
+        self.static, rows = list[Thing](), []
+        for _ in range(settings.clutter):
+            angle, apart = rng.uniform(0, 2 * np.pi), rng.uniform(0.75, 1.5)
+            spot = arena[0] + apart * arena[1] * np.array([np.cos(angle), np.sin(angle)])
+            make = bush if rng.random() < 0.6 else crate
+            self.static.append(made(rng, make, spot, float(rng.uniform(0, 2 * np.pi))))
+            rows.append([*spot, min(reach_of(self.static[-1].solids, spot), 0.8)])
+        obstacles = np.array(rows, dtype=np.float64).reshape(-1, 3)
+        self.gathering = Gathering(rng, settings, settings.people, arena, obstacles, settings.look_alikes)
+        # A generator of its own: the rest of a clip does not depend on the sun.
+        light, of_sun = random_light(rng), np.random.default_rng([seed, 8])
+        if of_sun.random() < settings.sun:
+            light = hard_sun(of_sun)
+        # As the camera takes it: a middle grey ground comes out as middle grey.
+        up = light.direction[2] * light.sun + light.sky
+        gain = np.float32(0.8 * float(np.exp(rng.normal(0, 0.2))) / up.mean())
+        self.light = Light(light.direction, light.sun * gain, light.sky * gain, light.ground * gain)
+        self.ground = GroundMap(Ground(rng), self.cameras, self.light)
+        self.tone = level_tone(random_degradation(rng, 0.6))
+        self.grains = grains(rng, NOISE, settings.width, settings.height)
 
     @property
     def views(self) -> tuple[str, ...]:
@@ -159,7 +181,7 @@ class DroneClip(clip.Clip[clip.FrameTruth]):
         others += [standing_prop(t.prop, t.position, t.yaw) for t in self.gathering.things if t.first <= frame < t.last]
         image = look_down(self.ground, camera)
         sightings = draw_things(image, people + others + self.static, camera, self.light, settings.samples)
-        image = _smeared(image, _image_motion(self.cameras, frame) * SHUTTER)
+        image = _smeared(image, self.cameras, frame)
         rng = np.random.default_rng([self.seed, 1, frame])
         image = photographed(image, self.tone, BLUR, self.grains, rng)
         truth, rows = clip.people_in_view(sightings[: len(people)], (camera.width, camera.height), 1e-9, INSIDE)
@@ -179,70 +201,40 @@ class DroneClip(clip.Clip[clip.FrameTruth]):
             settings.write_info(folder, name, rows)
 
 
-def plan_drone(settings: DroneSceneSettings, seed: int) -> DroneClip:
-    """The way of the camera, the ground and what everybody does, as ``seed`` has it."""
-    rng = np.random.default_rng([seed, 7])
-    altitude = float(np.exp(rng.uniform(*np.log(settings.altitude))))
-    tilt = min(float(np.radians(rng.uniform(*settings.tilt))), STEEPEST)
-    away = altitude / math.sin(tilt)
-    # Near the ground a wider lens keeps everybody in view.
-    focal = min(float(rng.uniform(*settings.focal)), max(away / BREADTH, settings.focal[0])) * settings.width
-    cameras = fly(rng, Viewpoint(altitude, tilt, focal), settings)
-    # Centre and half axes of the ellipse that people act in: the middle of the view.
-    across, along = 0.36 * away * settings.width / focal, 0.34 * away * settings.height / focal / math.sin(tilt)
-    room = 1.1 * math.sqrt(settings.people)
-    arena = np.array([[0.0, 0.0], [max(across, room), max(along, 0.75 * room)]])
-    static, obstacles = _obstacles(rng, settings.clutter, arena)
-    gathering = gather(rng, settings, settings.people, arena, obstacles, settings.look_alikes)
-    # A generator of its own: the rest of a clip does not depend on the sun.
-    light, of_sun = random_light(rng), np.random.default_rng([seed, 8])
-    if of_sun.random() < settings.sun:
-        light = hard_sun(of_sun)
-    # As the camera takes it: a middle grey ground comes out as middle grey.
-    up = light.direction[2] * light.sun + light.sky
-    gain = np.float32(0.8 * float(np.exp(rng.normal(0, 0.2))) / up.mean())
-    light = Light(light.direction, light.sun * gain, light.sky * gain, light.ground * gain)
-    ground = map_ground(random_ground(rng), cameras, light)
-    tone = level_tone(random_degradation(rng, 0.6))
-    noises = grains(rng, NOISE, settings.width, settings.height)
-    return DroneClip(settings, seed, cameras, light, ground, gathering, static, tone, noises)
+def fly(
+    rng: np.random.Generator, settings: DroneSceneSettings, high: float, down: float, focal: float
+) -> list[PinholeCamera]:
+    """The camera of every frame, which looks at the origin of the ground within the altitudes of the settings.
 
-
-@dataclass(frozen=True)
-class Viewpoint:
-    """Where a flight is about: the camera looks at the origin of the ground from there.
-
-    Attributes:
-        altitude: metres.
-        tilt: radians under the horizon.
-        focal: pixels.
+    It moves about a place ``high`` metres up and looks ``down`` radians under the horizon; ``focal`` is in pixels.
     """
-
-    altitude: float
-    tilt: float
-    focal: float
-
-
-def fly(rng: np.random.Generator, view: Viewpoint, settings: DroneSceneSettings) -> list[PinholeCamera]:
-    """The camera of every frame, which moves about ``view`` within the altitudes of the settings."""
     motion, frames, frame_rate = MOTIONS[settings.camera], settings.frames, settings.frame_rate
     slow = np.stack([_wander(rng, frames, frame_rate, 2.0) for _ in range(6)])
     fast = np.stack([_wander(rng, frames, frame_rate, 0.05) for _ in range(3)])
     turns = np.radians(motion.pan) * slow[:3] + np.radians(motion.tremble) * fast
-    turns += np.radians(_jerks(rng, motion, frames, frame_rate))
-    altitude = np.clip(view.altitude * (1 + motion.climb * slow[3]), *settings.altitude)
-    drift = motion.drift * view.altitude * slow[4:6]
-    back = view.altitude / math.tan(view.tilt)
+    # Sudden turns that swing back slowly, as the drone's control has it.
+    jerks = np.zeros((3, frames))
+    for _ in range(int(rng.poisson(motion.jerks * frames / frame_rate))):
+        start, rise = int(rng.integers(frames)), int(rng.integers(motion.jerk_frames[0], motion.jerk_frames[1] + 1))
+        away = motion.jerk * rng.normal(size=3) * [1.0, 1.0, 0.7]
+        since = np.arange(frames - start)
+        after = np.maximum(since - rise, 0)
+        swing = np.exp(-after / (0.35 * frame_rate)) * np.cos(2 * np.pi * after / (0.8 * frame_rate))
+        jerks[:, start:] += away[:, None] * np.clip(since / rise, 0, 1) * swing
+    turns += np.radians(jerks)
+    altitude = np.clip(high * (1 + motion.climb * slow[3]), *settings.altitude)
+    drift = motion.drift * high * slow[4:6]
+    back = high / math.tan(down)
     cameras = []
     for t in range(frames):
         # A tremble rolls the camera less than it turns it.
-        bearing = BEARING + turns[0, t] / max(math.cos(view.tilt), 0.35)
-        tilt = float(np.clip(view.tilt + turns[1, t], np.radians(45), STEEPEST))
+        bearing = BEARING + turns[0, t] / max(math.cos(down), 0.35)
+        tilt = float(np.clip(down + turns[1, t], np.radians(45), STEEPEST))
         behind = drift[:, t] - [back * math.cos(BEARING), back * math.sin(BEARING)]
         position = np.array([*behind, altitude[t]])
         forward = np.array([math.cos(tilt) * math.cos(bearing), math.cos(tilt) * math.sin(bearing), -math.sin(tilt)])
         size = settings.width, settings.height
-        cameras.append(PinholeCamera.look_at(position, position + forward, view.focal, *size, 0.5 * turns[2, t]))
+        cameras.append(PinholeCamera.look_at(position, position + forward, focal, *size, 0.5 * turns[2, t]))
     return cameras
 
 
@@ -255,57 +247,25 @@ def _wander(rng: np.random.Generator, frames: int, frame_rate: float, seconds: f
     return np.asarray(noise * math.sqrt(2 * sigma * math.sqrt(math.pi)))
 
 
-def _jerks(rng: np.random.Generator, motion: FlightMotion, frames: int, frame_rate: float) -> FloatArray:
-    """``(3, frames)`` degrees: sudden turns that swing back slowly, as the drone's control has it."""
-    turns = np.zeros((3, frames))
-    for _ in range(int(rng.poisson(motion.jerks * frames / frame_rate))):
-        start, rise = int(rng.integers(frames)), int(rng.integers(motion.jerk_frames[0], motion.jerk_frames[1] + 1))
-        away = motion.jerk * rng.normal(size=3) * [1.0, 1.0, 0.7]
-        t = np.arange(frames - start)
-        up = np.clip(t / rise, 0, 1)
-        back = np.exp(-np.maximum(t - rise, 0) / (0.35 * frame_rate))
-        swing = np.cos(2 * np.pi * np.maximum(t - rise, 0) / (0.8 * frame_rate))
-        turns[:, start:] += away[:, None] * up * back * swing
-    return turns
-
-
-def _obstacles(rng: np.random.Generator, count: int, arena: FloatArray) -> tuple[list[Thing], FloatArray]:
-    """Bushes, trees and boxes about the arena, and ``(M, 3)`` where they stand and how far they reach."""
-    things, rows = [], []
-    for _ in range(count):
-        angle, away = rng.uniform(0, 2 * np.pi), rng.uniform(0.75, 1.5)
-        spot = arena[0] + away * arena[1] * np.array([np.cos(angle), np.sin(angle)])
-        make = bush if rng.random() < 0.6 else crate
-        things.append(made(rng, make, spot, float(rng.uniform(0, 2 * np.pi))))
-        rows.append([*spot, min(reach_of(things[-1].solids, spot), 0.8)])
-    return things, np.array(rows, dtype=np.float64).reshape(-1, 3)
-
-
 def _held(performer: Performer, state: PerformerState) -> list[Thing]:
     """What somebody has in hand, pushes, pulls or carries."""
     prop = state.prop
     if prop is None:
         return []
     if not prop.ahead:
-        skeleton = place(performer.person.build, state.pose, state.position, state.heading)
+        skeleton = PersonSkeleton(performer.person.build, state.pose, state.position, state.heading)
         return [in_hand(prop, skeleton, state.hand)]
     forward = facing(state.heading)
     lift = CRATE_HEIGHT - 0.1 if prop.kind == "crate" else 0.0
     return [standing_prop(prop, state.position + prop.ahead * forward, state.heading, lift)]
 
 
-def _image_motion(cameras: list[PinholeCamera], frame: int) -> FloatArray:
-    """``(2,)`` pixels that the ground at the image's centre moves until the next frame."""
-    if len(cameras) < 2:
-        return np.zeros(2)
-    before, after = cameras[frame : frame + 2] if frame + 1 < len(cameras) else cameras[-2:]
+def _smeared(image: ImageArray, cameras: list[PinholeCamera], frame: int) -> ImageArray:
+    """``image`` averaged along the way of the ground at its centre while the shutter is open."""
+    before, after = cameras[frame : frame + 2] if frame + 1 < len(cameras) else (cameras[-2:] * 2)[:2]
     middle = np.array([before.width / 2, before.height / 2, 1.0])
     moved = ground_homography(before, after) @ middle
-    return np.asarray(moved[:2] / moved[2] - middle[:2])
-
-
-def _smeared(image: ImageArray, motion: FloatArray) -> ImageArray:
-    """``image`` averaged along ``motion`` ``(2,)`` pixels."""
+    motion = (moved[:2] / moved[2] - middle[:2]) * SHUTTER
     count = int(min(np.abs(motion).max().round() + 1, LONGEST_SMEAR))
     if count < 2:
         return image

@@ -10,7 +10,6 @@ as in a real fish, and nothing couples them but the water. Seen from above it is
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -48,24 +47,16 @@ GYRATION = 20.0
 BURSTS, GLIDES, LIVELY = 0.3, 0.2, 0.5
 
 
-@dataclass
 class _Fish:
     """What the next step of one fish needs."""
 
-    place: FloatArray
-    velocity: FloatArray
-    goal: FloatArray
-    heading: float
-    lively: bool
-    turning: float = 0.0
-    bend: float = 0.0
-    bending: float = 0.0
-    phase: float = 0.0
-    frequency: float = 1.5
-    amplitude: float = 0.3
-    until: float = 0.0
-    side: float = 0.0
-    wanted: float = 0.0
+    def __init__(self, size: FloatArray, rng: np.random.Generator) -> None:
+        self.place = WALL_MARGIN + (size - 2 * WALL_MARGIN) * rng.random(2)
+        self.heading = float(rng.uniform(-np.pi, np.pi))
+        self.phase, self.lively = float(rng.uniform(0, 2 * np.pi)), bool(rng.random() < LIVELY)
+        self.velocity, self.goal = 60.0 * along(self.heading)[:2], _new_goal(size, rng)
+        self.turning = self.bend = self.bending = self.side = self.wanted = 0.0
+        self.frequency, self.amplitude, self.until = 1.5, 0.3, -10.0
 
 
 def swim(frames: int, frame_rate: float, extent: tuple[int, int], rng: np.random.Generator) -> FloatArray:
@@ -74,7 +65,7 @@ def swim(frames: int, frame_rate: float, extent: tuple[int, int], rng: np.random
     The heading is continuous: it does not jump by full turns.
     """
     size = np.array(extent, dtype=np.float64)
-    fish = _start(size, rng)
+    fish = _Fish(size, rng)
     substeps = max(1, round(STEPS_PER_SECOND / frame_rate))
     dt = 1.0 / (frame_rate * substeps)
     states = np.empty((frames, 4))
@@ -88,13 +79,6 @@ def swim(frames: int, frame_rate: float, extent: tuple[int, int], rng: np.random
             _step(fish, clock, dt, size, rng)
             clock += dt
     return states
-
-
-def _start(size: FloatArray, rng: np.random.Generator) -> _Fish:
-    place = WALL_MARGIN + (size - 2 * WALL_MARGIN) * rng.random(2)
-    heading = float(rng.uniform(-np.pi, np.pi))
-    phase, lively = float(rng.uniform(0, 2 * np.pi)), bool(rng.random() < LIVELY)
-    return _Fish(place, 60.0 * along(heading)[:2], _new_goal(size, rng), heading, lively, phase=phase, until=-10.0)
 
 
 def _step(fish: _Fish, clock: float, dt: float, size: FloatArray, rng: np.random.Generator) -> None:
@@ -187,9 +171,8 @@ def _turn_to(fish: _Fish, place: FloatArray) -> float:
 FILLET = 9.0
 
 
-@dataclass(frozen=True)
 class FishAppearance:
-    """One fish, its sizes in pixels.
+    """One fish, its sizes in pixels, in an orange of its own.
 
     Attributes:
         length: of the body, an ellipse with a drawn-out rear.
@@ -199,19 +182,11 @@ class FishAppearance:
         pattern: ``(h, w)`` lightness of the scales about 0, along and across the body.
     """
 
-    length: float
-    width: float
-    tail: float
-    colour: Float32
-    pattern: Float32
-
-
-def random_appearance(length: float, width: float, tail: float, rng: np.random.Generator) -> FishAppearance:
-    """A fish of some size and an orange of its own."""
-    colour = np.array([rng.uniform(225, 250), rng.uniform(95, 135), rng.uniform(20, 45)], np.float32)
-    noise = rng.standard_normal((12, 40)).astype(np.float32)
-    pattern = cv2.resize(noise, (160, 48), interpolation=cv2.INTER_CUBIC)
-    return FishAppearance(length, width, tail, colour, np.asarray(pattern, np.float32))
+    def __init__(self, length: float, width: float, tail: float, rng: np.random.Generator) -> None:
+        self.length, self.width, self.tail = length, width, tail
+        self.colour = np.array([rng.uniform(225, 250), rng.uniform(95, 135), rng.uniform(20, 45)], np.float32)
+        noise = rng.standard_normal((12, 40)).astype(np.float32)
+        self.pattern = np.asarray(cv2.resize(noise, (160, 48), interpolation=cv2.INTER_CUBIC), np.float32)
 
 
 def draw_fish(fish: FishAppearance, state: FloatArray) -> Drawn:
@@ -223,14 +198,30 @@ def draw_fish(fish: FishAppearance, state: FloatArray) -> Drawn:
     across = -math.sin(theta) * x + math.cos(theta) * y
     s, r = _straightened(along, across, fish.length / 2, phi)
     body = half_width(fish, s) - np.abs(r)
-    fin = _tail_fin(fish, s, np.abs(r))
+    # Signed distance into the forked fin, roughly: it widens from its stem and is notched at the end.
+    back = (-s - fish.length / 2) / fish.tail
+    spread = 0.08 * fish.width + 0.30 * fish.width * np.clip((back - 0.25) / 0.75, 0, 1) ** 1.3
+    end = fish.tail * (0.93 - back) + 0.55 * np.abs(r)
+    inside = np.minimum(spread - np.abs(r), np.minimum(end, fish.tail * (1.06 - back)))
+    fin = np.asarray(np.where(back > 0.1, inside, -1.0), np.float32)
     # Two breast fins, nearly clear.
     u, v = s - 0.12 * fish.length, np.abs(r) - 0.52 * fish.width
     ahead, wide = 0.08 * fish.length, 0.26 * fish.width
     paddles = (1 - np.sqrt(((0.8 * u + 0.6 * v) / ahead) ** 2 + ((-0.6 * u + 0.8 * v) / wide) ** 2)) * ahead
     opaque = np.clip(body + 0.5, 0, 1)
     opacity = np.maximum.reduce([opaque, 0.85 * np.clip(fin + 0.5, 0, 1), 0.22 * np.clip(paddles + 0.5, 0, 1)])
-    return Drawn(left, top, _colour(fish, s, r, opaque), np.asarray(opacity, np.float32))
+    # Scales on a rounded back, a darker line along it, paler fins.
+    columns = (s / (fish.length + 2 * fish.tail) + 0.5) * (fish.pattern.shape[1] - 1)
+    rows = (r / fish.width + 0.5) * (fish.pattern.shape[0] - 1)
+    scales = cv2.remap(fish.pattern, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    roundness = np.sqrt(np.clip(1 - (r / (fish.width / 2)) ** 2, 0, 1))
+    light = 0.78 + 0.2 * roundness + 0.05 * scales - 0.10 * np.exp(-((r / 1.8) ** 2))
+    colour = opaque[..., None] * (fish.colour * light[..., None]) + (1 - opaque[..., None]) * (
+        fish.colour * 0.75 + 60.0
+    )
+    eyes = np.hypot(s - 0.35 * fish.length, np.abs(r) - 0.22 * fish.width) < 0.032 * fish.length
+    colour[eyes] = (25, 20, 20)
+    return Drawn(left, top, np.asarray(colour, np.float32), np.asarray(opacity, np.float32))
 
 
 def half_width(fish: FishAppearance, s: Float32) -> Float32:
@@ -240,30 +231,6 @@ def half_width(fish: FishAppearance, s: Float32) -> Float32:
     stem = 0.14 * fish.width * np.clip((s + half + 0.55 * fish.tail) / (0.2 * fish.length), 0, 1)
     width = np.where(s < 0, np.maximum(ellipse, stem), ellipse)
     return np.asarray(np.where((s > half) | (s < -half - 0.55 * fish.tail), -1.0, width), np.float32)
-
-
-def _tail_fin(fish: FishAppearance, s: Float32, r: Float32) -> Float32:
-    """Signed distance into the forked fin, roughly: it widens from its stem and is notched at the end."""
-    back = (-s - fish.length / 2) / fish.tail
-    spread = 0.08 * fish.width + 0.30 * fish.width * np.clip((back - 0.25) / 0.75, 0, 1) ** 1.3
-    end = fish.tail * (0.93 - back) + 0.55 * r
-    inside = np.minimum(spread - r, np.minimum(end, fish.tail * (1.06 - back)))
-    return np.asarray(np.where(back > 0.1, inside, -1.0), np.float32)
-
-
-def _colour(fish: FishAppearance, s: Float32, r: Float32, opaque: Float32) -> Float32:
-    """Scales on a rounded back, a darker line along it, paler fins."""
-    columns = (s / (fish.length + 2 * fish.tail) + 0.5) * (fish.pattern.shape[1] - 1)
-    rows = (r / fish.width + 0.5) * (fish.pattern.shape[0] - 1)
-    scales = cv2.remap(fish.pattern, columns, rows, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    roundness = np.sqrt(np.clip(1 - (r / (fish.width / 2)) ** 2, 0, 1))
-    light = 0.78 + 0.2 * roundness + 0.05 * scales - 0.10 * np.exp(-((r / 1.8) ** 2))
-    eyes = np.hypot(s - 0.35 * fish.length, np.abs(r) - 0.22 * fish.width) < 0.032 * fish.length
-    colour = fish.colour * light[..., None]
-    fins = fish.colour * 0.75 + 60.0
-    colour = opaque[..., None] * colour + (1 - opaque[..., None]) * fins
-    colour[eyes] = (25, 20, 20)
-    return np.asarray(colour, np.float32)
 
 
 def _straightened(x: Float32, y: Float32, arm: float, phi: float) -> tuple[Float32, Float32]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -11,14 +10,20 @@ from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes.people.person import render_person_sprite
 from tsuiseki.datamodules.scenes.render.degrade import sensor_noise
-from tsuiseki.datamodules.scenes.render.ground import ground_colour, random_ground
+from tsuiseki.datamodules.scenes.render.ground import Ground, ground_colour
 from tsuiseki.datamodules.scenes.render.solids import Float32
-from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
+from tsuiseki.tracking.types import FloatArray, ImageArray
 
 
-@dataclass(frozen=True)
 class FlowPair:
-    """Two images and what moved between them.
+    """Two images as from a drone that moves, and what moved between them.
+
+    Args:
+        rng: draws everything.
+        size: width and height, pixels.
+        motion: how far the ground moves at most, about, pixels; people move by up to a third as much besides.
+        people: how many.
+        noise: standard deviation of the sensor's, grey levels.
 
     Attributes:
         first: ``(H, W, 3)`` uint8 RGB.
@@ -27,60 +32,43 @@ class FlowPair:
         inside: ``(H, W)`` what is still within the image in ``second``.
     """
 
-    first: ImageArray
-    second: ImageArray
-    flow: Float32
-    inside: BoolArray
-
-
-def random_flow_pair(
-    rng: np.random.Generator, size: tuple[int, int], motion: float, people: int = 4, noise: float = 2.0
-) -> FlowPair:
-    """A pair as from a drone that moves.
-
-    Args:
-        rng: draws everything.
-        size: width and height, pixels.
-        motion: how far the ground moves at most, about, pixels; people move by up to a third as much besides.
-        people: how many.
-        noise: standard deviation of the sensor's, grey levels.
-    """
-    width, height = size
-    grid = np.stack(np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)), -1)
-    margin, cell = int(1.5 * motion) + 8, float(rng.uniform(0.008, 0.03))
-    x, y = ((np.arange(n + 2 * margin, dtype=np.float32) - n / 2) * np.float32(cell) for n in size)
-    xs, ys = np.meshgrid(x, y)
-    colour = ground_colour(random_ground(rng), xs, ys, np.full(xs.shape, cell, dtype=np.float32))
-    ground = np.asarray(255 * np.clip(colour, 0, 1), dtype=np.float32)
-    away = _camera_motion(rng, size, motion)
-    flow = np.asarray(cv2.perspectiveTransform(grid.reshape(-1, 1, 2), away)).reshape(grid.shape) - grid
-    first = ground[margin : margin + height, margin : margin + width].copy()
-    shift = np.array([[1, 0, -margin], [0, 1, -margin], [0, 0, 1.0]])
-    second = np.asarray(cv2.warpPerspective(ground, away @ shift, size, flags=cv2.INTER_CUBIC), dtype=np.float32)
-    for _ in range(people):
-        sprite = render_person_sprite(rng, float(rng.uniform(0.12, 0.4) * height), tilt=float(rng.uniform(0.3, 1.3)))
-        place = np.array([[1, 0, rng.uniform(0, width) - 20], [0, 1, rng.uniform(0, height) - 20], [0, 0, 1.0]])
-        # A small turn about the middle, and a step.
-        middle = (sprite.shape[1] / 2, sprite.shape[0] / 2)
-        own = np.asarray(cv2.getRotationMatrix2D(middle, rng.normal(0, 2), rng.normal(1, 0.01)), np.float64)
-        own[:, 2] += rng.uniform(-motion / 3, motion / 3, 2)
-        after = away @ place @ np.vstack([own, [0, 0, 1]])
-        _paste(first, sprite, place)
-        if motion:
-            _paste(second, sprite, after)
-            _move(flow, sprite, place, after)
-    goal = grid + flow
-    inside = (goal >= 0).all(axis=2) & (goal <= np.array([width - 1, height - 1])).all(axis=2)
-    return FlowPair(_seen(rng, first, noise), _seen(rng, second, noise), flow, np.asarray(inside))
-
-
-def _camera_motion(rng: np.random.Generator, size: tuple[int, int], motion: float) -> FloatArray:
-    """``(3, 3)`` homography that moves the corners by up to about ``motion`` pixels: mostly together."""
-    corners = np.array([[0, 0], [size[0], 0], [size[0], size[1]], [0, size[1]]], dtype=np.float32)
-    angle = rng.uniform(0, 2 * math.pi)
-    common = motion * rng.uniform(0.3, 0.8) * np.array([math.cos(angle), math.sin(angle)])
-    moved = corners + common + rng.uniform(-0.2, 0.2, (4, 2)) * motion
-    return np.asarray(cv2.getPerspectiveTransform(corners, moved.astype(np.float32)))
+    def __init__(
+        self, rng: np.random.Generator, size: tuple[int, int], motion: float, people: int = 4, noise: float = 2.0
+    ) -> None:
+        width, height = size
+        grid = np.stack(np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32)), -1)
+        margin, cell = int(1.5 * motion) + 8, float(rng.uniform(0.008, 0.03))
+        x, y = ((np.arange(n + 2 * margin, dtype=np.float32) - n / 2) * np.float32(cell) for n in size)
+        xs, ys = np.meshgrid(x, y)
+        colour = ground_colour(Ground(rng), xs, ys, np.full(xs.shape, cell, dtype=np.float32))
+        ground = np.asarray(255 * np.clip(colour, 0, 1), dtype=np.float32)
+        # The camera moves the corners by up to about ``motion`` pixels: mostly together.
+        corners = np.array([[0, 0], [width, 0], [width, height], [0, height]], dtype=np.float32)
+        angle = rng.uniform(0, 2 * math.pi)
+        common = motion * rng.uniform(0.3, 0.8) * np.array([math.cos(angle), math.sin(angle)])
+        moved = corners + common + rng.uniform(-0.2, 0.2, (4, 2)) * motion
+        away = np.asarray(cv2.getPerspectiveTransform(corners, moved.astype(np.float32)))
+        flow = np.asarray(cv2.perspectiveTransform(grid.reshape(-1, 1, 2), away)).reshape(grid.shape) - grid
+        first = ground[margin : margin + height, margin : margin + width].copy()
+        shift = np.array([[1, 0, -margin], [0, 1, -margin], [0, 0, 1.0]])
+        second = np.asarray(cv2.warpPerspective(ground, away @ shift, size, flags=cv2.INTER_CUBIC), dtype=np.float32)
+        for _ in range(people):
+            sprite = render_person_sprite(
+                rng, float(rng.uniform(0.12, 0.4) * height), tilt=float(rng.uniform(0.3, 1.3))
+            )
+            place = np.array([[1, 0, rng.uniform(0, width) - 20], [0, 1, rng.uniform(0, height) - 20], [0, 0, 1.0]])
+            # A small turn about the middle, and a step.
+            middle = (sprite.shape[1] / 2, sprite.shape[0] / 2)
+            own = np.asarray(cv2.getRotationMatrix2D(middle, rng.normal(0, 2), rng.normal(1, 0.01)), np.float64)
+            own[:, 2] += rng.uniform(-motion / 3, motion / 3, 2)
+            after = away @ place @ np.vstack([own, [0, 0, 1]])
+            _paste(first, sprite, place)
+            if motion:
+                _paste(second, sprite, after)
+                _move(flow, sprite, place, after)
+        goal = grid + flow
+        self.inside = (goal >= 0).all(axis=2) & (goal <= np.array([width - 1, height - 1])).all(axis=2)
+        self.first, self.second, self.flow = _seen(rng, first, noise), _seen(rng, second, noise), flow
 
 
 def _paste(image: Float32, sprite: ImageArray, place: FloatArray) -> None:

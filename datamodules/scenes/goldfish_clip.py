@@ -9,14 +9,13 @@ import cv2
 import numpy as np
 from scipy.special import ndtri
 
-from tsuiseki.datamodules.scenes.body_clip import MOST_BODIES, BodyClip, Drawn, camera_grain, paint
+from tsuiseki.datamodules.scenes.body_clip import MOST_BODIES, BodyClip, Drawn, paint
 from tsuiseki.datamodules.scenes.clip import ClipSettings
-from tsuiseki.datamodules.scenes.fish import FishAppearance, draw_fish, random_appearance, swim
+from tsuiseki.datamodules.scenes.fish import FishAppearance, draw_fish, swim
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.render.tracing import overlap
 from tsuiseki.tracking.types import FloatArray
 
-FIELDS = ("a", "b", "theta", "phi")
 # Where the glass stands, from the image's border; pixels.
 PANE = 24
 SHADOW = (11, 15)
@@ -56,34 +55,37 @@ def goldfish_states(settings: GoldfishSettings, rng: np.random.Generator) -> Flo
     return np.stack(ways, axis=1)
 
 
-def plan_goldfish(settings: GoldfishSettings, seed: int) -> BodyClip:
-    """The clip of ``seed``; states are a, b, theta, phi."""
-    plan, stage = np.random.default_rng(seed).spawn(2)
-    states = goldfish_states(settings, plan)
-    scales = stage.uniform(1 - settings.size_spread, 1 + settings.size_spread, settings.fish)
-    fishes = [random_appearance(scale * LENGTH, scale * WIDTH, scale * TAIL, stage) for scale in scales.tolist()]
-    floor = gravel(settings.width, settings.height, stage)
-    ripples = random_ripples(settings.width, settings.height, stage)
+class GoldfishClip(BodyClip):
+    """The fish of ``seed``; states are a, b, theta, phi."""
 
-    def picture(frame: int) -> tuple[Float32, list[Drawn]]:
-        drawn = [draw_fish(fish, state) for fish, state in zip(fishes, states[frame], strict=True)]
-        image = floor.copy()
+    fields = ("a", "b", "theta", "phi")
+
+    def __init__(self, settings: GoldfishSettings, seed: int) -> None:
+        self.settings, (plan, stage) = settings, np.random.default_rng(seed).spawn(2)
+        self.states = goldfish_states(settings, plan)
+        scales = stage.uniform(1 - settings.size_spread, 1 + settings.size_spread, settings.fish)
+        self._fish = [FishAppearance(scale * LENGTH, scale * WIDTH, scale * TAIL, stage) for scale in scales.tolist()]
+        self._floor = gravel(settings.width, settings.height, stage)
+        self._ripples = random_ripples(settings.width, settings.height, stage)
+        self._grain(NOISE, stage)
+
+    def _picture(self, frame: int) -> tuple[Float32, list[Drawn]]:
+        states, image = self.states[frame], self._floor.copy()
+        drawn = [draw_fish(fish, state) for fish, state in zip(self._fish, states, strict=True)]
         for shape in drawn:
             # Its blurred shadow on the floor, to its lower right.
             soft = cv2.GaussianBlur(shape.opacity, (0, 0), SHADOW_BLUR)
             part, own = overlap(image.shape, (shape.top + SHADOW[1], shape.left + SHADOW[0]), soft.shape)
             image[part] *= 1 - SHADOWS * soft[own][..., None]
-        for fish, state in zip(fishes, states[frame], strict=True):
+        for fish, state in zip(self._fish, states, strict=True):
             _mirror(image, fish, state)
         for shape in drawn:
             paint(image, shape)
-        brightness, glints = ripples(frame / settings.frame_rate)
+        brightness, glints = self._ripples(frame / self.settings.frame_rate)
         image *= cv2.merge([brightness] * 3)
         glinting = glints > 0
         image[glinting] += glints[glinting, None] * (250.0 - image[glinting])
         return image, drawn
-
-    return BodyClip(settings, FIELDS, states, picture, camera_grain(settings, NOISE, stage))
 
 
 def _mirror(image: Float32, fish: FishAppearance, state: FloatArray) -> None:

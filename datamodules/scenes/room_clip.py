@@ -5,18 +5,17 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Generic, Literal
+from typing import Any, Generic, Literal
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes import clip
-from tsuiseki.datamodules.scenes.people.walkers import Walker, dressed, wander
+from tsuiseki.datamodules.scenes.people.walkers import dressed, wander
 from tsuiseki.datamodules.scenes.render import degrade
 from tsuiseki.datamodules.scenes.render.composing import OCCLUSION, Picture, Thing, both_shadows, draw_clusters, encoded
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import Float32, Surface, as_colour, boxes
+from tsuiseki.datamodules.scenes.render.solids import Surface, as_colour, boxes
 from tsuiseki.datamodules.scenes.render.tracing import RayCamera, extents
 from tsuiseki.datamodules.scenes.things.room import draw_shell, random_furniture, random_shell
 from tsuiseki.tracking.cameras.camera_files import AnyCamera, CameraOverFloor, CameraT, write_cameras
@@ -96,36 +95,34 @@ class FloorClipSettings(RoomSettings):
         super().__post_init__()
 
 
-@dataclass(frozen=True)
-class RoomView:
-    """One camera and what it sees of the empty room: linear light, and the part of it that shadows take away."""
-
-    camera: AnyCamera
-    empty: Picture
-    direct: Float32
-    photograph: ImageArray
-    exposure: float
-    grains: list[NDArray[np.int16]]
-
-
-@dataclass(frozen=True)
 class RoomClip(clip.Clip[list[clip.FrameTruth]], Generic[CameraT]):
-    """A planned clip, of which every frame of every camera can be drawn on its own; its truth is that of each."""
+    """A planned clip, of which every frame of every camera can be drawn on its own; its truth is that of each.
 
-    settings: RoomSettings
-    seed: int
-    cameras: Sequence[CameraT]
-    light: Light
-    walkers: list[Walker]
-    furniture: list[Thing]
-    tone: FloatArray
+    Args:
+        rng: draws people and light.
+        settings: of the clip.
+        seed: of the pictures.
+        cameras: that film it.
+        furniture: that stands about.
+        obstacles: ``(M, 3)`` x, y and radius of what people walk around, metres.
+    """
+
+    quality = 90
+
+    def __init__(
+        self, rng: np.random.Generator, settings: RoomSettings, seed: int, cameras: Sequence[CameraT],
+        furniture: list[Thing], obstacles: FloatArray,
+    ) -> None:  # fmt: skip
+        self.settings, self.seed, self.cameras, self.furniture = settings, seed, cameras, furniture
+        people = dressed(rng, settings.people, settings.repeated)
+        self.walkers = wander(rng, people, settings, np.array(settings.size), obstacles)
+        self.tone = degrade.level_tone(degrade.random_degradation(rng, 0.5))
+        self.light = lamps(rng)
 
     @property
     def floor(self) -> FloatArray:
         """``(4,)`` x1, y1, x2, y2, metres."""
         return np.array([0.0, 0.0, *self.settings.size])
-
-    quality = 90
 
     @property
     def views(self) -> tuple[str, ...]:
@@ -141,14 +138,7 @@ class RoomClip(clip.Clip[list[clip.FrameTruth]], Generic[CameraT]):
 
     def view(self, number: int) -> RoomView:
         """What camera ``number`` sees of the empty room."""
-        rng = np.random.default_rng([self.seed, 5])
-        camera, highest = self.cameras[number], max(float(each.position[2]) for each in self.cameras)
-        shell = random_shell(rng, np.array([*self.settings.size, highest + 0.1]))
-        empty, direct = draw_shell(shell, camera, self.light, self.furniture, SAMPLES)
-        noises = degrade.grains(np.random.default_rng([self.seed, 6, number]), NOISE, camera.width, camera.height)
-        lit = empty.colour[empty.colour.max(axis=2) > 0.004]
-        exposure = degrade.automatic_exposure(np.broadcast_to(lit[:, None], (len(lit), 1, 3))[::8].repeat(8, axis=0))
-        return RoomView(camera, empty, direct, encoded(empty.colour, exposure), exposure, noises)
+        return RoomView(self, number)
 
     def draw_frame(self, view: RoomView, frame: int) -> tuple[ImageArray, clip.FrameTruth]:
         """Frame ``frame`` as a camera sees it, ``(H, W, 3)`` uint8 RGB before JPEG, and what it shows.
@@ -208,6 +198,23 @@ class RoomClip(clip.Clip[list[clip.FrameTruth]], Generic[CameraT]):
             (folder / TRUTH_FILE).write_text("time,id,x,y\n" + "".join(rows), encoding="utf-8")
 
 
+class RoomView:
+    """One camera and what it sees of the empty room: linear light, and the part of it that shadows take away."""
+
+    def __init__(self, room: RoomClip[Any], number: int) -> None:
+        rng, settings = np.random.default_rng([room.seed, 5]), room.settings
+        self.camera, highest = room.cameras[number], max(float(each.position[2]) for each in room.cameras)
+        width, height = self.camera.width, self.camera.height
+        shell = random_shell(rng, np.array([*settings.size, highest + 0.1]))
+        self.empty, self.direct = draw_shell(shell, self.camera, room.light, room.furniture, SAMPLES)
+        self.grains = degrade.grains(np.random.default_rng([room.seed, 6, number]), NOISE, width, height)
+        colour = self.empty.colour
+        lit = colour[colour.max(axis=2) > 0.004]
+        exposed = np.broadcast_to(lit[:, None], (len(lit), 1, 3))[::8].repeat(8, axis=0)
+        self.exposure = degrade.automatic_exposure(exposed)
+        self.photograph = encoded(colour, self.exposure)
+
+
 def ceiling_lens(lens: OmnidirectionalLens | None, width: int, height: int) -> OmnidirectionalLens:
     """``lens``, by default an equidistant one, so large that a half space fits into an image of this size."""
     if lens is None:
@@ -235,7 +242,7 @@ def plan_room(
     furniture, obstacles = random_furniture(rng, size, round(FURNITURE * size.prod() / 10))
     fitted = ceiling_lens(lens, settings.width, settings.height)
     cameras = [ceiling_camera(rng, fitted, size, (k + 0.5) / CAMERAS, ceiling - 0.1) for k in range(CAMERAS)]
-    return _peopled(rng, settings, seed, cameras, furniture, obstacles)
+    return RoomClip(rng, settings, seed, cameras, furniture, obstacles)
 
 
 def plan_floor(settings: FloorClipSettings, seed: int) -> RoomClip[AnyCamera]:
@@ -245,17 +252,7 @@ def plan_floor(settings: FloorClipSettings, seed: int) -> RoomClip[AnyCamera]:
     furniture, low = random_furniture(rng, size, round(FURNITURE * size.prod() / 10))
     pillars, high = _pillars(rng, size)
     cameras = _both_kinds(rng, settings, size, ceiling)
-    return _peopled(rng, settings, seed, cameras, [*furniture, *pillars], np.concatenate([low, high]))
-
-
-def _peopled(
-    rng: np.random.Generator, settings: RoomSettings, seed: int, cameras: Sequence[CameraT], furniture: list[Thing],
-    obstacles: FloatArray,
-) -> RoomClip[CameraT]:  # fmt: skip
-    people = dressed(rng, settings.people, settings.repeated)
-    walkers = wander(rng, people, settings, np.array(settings.size), obstacles)
-    tone = degrade.level_tone(degrade.random_degradation(rng, 0.5))
-    return RoomClip(settings, seed, cameras, lamps(rng), walkers, furniture, tone)
+    return RoomClip(rng, settings, seed, cameras, [*furniture, *pillars], np.concatenate([low, high]))
 
 
 def _both_kinds(

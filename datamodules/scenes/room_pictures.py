@@ -5,7 +5,7 @@ People stand, walk and sit, at tables and elsewhere, among furniture; the camera
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ from tsuiseki.datamodules.scenes.people.poses import draw_pose
 from tsuiseki.datamodules.scenes.people.posture import Pose
 from tsuiseki.datamodules.scenes.render.composing import OCCLUSION, Thing, both_shadows, compose, empty_picture
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, degrade, random_degradation
-from tsuiseki.datamodules.scenes.render.solids import Float32, along
+from tsuiseki.datamodules.scenes.render.solids import along
 from tsuiseki.datamodules.scenes.room_clip import lamps
 from tsuiseki.datamodules.scenes.things import room as rooms
 from tsuiseki.datamodules.scenes.training_pictures import LEAST_VISIBLE
@@ -40,9 +40,8 @@ RENDERED = 0.9
 PEOPLE, SAMPLES = (0, 12), 2
 
 
-@dataclass
 class _Room:
-    """A room that is filled.
+    """A room that is filled with people and things.
 
     Attributes:
         rng: draws everything.
@@ -54,13 +53,33 @@ class _Room:
         placed: where each of ``people`` is, and the pose: "sitting", or "" for who stands or walks.
     """
 
-    rng: np.random.Generator
-    size: FloatArray
-    camera: CylinderView | DownwardView
-    people: list[Thing] = field(default_factory=list)
-    things: list[Thing] = field(default_factory=list)
-    taken: list[tuple[float, float, float]] = field(default_factory=list)
-    placed: list[tuple[FloatArray, str]] = field(default_factory=list)
+    def __init__(self, rng: np.random.Generator, size: FloatArray, camera: CylinderView | DownwardView) -> None:
+        self.rng, self.size, self.camera = rng, size, camera
+        self.people, self.things = list[Thing](), rooms.panels(rng, size, int(rng.integers(2, 10)))
+        self.taken, self.placed = list[tuple[float, float, float]](), list[tuple[FloatArray, str]]()
+        count = int(rng.integers(PEOPLE[0], PEOPLE[1] + 1))
+        seated = int(rng.binomial(count, SEATED))
+        while seated > 0:
+            seated -= self._group(seated)
+        for _ in range(count - len(self.people)):
+            spot = self.spot(APART / 2)
+            if spot is not None:
+                person = random_person(rng)
+                self.add(person, random_pose(rng, person), spot, float(rng.uniform(0, 2 * np.pi)))
+        for _ in range(int(rng.integers(0, 7))):
+            spot = self.spot(0.4)
+            if spot is not None:
+                heading = float(rng.uniform(0, 2 * np.pi))
+                self.things.append(rooms.chair(rng, spot, heading))
+                if rng.random() < 0.4:
+                    self.things.append(rooms.table(rng, spot + 0.6 * along(heading)[:2], heading, (0.4, 0.6)))
+        for _ in range(int(rng.integers(0, 9))):
+            share, side = rng.uniform(0.05, 0.95), int(rng.integers(4))
+            spot, yaw = rooms.at_wall(size, side, share, 0.3)
+            if rng.random() < 0.2:
+                self.things.append(rooms.plant(rng, spot))
+            elif self.free(spot, 0.5):
+                self.things.append(rooms.cabinet(rng, spot, yaw + rng.normal(0, 0.05)))
 
     def free(self, spot: FloatArray, radius: float) -> bool:
         """Whether nothing stands within ``radius`` of a place."""
@@ -87,6 +106,28 @@ class _Room:
                 return np.asarray(spot)
         return None
 
+    def _group(self, wanted: int) -> int:
+        """Up to ``wanted`` people on chairs, side by side at a table or without one; at least 1 counts as placed."""
+        spot, rng = self.spot(0.5), self.rng
+        if spot is None:
+            return wanted
+        heading, members = float(rng.uniform(0, 2 * np.pi)), int(rng.integers(1, min(wanted, 4) + 1))
+        ahead, aside = along(heading)[:2], along(heading + np.pi / 2)[:2]
+        with_table, spacing = rng.random() < 0.7, rng.uniform(0.65, 0.95)
+        for k in range(members):
+            seat = spot + (k - (members - 1) / 2) * spacing * aside + rng.normal(0, 0.04, 2)
+            if not ((seat > 0.3) & (seat < self.size[:2] - 0.3)).all() or not self.free(seat, 0.2):
+                continue
+            person, facing = random_person(rng), heading + float(rng.normal(0, 0.25))
+            pose = draw_pose(int(rng.integers(1 << 31)), person.build, "sitting")
+            self.things.append(rooms.chair(rng, seat, facing))
+            self.add(person, pose, seat - 0.05 * along(facing)[:2], facing, "sitting")
+        if with_table:
+            middle = spot + rng.uniform(0.6, 0.75) * ahead
+            self.things.append(rooms.table(rng, middle, heading, (0.38, 0.5 * members * spacing + 0.2)))
+            self.taken.append((float(middle[0]), float(middle[1]), 0.5))
+        return members
+
 
 def panorama_picture(
     rng: np.random.Generator, width: int = 512, height: int = 384, sprites: SpriteLibrary | None = None
@@ -96,7 +137,7 @@ def panorama_picture(
     With ``sprites`` most people are rendered.
     """
     size = np.array([*rng.uniform(*FLOOR, 2), rng.uniform(*CEILING)])
-    room = _furnished(rng, size, _camera(rng, size, width, height))
+    room = _Room(rng, size, _camera(rng, size, width, height))
     camera = room.camera
     for k, (spot, pose) in enumerate(room.placed if sprites is not None else ()):
         # Mostly a rendered person is shown in the place of the drawn one.
@@ -112,9 +153,14 @@ def panorama_picture(
     empty = empty_picture(walls.colour - darker, SAMPLES)
     picture, sightings = compose(empty, everything, camera, light)
     sightings = sightings[: len(room.people)]
-    how = random_degradation(rng)
-    exposed = replace(how, exposure=how.exposure * automatic_exposure(picture.colour))
-    image = degrade(_resampled(rng, picture.colour), exposed, rng)
+    how, colour = random_degradation(rng), picture.colour
+    exposed = replace(how, exposure=how.exposure * automatic_exposure(colour))
+    if rng.random() >= 0.45:
+        # Softer towards the horizon or all over, as where a fisheye picture has few pixels to unroll.
+        soft = cv2.GaussianBlur(colour, (0, 0), float(rng.uniform(0.6, 2.2)))
+        share = np.linspace(1, 0, height, dtype=np.float32)[:, None, None] ** float(rng.uniform(0, 2))
+        colour = np.asarray(colour + share * (soft - colour), dtype=np.float32)
+    image = degrade(colour, exposed, rng)
     if isinstance(camera, CylinderView) and rng.random() < 0.4:
         # The end of the image circle.
         image[: max(round(camera.horizon + height * rng.uniform(-0.03, 0.05)), 0)] = rng.integers(0, 25)
@@ -129,63 +175,3 @@ def _camera(rng: np.random.Generator, size: FloatArray, width: int, height: int)
         return DownwardView(spot, turn, float(rng.uniform(0.6, 1.3)) * height, width, height)
     scale = float(np.exp(rng.uniform(*np.log(SCALE)))) * height
     return CylinderView(spot, turn, scale, float(rng.uniform(-0.1, 0.12)) * height, width, height)
-
-
-def _furnished(rng: np.random.Generator, size: FloatArray, camera: CylinderView | DownwardView) -> _Room:
-    made = _Room(rng, size, camera, things=rooms.panels(rng, size, int(rng.integers(2, 10))))
-    count = int(rng.integers(PEOPLE[0], PEOPLE[1] + 1))
-    seated = int(rng.binomial(count, SEATED))
-    while seated > 0:
-        seated -= _group(made, seated)
-    for _ in range(count - len(made.people)):
-        spot = made.spot(APART / 2)
-        if spot is not None:
-            person = random_person(rng)
-            made.add(person, random_pose(rng, person), spot, float(rng.uniform(0, 2 * np.pi)))
-    for _ in range(int(rng.integers(0, 7))):
-        spot = made.spot(0.4)
-        if spot is not None:
-            heading = float(rng.uniform(0, 2 * np.pi))
-            made.things.append(rooms.chair(rng, spot, heading))
-            if rng.random() < 0.4:
-                made.things.append(rooms.table(rng, spot + 0.6 * along(heading)[:2], heading, (0.4, 0.6)))
-    for _ in range(int(rng.integers(0, 9))):
-        share, side = rng.uniform(0.05, 0.95), int(rng.integers(4))
-        spot, yaw = rooms.at_wall(size, side, share, 0.3)
-        if rng.random() < 0.2:
-            made.things.append(rooms.plant(rng, spot))
-        elif made.free(spot, 0.5):
-            made.things.append(rooms.cabinet(rng, spot, yaw + rng.normal(0, 0.05)))
-    return made
-
-
-def _group(made: _Room, wanted: int) -> int:
-    """Up to ``wanted`` people on chairs, side by side at a table or without one; at least 1 counts as placed."""
-    spot, rng = made.spot(0.5), made.rng
-    if spot is None:
-        return wanted
-    heading, members = float(rng.uniform(0, 2 * np.pi)), int(rng.integers(1, min(wanted, 4) + 1))
-    ahead, aside = along(heading)[:2], along(heading + np.pi / 2)[:2]
-    with_table, spacing = rng.random() < 0.7, rng.uniform(0.65, 0.95)
-    for k in range(members):
-        seat = spot + (k - (members - 1) / 2) * spacing * aside + rng.normal(0, 0.04, 2)
-        if not ((seat > 0.3) & (seat < made.size[:2] - 0.3)).all() or not made.free(seat, 0.2):
-            continue
-        person, facing = random_person(rng), heading + float(rng.normal(0, 0.25))
-        pose = draw_pose(int(rng.integers(1 << 31)), person.build, "sitting")
-        made.things.append(rooms.chair(rng, seat, facing))
-        made.add(person, pose, seat - 0.05 * along(facing)[:2], facing, "sitting")
-    if with_table:
-        middle = spot + rng.uniform(0.6, 0.75) * ahead
-        made.things.append(rooms.table(rng, middle, heading, (0.38, 0.5 * members * spacing + 0.2)))
-        made.taken.append((float(middle[0]), float(middle[1]), 0.5))
-    return members
-
-
-def _resampled(rng: np.random.Generator, colour: Float32) -> Float32:
-    """Softer towards the horizon or all over, as where a fisheye picture has few pixels to unroll."""
-    if rng.random() < 0.45:
-        return colour
-    soft = cv2.GaussianBlur(colour, (0, 0), float(rng.uniform(0.6, 2.2)))
-    share = np.linspace(1, 0, len(colour), dtype=np.float32)[:, None, None] ** float(rng.uniform(0, 2))
-    return np.asarray(colour + share * (soft - colour), dtype=np.float32)

@@ -54,26 +54,8 @@ class SingleClipSettings(ClipSettings):
 USUAL = SingleClipSettings()
 
 
-@dataclass(frozen=True)
-class SingleClip:
-    """A clip.
-
-    Attributes:
-        images: ``(T, H, W, 3)`` uint8 RGB.
-        boxes: ``(T, 4)`` pixels, of the whole person, hidden or not.
-        visibility: ``(T,)`` share of the person that nothing hides and that is in the image.
-    """
-
-    images: ImageArray
-    boxes: FloatArray
-    visibility: FloatArray
-
-
-@dataclass(frozen=True)
-class _Walker:
-    sprites: list[ImageArray]
-    path: FloatArray
-    sizes: FloatArray
+# The pictures of a walk, and places ``(T, 2)``.
+_Walker = tuple[list[ImageArray], FloatArray]
 
 
 def _path(rng: np.random.Generator, frames: int, speed: float) -> FloatArray:
@@ -84,12 +66,11 @@ def _path(rng: np.random.Generator, frames: int, speed: float) -> FloatArray:
     return np.asarray(np.cumsum(steps, axis=0))
 
 
-def _walkers(rng: np.random.Generator, settings: SingleClipSettings) -> list[_Walker]:
-    """The followed person first; the others cross that path at some time."""
+def _walkers(rng: np.random.Generator, settings: SingleClipSettings) -> tuple[list[_Walker], FloatArray]:
+    """The followed person first, whose path the others cross at some time; and the sizes ``(T,)`` of all."""
     people = random_identities(rng, 1 + settings.passers, LOOK_ALIKES)
     height, light = float(rng.uniform(*settings.person_height)), random_light(rng)
     growth = np.exp(rng.uniform(-1, 1) * np.log(GROWTH))
-    sizes = growth ** np.linspace(0, 1, settings.frames)
     speed, tall = 0.035 * height, height
     path = own = _path(rng, settings.frames, speed)
     walkers: list[_Walker] = []
@@ -105,8 +86,8 @@ def _walkers(rng: np.random.Generator, settings: SingleClipSettings) -> list[_Wa
             heading += float(rng.normal(0, TURNING))
             pose = walking(person.build, person.manner, phase / PHASES, 1.3)
             cycle.append(render_person_sprite(rng, tall, tilt, person, pose, heading, light))
-        walkers.append(_Walker(cycle, path, sizes))
-    return walkers
+        walkers.append((cycle, path))
+    return walkers, growth ** np.linspace(0, 1, settings.frames)
 
 
 def _camera(rng: np.random.Generator, path: FloatArray, settings: SingleClipSettings) -> FloatArray:
@@ -118,39 +99,40 @@ def _camera(rng: np.random.Generator, path: FloatArray, settings: SingleClipSett
     return np.asarray(follow + np.clip(shakes, -0.25 * size, 0.25 * size) - size / 2)
 
 
-def _obstacles(
-    rng: np.random.Generator, path: FloatArray, height: float, count: int
-) -> list[tuple[int, int, ImageArray]]:
-    """Left, top and ``(h, w, 4)`` picture of things that stand on the path."""
-    things = []
-    for _ in range(count):
-        where = path[int(rng.integers(len(path) // 5, len(path)))]
-        width, tall = round(height * float(rng.uniform(0.15, 0.7))), round(height * float(rng.uniform(0.8, 2.2)))
-        picture = np.full((tall, max(width, 2), 4), 255, dtype=np.uint8)
-        picture[..., :3] = np.clip(random_backdrop(rng, tall, max(width, 2)), 0, 255)
-        left = where[0] - width / 2 + float(rng.normal(0, 0.3 * height))
-        things.append((round(left), round(where[1] + 0.55 * height - tall), picture))
-    return things
+class SingleClip:
+    """A random clip; the same generator state gives the same clip.
 
+    Attributes:
+        images: ``(T, H, W, 3)`` uint8 RGB.
+        boxes: ``(T, 4)`` pixels, of the whole person, hidden or not.
+        visibility: ``(T,)`` share of the person that nothing hides and that is in the image.
+    """
 
-def draw_single_clip(rng: np.random.Generator, settings: SingleClipSettings = USUAL) -> SingleClip:
-    """A random clip; the same generator state gives the same clip."""
-    walkers = _walkers(rng, settings)
-    corners = np.round(_camera(rng, walkers[0].path, settings)).astype(int)
-    height = walkers[0].sprites[0].shape[0]
-    obstacles = _obstacles(rng, walkers[0].path, height, settings.obstacles)
-    reach = np.array([settings.width, settings.height])
-    low, high = corners.min(axis=0), corners.max(axis=0) + reach
-    world = np.clip(random_backdrop(rng, int(high[1] - low[1]), int(high[0] - low[0])), 0, 255)
-    images, boxes, visibility = [], [], []
-    for t, corner in enumerate(corners):
-        left, top = corner - low
-        view = world[top : top + settings.height, left : left + settings.width].copy()
-        box, share = _draw(view, walkers, obstacles, corner, t)
-        images.append(np.clip(view + rng.normal(0, 3, view.shape), 0, 255).astype(np.uint8))
-        boxes.append(box)
-        visibility.append(share)
-    return SingleClip(np.stack(images), np.array(boxes), np.array(visibility))
+    def __init__(self, rng: np.random.Generator, settings: SingleClipSettings = USUAL) -> None:
+        walkers, sizes = _walkers(rng, settings)
+        sprites, path = walkers[0]
+        corners = np.round(_camera(rng, path, settings)).astype(int)
+        # Left, top and picture ``(h, w, 4)`` of things that stand on the path.
+        obstacles, height = list[tuple[int, int, ImageArray]](), sprites[0].shape[0]
+        for _ in range(settings.obstacles):
+            where = path[int(rng.integers(len(path) // 5, len(path)))]
+            width, tall = round(height * float(rng.uniform(0.15, 0.7))), round(height * float(rng.uniform(0.8, 2.2)))
+            picture = np.full((tall, max(width, 2), 4), 255, dtype=np.uint8)
+            picture[..., :3] = np.clip(random_backdrop(rng, tall, max(width, 2)), 0, 255)
+            side = where[0] - width / 2 + float(rng.normal(0, 0.3 * height))
+            obstacles.append((round(side), round(where[1] + 0.55 * height - tall), picture))
+        reach = np.array([settings.width, settings.height])
+        low, high = corners.min(axis=0), corners.max(axis=0) + reach
+        world = np.clip(random_backdrop(rng, int(high[1] - low[1]), int(high[0] - low[0])), 0, 255)
+        images, boxes, visibility = [], [], []
+        for t, corner in enumerate(corners):
+            left, top = corner - low
+            view = world[top : top + settings.height, left : left + settings.width].copy()
+            box, share = _draw(view, walkers, obstacles, corner, t, float(sizes[t]))
+            images.append(np.clip(view + rng.normal(0, 3, view.shape), 0, 255).astype(np.uint8))
+            boxes.append(box)
+            visibility.append(share)
+        self.images, self.boxes, self.visibility = np.stack(images), np.array(boxes), np.array(visibility)
 
 
 def _draw(
@@ -159,9 +141,10 @@ def _draw(
     obstacles: list[tuple[int, int, ImageArray]],
     corner: IntArray,
     t: int,
+    size: float,
 ) -> tuple[FloatArray, float]:
     """Draws frame ``t``, the lower in front, and returns the followed person's box and visible share."""
-    order = sorted(range(len(walkers)), key=lambda k: float(walkers[k].path[t, 1]))
+    order = sorted(range(len(walkers)), key=lambda k: float(walkers[k][1][t, 1]))
     box, free, full = np.zeros(4), np.zeros(view.shape[:2], dtype=np.bool_), 1.0
 
     def lay(sprite: ImageArray, left: int, top: int, owner: bool = False) -> None:
@@ -171,12 +154,12 @@ def _draw(
         free[there][sprite[..., 3][own] > 127] = owner
 
     for k in order:
-        walker = walkers[k]
-        sprite = walker.sprites[t % len(walker.sprites)]
-        size = float(walker.sizes[t])
+        sprites, path = walkers[k]
         filtering = cv2.INTER_AREA if size < 1 else cv2.INTER_LINEAR
-        sprite = np.asarray(cv2.resize(sprite, None, fx=size, fy=size, interpolation=filtering), dtype=np.uint8)
-        place = walker.path[t] - corner
+        sprite = np.asarray(
+            cv2.resize(sprites[t % len(sprites)], None, fx=size, fy=size, interpolation=filtering), dtype=np.uint8
+        )
+        place = path[t] - corner
         left, top = round(place[0] - sprite.shape[1] / 2), round(place[1] - sprite.shape[0] / 2)
         lay(sprite, left, top, owner=k == 0)
         if k == 0:

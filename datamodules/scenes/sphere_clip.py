@@ -15,11 +15,11 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import Clip, Moment, expect, write_image
 from tsuiseki.datamodules.scenes.people.gait import stride_length, walking
-from tsuiseki.datamodules.scenes.people.person import Person, person_thing, random_person
-from tsuiseki.datamodules.scenes.people.posture import place
-from tsuiseki.datamodules.scenes.render.composing import Picture, Thing, compose, shadows
+from tsuiseki.datamodules.scenes.people.person import person_thing, random_person
+from tsuiseki.datamodules.scenes.people.posture import PersonSkeleton
+from tsuiseki.datamodules.scenes.render.composing import Thing, compose, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import Colour, Float32, Parts, Pattern, Surface, as_colour
+from tsuiseki.datamodules.scenes.render.solids import Float32, Parts, Pattern, Surface, as_colour
 from tsuiseki.datamodules.scenes.things.room import draw_hall, hall_furniture
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -92,31 +92,33 @@ class CarriedBallSettings:
         )
 
 
-@dataclass(frozen=True)
 class SphereClip(Clip[FloatArray]):
-    """A planned clip: everything that a seed fixes before a picture is drawn; its truth is the ball's centre, m.
+    """The clip of a seed; its truth is the ball's centre, m.
 
     Attributes:
-        settings: as asked.
-        seed: of all random numbers.
         cameras: C cameras.
-        rooms: what each sees of the empty room, and the light ``(H, W, 3)`` on its floor that shadows take away.
-        person: who carries the ball.
-        colours: sRGB of the ball and of its band.
         times: ``(T,)`` seconds.
         truth: ``(T, 3)`` centre of the ball, m.
     """
 
-    settings: CarriedBallSettings
-    seed: int
-    cameras: tuple[PinholeCamera, ...]
-    rooms: tuple[tuple[Picture, Float32], ...]
-    person: Person
-    colours: tuple[Colour, Colour]
-    times: FloatArray
-    truth: FloatArray
-
     quality = 95
+
+    def __init__(self, settings: CarriedBallSettings, seed: int) -> None:
+        self.settings, self.seed, rng = settings, seed, np.random.default_rng(seed)
+        furniture = hall_furniture(rng)
+        person = random_person(rng)
+        # Bags and coats would hide the ball; the paper's scene has a person in plain clothes.
+        outfit = person.outfit.but(bag="none", lower_style="trousers")
+        self._person = replace(person, outfit=outfit, manner=replace(person.manner, stride=1.0))
+        hue = rng.uniform(0, 2 * np.pi) + np.array([0, 2.1, 4.2])
+        ball = 0.5 + 0.38 * np.cos(hue)
+        # Of the ball and of its band.
+        self._colours = as_colour(ball), as_colour(np.clip(ball + rng.choice([-0.25, 0.25]), 0.05, 0.95))
+        self.cameras = ball_cameras(settings.cameras)
+        # What each sees of the empty room, and the light ``(H, W, 3)`` on its floor that shadows take away.
+        self._rooms = [draw_hall(camera, LIGHT, furniture, settings.samples) for camera in self.cameras]
+        self.times = np.arange(settings.frames) / settings.frame_rate
+        self.truth = np.stack([self._carried(float(t))[1] for t in self.times])
 
     @property
     def views(self) -> tuple[str, ...]:
@@ -138,12 +140,12 @@ class SphereClip(Clip[FloatArray]):
 
     def _shot(self, k: int, time: float) -> Float32:
         """Linear light ``(H, W, 3)`` that camera ``k`` gathers about ``time``: smeared, out of focus."""
-        settings, camera, (room, direct) = self.settings, self.cameras[k], self.rooms[k]
+        settings, camera, (room, direct) = self.settings, self.cameras[k], self._rooms[k]
         blinks = EXPOSURE_BLINKS if settings.exposure else 1
         colour = np.zeros((HEIGHT, WIDTH, 3), dtype=np.float32)
         for blink in range(blinks):
             moment = time + settings.exposure * ((blink + 0.5) / blinks - 0.5)
-            things, _ = _carried(self.person, self.colours, settings, moment)
+            things, _ = self._carried(moment)
             dark = shadows(things, camera, LIGHT.direction, softness=2.5)
             lit = replace(room, colour=room.colour - direct * dark[:, :, None])
             colour += compose(lit, things, camera, LIGHT)[0].colour / np.float32(blinks)
@@ -156,13 +158,13 @@ class SphereClip(Clip[FloatArray]):
         board = Parts(yaw=float(np.arctan2(forward[1], forward[0])))
         paint = Surface((0.35, 0.30, 0.28), (0.5, 0.45, 0.4), Pattern.ACROSS, 0.09, 0.1)
         board.box(camera.position + 0.55 * forward, [0.02, 1.0, 1.0], paint)
-        picture, _ = compose(self.rooms[k][0], [Thing(board.solids())], camera, LIGHT)
+        picture, _ = compose(self._rooms[k][0], [Thing(board.solids())], camera, LIGHT)
         return expose(picture.colour, self.settings.noise, rng)
 
     def backgrounds(self) -> list[ImageArray]:
         """One image a camera of the empty room, with noise of its own."""
         rng = np.random.default_rng((self.seed, 2))
-        return [expose(room.colour, self.settings.noise, rng) for room, _ in self.rooms]
+        return [expose(room.colour, self.settings.noise, rng) for room, _ in self._rooms]
 
     def write_truth(self, folder: Path, name: str, truths: list[FloatArray]) -> None:
         """Write ``background1.png`` ..., ``cameras.yaml`` and ``truth.csv``."""
@@ -173,6 +175,29 @@ class SphereClip(Clip[FloatArray]):
         write_cameras(folder / "cameras.yaml", placed)
         write_path3d(folder / "truth.csv", Path3D(self.times, self.truth))
 
+    def _carried(self, time: float) -> tuple[list[Thing], FloatArray]:
+        """The person with the ball, and the ball's centre."""
+        person, settings = self._person, self.settings
+        length = SPEED * settings.frames / settings.frame_rate
+        along = SPEED * time - 0.5 * length
+        # An S through the middle of the room, walked sideways before the first two cameras.
+        bend = 0.30 * np.sin(2.2 * along)
+        heading = np.pi / 2 - np.arctan(0.30 * 2.2 * np.cos(2.2 * along)) * 0.8
+        position = np.array([bend - 0.25, along - 0.72])
+        phase = SPEED * time / stride_length(person.build, person.manner, SPEED)
+        pose = walking(person.build, person.manner, phase, SPEED)
+        raised = 0.75 + 0.28 * np.sin(2 * np.pi * time / 4.6)
+        pose = replace(
+            pose, shoulder=(pose.shoulder[0], raised), elbow=(pose.elbow[0], 0.55), spread=(pose.spread[0], 0.30),
+            inward=(0.0, 0.0),
+        )  # fmt: skip
+        skeleton = PersonSkeleton(person.build, pose, position, heading)
+        forearm, radius, ball = skeleton.fingers[1] - skeleton.wrist[1], settings.radius, Parts()
+        grip = skeleton.fingers[1] + forearm / np.linalg.norm(forearm) * (0.88 * radius)
+        paint = Surface(*self._colours, Pattern.ACROSS, 0.8 * radius, 0.03)
+        ball.cone(grip, grip, (radius, radius), paint, front=np.array([0.0, 1.0, 0.0]))
+        return [person_thing(person, pose, position, heading), Thing(ball.solids())], grip
+
 
 def ball_cameras(count: int) -> tuple[PinholeCamera, ...]:
     """``count`` cameras, 3 to 5 m from the ball, 800x600, horizontal field 60 degrees."""
@@ -182,51 +207,8 @@ def ball_cameras(count: int) -> tuple[PinholeCamera, ...]:
     return tuple(PinholeCamera.look_at(s, np.array(AIM), float(focal), WIDTH, HEIGHT) for s in stands)
 
 
-def plan_sphere(settings: CarriedBallSettings, seed: int) -> SphereClip:
-    """Room, person and path of ``seed``."""
-    rng = np.random.default_rng(seed)
-    furniture = hall_furniture(rng)
-    person = random_person(rng)
-    # Bags and coats would hide the ball; the paper's scene has a person in plain clothes.
-    outfit = replace(person.outfit, bag="none", lower_style="trousers")
-    person = replace(person, outfit=outfit, manner=replace(person.manner, stride=1.0))
-    hue = rng.uniform(0, 2 * np.pi) + np.array([0, 2.1, 4.2])
-    ball = 0.5 + 0.38 * np.cos(hue)
-    colours = (as_colour(ball), as_colour(np.clip(ball + rng.choice([-0.25, 0.25]), 0.05, 0.95)))
-    cameras = ball_cameras(settings.cameras)
-    rooms = tuple(draw_hall(camera, LIGHT, furniture, settings.samples) for camera in cameras)
-    times = np.arange(settings.frames) / settings.frame_rate
-    truth = np.stack([_carried(person, colours, settings, float(t))[1] for t in times])
-    return SphereClip(settings, seed, cameras, rooms, person, colours, times, truth)
-
-
 def expose(colour: Float32, noise: float, rng: np.random.Generator) -> ImageArray:
     """Linear light as an image: gamma 2, sensor noise, 256 levels."""
     grey = 255 * np.sqrt(np.clip(colour, 0, 1))
     grey += noise * rng.standard_normal(grey.shape, dtype=np.float32)
     return np.asarray(np.clip(grey + 0.5, 0, 255), dtype=np.uint8)
-
-
-def _carried(
-    person: Person, colours: tuple[Colour, Colour], settings: CarriedBallSettings, time: float
-) -> tuple[list[Thing], FloatArray]:
-    """The person with the ball, and the ball's centre."""
-    length = SPEED * settings.frames / settings.frame_rate
-    along = SPEED * time - 0.5 * length
-    # An S through the middle of the room, walked sideways before the first two cameras.
-    bend = 0.30 * np.sin(2.2 * along)
-    heading = np.pi / 2 - np.arctan(0.30 * 2.2 * np.cos(2.2 * along)) * 0.8
-    position = np.array([bend - 0.25, along - 0.72])
-    phase = SPEED * time / stride_length(person.build, person.manner, SPEED)
-    pose = walking(person.build, person.manner, phase, SPEED)
-    raised = 0.75 + 0.28 * np.sin(2 * np.pi * time / 4.6)
-    pose = replace(
-        pose, shoulder=(pose.shoulder[0], raised), elbow=(pose.elbow[0], 0.55), spread=(pose.spread[0], 0.30),
-        inward=(0.0, 0.0),
-    )  # fmt: skip
-    skeleton = place(person.build, pose, position, heading)
-    forearm, radius, ball = skeleton.fingers[1] - skeleton.wrist[1], settings.radius, Parts()
-    grip = skeleton.fingers[1] + forearm / np.linalg.norm(forearm) * (0.88 * radius)
-    paint = Surface(*colours, Pattern.ACROSS, 0.8 * radius, 0.03)
-    ball.cone(grip, grip, (radius, radius), paint, front=np.array([0.0, 1.0, 0.0]))
-    return [person_thing(person, pose, position, heading), Thing(ball.solids())], grip

@@ -10,12 +10,11 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from tsuiseki.datamodules.scenes import clip
-from tsuiseki.datamodules.scenes.people.walkers import Motion, Walker, crowd
-from tsuiseki.datamodules.scenes.render.composing import Picture, compose, darken, empty_picture
+from tsuiseki.datamodules.scenes.people.walkers import Motion, crowd
+from tsuiseki.datamodules.scenes.render.composing import compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, automatic_exposure, degrade
-from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
-from tsuiseki.datamodules.scenes.render.shading import Light, random_light
-from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.datamodules.scenes.render.ground import Ground, draw_ground
+from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.datamodules.scenes.things import street_things
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
@@ -68,21 +67,39 @@ class StreetSettings(clip.ClipSettings):
         self.expect("street", 32, *own)
 
 
-@dataclass(frozen=True)
 class StreetClip(clip.Clip[clip.FrameTruth]):
-    """A planned clip, of which every frame can be drawn on its own."""
-
-    settings: StreetSettings
-    seed: int
-    camera: PinholeCamera
-    light: Light
-    background: Picture
-    sunlit: Float32
-    walkers: list[Walker]
-    lens: Degradation
-    drift: FloatArray
+    """Camera, light, background and everybody's way as a seed has it; every frame can be drawn on its own."""
 
     quality = 90
+
+    def __init__(self, settings: StreetSettings, seed: int) -> None:
+        self.settings, self.seed, rng = settings, seed, np.random.default_rng([seed, 0])
+        camera, spots = _camera(rng, settings)
+        self.camera, self.light = camera, (light := random_light(rng))
+        ground, sunlit = draw_ground(Ground(rng), camera, light)
+        static = street_things.clutter_around(rng, camera, settings.occluders, np.empty((0, 2)), LARGEST)
+        middles = [t.solids.start[0, :2].astype(np.float64) for t in static]
+        obstacles = [[*m, street_things.reach_of(t.solids, m)] for m, t in zip(middles, static, strict=True)]
+        farthest = float(np.linalg.norm(spots, axis=1).max())
+        static += street_things.buildings_behind(rng, int(rng.integers(1, 4)), farthest)
+        bare, self.sunlit = darken(empty_picture(ground, settings.samples), static, camera, light, sunlit, 1.0)
+        self.background, _ = compose(bare, static, camera, light)
+        self.walkers = crowd(
+            rng, settings, settings.people, settings.look_alikes, lambda r: spots[int(r.integers(len(spots)))],
+            lambda r: _out_of_view(r, camera, spots), np.array(obstacles, dtype=np.float64).reshape(-1, 3),
+            settings.motion,
+        )  # fmt: skip
+        self.lens = Degradation(
+            exposure=automatic_exposure(self.background.colour) * float(np.exp(rng.normal(0, 0.15))),
+            contrast=float(np.exp(rng.normal(0.05, 0.1))),
+            haze=float(max(rng.normal(-0.05, 0.08), 0)),
+            saturation=float(rng.uniform(0.7, 1.15)),
+            blur=BLUR,
+            noise=NOISE,
+        )
+        seconds = np.arange(settings.frames) / settings.frame_rate
+        waves = zip(rng.uniform(0.02, 0.3, 3), rng.uniform(0, 2 * np.pi, 3), strict=True)
+        self.drift = np.exp(EXPOSURE_DRIFT * sum(np.sin(2 * np.pi * f * seconds + p) for f, p in waves))
 
     def draw_frame(self, frame: int) -> tuple[ImageArray, clip.FrameTruth]:
         """Frame ``frame``, ``(H, W, 3)`` uint8 RGB before JPEG; ids count the people of the plan from 1."""
@@ -100,37 +117,6 @@ class StreetClip(clip.Clip[clip.FrameTruth]):
         """Write ``gt/gt.txt``, with ids without gaps in the order of appearance, and ``seqinfo.ini``."""
         labels = clip.ground_truth(truths)
         self.settings.write_info(folder, name, replace(labels, ids=clip.by_appearance(labels.ids)))
-
-
-def plan_street(settings: StreetSettings, seed: int) -> StreetClip:
-    """Camera, light, background and everybody's way, as ``seed`` has it."""
-    rng = np.random.default_rng([seed, 0])
-    camera, spots = _camera(rng, settings)
-    light = random_light(rng)
-    ground, sunlit = draw_ground(random_ground(rng), camera, light)
-    static = street_things.clutter_around(rng, camera, settings.occluders, np.empty((0, 2)), LARGEST)
-    middles = [t.solids.start[0, :2].astype(np.float64) for t in static]
-    obstacles = [[*m, street_things.reach_of(t.solids, m)] for m, t in zip(middles, static, strict=True)]
-    static += street_things.buildings_behind(rng, int(rng.integers(1, 4)), float(np.linalg.norm(spots, axis=1).max()))
-    bare, sunlit = darken(empty_picture(ground, settings.samples), static, camera, light, sunlit, 1.0)
-    background, _ = compose(bare, static, camera, light)
-    walkers = crowd(
-        rng, settings, settings.people, settings.look_alikes, lambda r: np.asarray(spots[int(r.integers(len(spots)))]),
-        lambda r: _out_of_view(r, camera, spots), np.array(obstacles, dtype=np.float64).reshape(-1, 3),
-        settings.motion,
-    )  # fmt: skip
-    lens = Degradation(
-        exposure=automatic_exposure(background.colour) * float(np.exp(rng.normal(0, 0.15))),
-        contrast=float(np.exp(rng.normal(0.05, 0.1))),
-        haze=float(max(rng.normal(-0.05, 0.08), 0)),
-        saturation=float(rng.uniform(0.7, 1.15)),
-        blur=BLUR,
-        noise=NOISE,
-    )
-    seconds = np.arange(settings.frames) / settings.frame_rate
-    waves = zip(rng.uniform(0.02, 0.3, 3), rng.uniform(0, 2 * np.pi, 3), strict=True)
-    drift = np.exp(EXPOSURE_DRIFT * sum(np.sin(2 * np.pi * f * seconds + p) for f, p in waves))
-    return StreetClip(settings, seed, camera, light, background, sunlit, walkers, lens, np.asarray(drift))
 
 
 def _camera(rng: np.random.Generator, settings: StreetSettings) -> tuple[PinholeCamera, FloatArray]:

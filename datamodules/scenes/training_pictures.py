@@ -14,7 +14,7 @@ from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dress
 from tsuiseki.datamodules.scenes.people.person import person_thing, random_person, random_pose
 from tsuiseki.datamodules.scenes.render.composing import Thing, compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.degrade import automatic_exposure, by_night, degrade, random_degradation
-from tsuiseki.datamodules.scenes.render.ground import draw_ground, random_ground
+from tsuiseki.datamodules.scenes.render.ground import Ground, draw_ground
 from tsuiseki.datamodules.scenes.render.photographs import Photographs, random_facades
 from tsuiseki.datamodules.scenes.render.shading import hard_sun, random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
@@ -41,22 +41,6 @@ SHARPER = 0.35
 
 
 BoxConvention: TypeAlias = Literal["silhouettes", "steady"]
-
-
-@dataclass(frozen=True)
-class Stock:
-    """What pictures can be made of beside drawn shapes.
-
-    Attributes:
-        sprites: rendered people.
-        photographs: of places without people.
-    """
-
-    sprites: SpriteLibrary | None = None
-    photographs: Photographs | None = None
-
-
-NOTHING = Stock()
 
 
 @dataclass(frozen=True)
@@ -160,14 +144,16 @@ def settings_of_scene(scene: str, rng: np.random.Generator, width: int, height: 
 
 
 def random_training_scene(
-    rng: np.random.Generator, settings: TrainingSettings, stock: Stock = NOTHING
-) -> tuple[ImageArray, FloatArray, FloatArray]:
+    rng: np.random.Generator, settings: TrainingSettings, sprites: SpriteLibrary | None = None,
+    photographs: Photographs | None = None,
+) -> tuple[ImageArray, FloatArray, FloatArray]:  # fmt: skip
     """One random picture with people.
 
     Args:
         rng: draws everything.
         settings: what it shows.
-        stock: rendered people and photographs; without them people and ground are drawn.
+        sprites: rendered people; without them people are drawn.
+        photographs: of places without people; without them all is drawn.
 
     Returns:
         The image ``(H, W, 3)`` uint8 RGB, the boxes ``(N, 4)`` in pixels of the whole silhouettes, hidden parts
@@ -177,28 +163,28 @@ def random_training_scene(
         RequestError: things are wanted, and there are no photographs of any.
     """
     camera, spots = _overhead(rng, settings) if settings.overhead else _camera_with_spots(rng, settings)
-    # Generators of their own: the rest of a picture depends neither on what there is in stock nor on the sun.
+    # Generators of their own: the rest of a picture depends neither on what is not drawn nor on the sun.
     of_people, of_photographs, of_town, of_things, of_sun = rng.spawn(5)
     light, sunny = random_light(rng), of_sun.random() < settings.sun
     if sunny:
         light = hard_sun(of_sun)
-    ground, sunlit = draw_ground(random_ground(rng), camera, light)
+    ground, sunlit = draw_ground(Ground(rng), camera, light)
     people = []
     for spot in spots:
         person = random_person(rng)
         people.append(person_thing(person, random_pose(rng, person), spot, float(rng.uniform(0, 2 * np.pi))))
         # Mostly a rendered person is shown in the place of the drawn one.
-        if stock.sprites is not None and of_people.random() < settings.rendered:
-            sprite = dressed(of_people, stock.sprites.near(of_people, tilt_of(camera, spot)))
+        if sprites is not None and of_people.random() < settings.rendered:
+            sprite = dressed(of_people, sprites.near(of_people, tilt_of(camera, spot)))
             if sprite.pose is not None:
                 # The drawn one, whose shadow is seen, does the same.
                 facing = np.arctan2(*(spot - camera.position[:2])[::-1]) + sprite.heading
                 people[-1] = person_thing(person, sprite.pose, spot, float(facing))
             people[-1] = replace(people[-1], cutout=Standing(sprite, spot))
     view = None
-    if stock.photographs is not None:
-        ground, view = _photographed(of_photographs, ground, camera, stock.photographs, settings.photographs)
-    static = _scenery((rng, of_photographs, of_town, of_things), settings, stock, camera, spots, view is not None)
+    if photographs is not None:
+        ground, view = _photographed(of_photographs, ground, camera, photographs, settings.photographs)
+    static = _scenery((rng, of_photographs, of_town, of_things), settings, photographs, camera, spots, view is not None)
     picture = empty_picture(ground, settings.samples)
     softness = float(rng.uniform(0.5, 2.5)) * (SHARPER if sunny else 1.0)
     picture, _ = darken(picture, static + people, camera, light, sunlit, softness)
@@ -223,7 +209,7 @@ def random_training_scene(
 def _scenery(
     rngs: tuple[np.random.Generator, ...],
     settings: TrainingSettings,
-    stock: Stock,
+    photographs: Photographs | None,
     camera: AnyCamera,
     spots: FloatArray,
     in_view: bool,
@@ -233,26 +219,24 @@ def _scenery(
     ``rngs`` draw clutter, facades, things of towns, and photographed things.
     """
     rng, of_photographs, of_town, of_things = rngs
-    reach, facades = float(np.linalg.norm(spots, axis=1).max(initial=12.0)), []
-    if stock.photographs is not None and not in_view and of_photographs.random() < settings.facades:
-        facades = random_facades(of_photographs, stock.photographs, int(of_photographs.integers(1, 7)), spots, reach)
+    farthest = float(np.linalg.norm(spots, axis=1).max(initial=0))
+    reach, facades = max(farthest, 12.0), list[Thing]()
+    if photographs is not None and not in_view and of_photographs.random() < settings.facades:
+        facades = random_facades(of_photographs, photographs, int(of_photographs.integers(1, 7)), spots, reach)
     count = _count(rng, settings.clutter) // (4 if in_view else 1)
     static = street_things.clutter_around(rng, camera, count, spots, LARGEST)
     if not (in_view or settings.overhead):
-        static += street_things.buildings_behind(
-            rng, int(rng.integers(0, 3)), float(np.linalg.norm(spots, axis=1).max(initial=0))
-        )
+        static += street_things.buildings_behind(rng, int(rng.integers(0, 3)), farthest)
     static += facades
     if settings.town[1]:
-        static += street_things.clutter_around(
-            of_town, camera, _count(of_town, settings.town), spots, LARGEST, random_thing
-        )
+        count = _count(of_town, settings.town)
+        static += street_things.clutter_around(of_town, camera, count, spots, LARGEST, random_thing)
         static += street_things.fronts_behind(of_town, 0 if in_view else int(of_town.integers(0, 4)), spots, reach)
     if settings.things[1]:
-        if stock.photographs is None or not stock.photographs.paths["things"]:
+        if photographs is None or not photographs.paths["things"]:
             raise RequestError("training scenes: expected photographs of things, got none")
         count = _count(of_things, settings.things)
-        static += pictured_things(of_things, stock.photographs, camera, count, spots, LARGEST)
+        static += pictured_things(of_things, photographs, camera, count, spots, LARGEST)
     return static
 
 

@@ -13,7 +13,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
+from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, FeatureSet
 from tsuiseki.tracking.features.action import STREAMS, ActionInput, StreamName
 from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
@@ -168,4 +168,4 @@ def save_action(path: Path, stream: StreamName, names: tuple[str, ...] = OKUTAMA
 @pytest.fixture(scope="session")
 def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sequence folder of 16 frames with labels."""
-    return write_clip(tmp_path_factory.mktemp("street") / "street", plan_street(StreetSettings(frames=16), 100))
+    return write_clip(tmp_path_factory.mktemp("street") / "street", StreetClip(StreetSettings(frames=16), 100))

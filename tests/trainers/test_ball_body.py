@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.body_clip import BouncingBallSettings, plan_balls
+from tsuiseki.datamodules.scenes.body_clip import BouncingBallSettings, BouncingClip
 from tsuiseki.tracking.bodies.body import Ball
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction
 from tsuiseki.tracking.bodies.settings import DeformableSettings
@@ -25,7 +25,7 @@ class BallClip:
     """Exact states ``(T, 4)``, silhouettes and edges of one ball."""
 
     def __init__(self, seed):
-        clip = plan_balls(BouncingBallSettings(frames=150, frame_rate=30.0), seed)
+        clip = BouncingClip(BouncingBallSettings(frames=150, frame_rate=30.0), seed)
         frames = [clip.draw_frame(number) for number in range(150)]
         self.states = np.stack([frame.states[0] for frame in frames])
         self.silhouettes = np.stack([frame.silhouettes for frame in frames])

@@ -12,7 +12,7 @@ import pytest
 import torch
 
 from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
 from tsuiseki.datamodules.scenes.people.person import render_person_sprite
 from tsuiseki.models.backbones import build_trunk
 from tsuiseki.models.detector import people_detector
@@ -29,7 +29,7 @@ TINY = ["--trainer.accelerator=cpu", "--trainer.max_epochs=1", "--trainer.limit_
 @pytest.mark.slow
 def test_ssd512_trains_on_okutamas_layout(tmp_path):
     settings = DroneSceneSettings(width=320, height=180, frames=4, people=3, clutter=0, layout="okutama")
-    folder = write_clip(tmp_path / "okutama", plan_drone(settings, 0))
+    folder = write_clip(tmp_path / "okutama", DroneClip(settings, 0))
     sources = f"[{{folder: {folder}}}]"
     words = ["--config", str(CONFIGS / "detector_okutama.yaml"), "--out", str(tmp_path / "out"), *TINY]
     words += ["--trainer.precision=32", "--model.weights=null", "--data.train", sources, "--data.val", sources]
@@ -122,7 +122,7 @@ def test_a_detector_starts_from_what_fits_of_another(tmp_path):
 @pytest.mark.slow
 def test_broken_labels_are_one_line_on_the_command_line(tmp_path, capsys):
     settings = DroneSceneSettings(width=160, height=90, frames=2, people=2, clutter=0, layout="okutama")
-    folder = write_clip(tmp_path / "okutama", plan_drone(settings, 0))
+    folder = write_clip(tmp_path / "okutama", DroneClip(settings, 0))
     (labels,) = (folder / "Labels" / "SingleActionTrackingLabels" / "3840x2160").iterdir()
     text = labels.read_text()
     words = ["train", "detector", "--config", str(CONFIGS / "detector_okutama.yaml"), "--out", str(tmp_path / "out")]

@@ -7,7 +7,7 @@ import pytest
 
 from tsuiseki.datamodules.scenes import goldfish_clip
 from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishClip, GoldfishSettings
 from tsuiseki.tracking.bodies.body import parse_body, read_body, write_body
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, point_distances, wide_noise
 from tsuiseki.tracking.bodies.settings import DeformableSettings
@@ -24,7 +24,7 @@ SETTINGS = GoldfishSettings(frames=60, fish=3, size_spread=0.0)
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory):
-    return write_clip(tmp_path_factory.mktemp("clips") / "clip", plan_goldfish(SETTINGS, 5))
+    return write_clip(tmp_path_factory.mktemp("clips") / "clip", GoldfishClip(SETTINGS, 5))
 
 
 @pytest.fixture(scope="module")
@@ -84,7 +84,7 @@ def test_it_fits_fish_it_has_not_seen(fit, monkeypatch):
     extraction = Extraction(parse_colour("orange"))
     monkeypatch.setattr(goldfish_clip, "PEBBLES", 0)
     monkeypatch.setattr(goldfish_clip, "GLINTS", 0.0)
-    drawn = plan_goldfish(GoldfishSettings(frames=20, fish=1), seed=77)
+    drawn = GoldfishClip(GoldfishSettings(frames=20, fish=1), seed=77)
     frames = [drawn.draw_frame(number) for number in range(0, 20, 5)]
     for frame in frames:
         edges = EdgeImage.of(frame.image, extraction)
@@ -97,7 +97,7 @@ def test_it_fits_fish_it_has_not_seen(fit, monkeypatch):
 
 def test_the_tracker_follows_a_body_that_nobody_drew(fit):
     """On the fish of another clip, and of the size that was learnt."""
-    drawn = plan_goldfish(GoldfishSettings(frames=40, fish=1, size_spread=0.0), seed=78)
+    drawn = GoldfishClip(GoldfishSettings(frames=40, fish=1, size_spread=0.0), seed=78)
     frames = [drawn.draw_frame(number) for number in range(40)]
     extraction = Extraction(parse_colour("orange"))
     tracker = DeformableTracker(fit.body, RandomWalk(wide_noise(fit.body)), extraction, DeformableSettings(2000))

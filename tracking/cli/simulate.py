@@ -91,10 +91,10 @@ def street(
         occluders: poles, bushes, parked cars and the like that may hide them.
         motion: walk, dance in step, or sport: they run fast, and turn at once.
     """
-    from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
+    from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 
     settings = StreetSettings(**asdict(clip), people=people, occluders=occluders, motion=motion)
-    return _make(output, clip, partial(plan_street, settings, output.seed))
+    return _make(output, clip, partial(StreetClip, settings, output.seed))
 
 
 def blobs(
@@ -143,13 +143,13 @@ def drone(
         sun: probability of a hard sun, in which one side of everybody is dark; else anything from overcast to mild.
         layout: mot is a MOTChallenge sequence with gt/actions.txt as Okutama-Action's; okutama is that data set's own.
     """
-    from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+    from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
 
     settings = DroneSceneSettings(
         **asdict(clip), people=people, camera=camera, altitude=altitude, tilt=tilt, look_alikes=look_alikes, sun=sun,
         layout=layout,
     )  # fmt: skip
-    return _make(output, clip, partial(plan_drone, settings, output.seed))
+    return _make(output, clip, partial(DroneClip, settings, output.seed))
 
 
 def fisheye(
@@ -220,15 +220,15 @@ def goldfish(
         count: how many, 1 to 5; by default three fish or one ball.
         frame_rate: frames per second; by default 15 for fish and 30 for balls.
     """
-    from tsuiseki.datamodules.scenes.body_clip import BouncingBallSettings, plan_balls
-    from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
+    from tsuiseki.datamodules.scenes.body_clip import BouncingBallSettings, BouncingClip
+    from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishClip, GoldfishSettings
 
     rate: dict[str, Any] = {} if frame_rate is None else {"frame_rate": frame_rate}
     if body == "ball":
         balls = BouncingBallSettings(**asdict(size), **rate, balls=1 if count is None else count)
-        return _make(output, size, partial(plan_balls, balls, output.seed))
+        return _make(output, size, partial(BouncingClip, balls, output.seed))
     fish = GoldfishSettings(**asdict(size), **rate, fish=3 if count is None else count)
-    return _make(output, size, partial(plan_goldfish, fish, output.seed))
+    return _make(output, size, partial(GoldfishClip, fish, output.seed))
 
 
 def sphere(
@@ -251,13 +251,13 @@ def sphere(
         noise: of the sensor, standard deviation in grey levels of 255.
         cover: CAMERA,FIRST,LAST: a board hides the view of that camera in these frames, counted from 1.
     """
-    from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, plan_sphere
+    from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, SphereClip
 
     if cover is not None and not (1 <= cover[0] <= cameras and 1 <= cover[1] <= cover[2]):
         raise RequestError(f"`cover`: expected CAMERA,FIRST,LAST counted from 1, got {','.join(map(str, cover))}")
     covers = () if cover is None else ((cover[0] - 1, cover[1] - 1, cover[2] - 1),)
     settings = CarriedBallSettings(cameras, length.frames, frame_rate, radius, noise=noise, covers=covers)
-    return _make(output, length, partial(plan_sphere, settings, output.seed), f" of {cameras} cameras")
+    return _make(output, length, partial(SphereClip, settings, output.seed), f" of {cameras} cameras")
 
 
 def sprites(

@@ -65,7 +65,7 @@ def _demo_street(
 ) -> int:
     """Generate a street, track it three ways, score and report."""
     from tsuiseki.datamodules.scenes.clip import write_clip
-    from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
+    from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
     from tsuiseki.tracking.demo.page import DemoResult, scored, shipped_street, street_inputs, street_trackers
     from tsuiseki.tracking.features.standing_camera import StandingCamera
     from tsuiseki.tracking.features.view_choice import report_models
@@ -77,7 +77,7 @@ def _demo_street(
     with output.run() as run:
         models = make_models(run.work / "models", assets) if train else shipped_street()
         with run.times.measure("generate"):
-            planned = plan_street(StreetSettings(frames=frames, frame_rate=FRAME_RATE), output.seed)
+            planned = StreetClip(StreetSettings(frames=frames, frame_rate=FRAME_RATE), output.seed)
             clip = write_clip(
                 run.work / "street", planned, watch=lambda drawn: run.watched(drawn, "generating", frames)
             )
@@ -122,7 +122,7 @@ def _write(run: Run, demo: DemoResult, log: FrameLog, models: Mapping[str, Path]
 def _demo_drone(output: SeededOutput, frames: int, threads: int, device: Device) -> int:
     """Generate a clip, detect people once, link them three ways, score and report; see `demo`."""
     from tsuiseki.datamodules.scenes.clip import write_clip
-    from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+    from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
     from tsuiseki.tracking.demo.page import DRONE_METHODS, DemoResult, scored
     from tsuiseki.tracking.drone.drone_models import DroneModels
     from tsuiseki.tracking.drone.run import link, observations
@@ -134,7 +134,7 @@ def _demo_drone(output: SeededOutput, frames: int, threads: int, device: Device)
 
     with output.run() as run:
         with run.times.measure("generate the clip"):
-            planned = plan_drone(DroneSceneSettings(frames=frames), output.seed)
+            planned = DroneClip(DroneSceneSettings(frames=frames), output.seed)
             clip = write_clip(run.work / "drone", planned, watch=lambda drawn: run.watched(drawn, "generating", frames))
         source = open_source(clip)
         models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads, device=device))

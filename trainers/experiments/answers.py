@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
+from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 from tsuiseki.tracking.answers.counting import count
 from tsuiseki.tracking.answers.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.result import Result
@@ -117,7 +117,7 @@ def street(seed: int, length: int, finding: Mapping[str, float]) -> Case:
     """A generated street of so many frames; ``finding`` says what a detector makes of it."""
     settings = StreetSettings(frames=length, people=6 + seed % 12, occluders=0, samples=1)
     size = settings.width, settings.height
-    clip, true = plan_street(settings, seed), list[Track]()
+    clip, true = StreetClip(settings, seed), list[Track]()
     for number, walker in enumerate(clip.walkers, start=1):
         feet, depth = clip.camera.project(np.insert(walker.positions, 2, 0.0, axis=1))
         heads, _ = clip.camera.project(np.insert(walker.positions, 2, walker.person.build.height, axis=1))

@@ -16,7 +16,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from tsuiseki.datamodules.scenes.people.walkers import Motion
-from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
+from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.errors import RequestError
@@ -306,7 +306,7 @@ def write_streets(folder: Path, clips: int, frames: int, motion: Motion = "walk"
             samples=1, motion=motion,
         )  # fmt: skip
         home = folder / f"street-{number:02d}"
-        clip = plan_street(settings, number)
+        clip = StreetClip(settings, number)
         clip.write_truth(home, home.name, [truth for _, truth in clip.frames()])
         truth = read_ground_truth(home / "gt" / "gt.txt")
         faults = DetectorFaults(**{name: float(rng.uniform(*ends)) for name, ends in FAULTS.items()})

@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from matplotlib.figure import Figure
 
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
 from tsuiseki.tracking.association.costs import ActionFeatures
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import Affinity
@@ -188,7 +188,7 @@ def plans(name: str, scene: DroneSceneSettings, seeds: Sequence[int]) -> list[Cl
 def observe_clip(store: Store, models: tuple[tuple[Path, ...], Path, Path], plan: ClipPlan) -> ObservedClip:
     """A drawn clip with the observations of its detected and its labelled people, from the store where it can."""
     name, scene, seed = plan
-    folder = store.made(name, write_planned, plan_drone, scene, seed)
+    folder = store.made(name, write_planned, DroneClip, scene, seed)
     return replace(store.recall(observed, *models, folder), folder=folder)
 
 

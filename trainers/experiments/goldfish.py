@@ -17,7 +17,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from matplotlib.figure import Figure
 
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishClip, GoldfishSettings
 from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.bodies.contour import EdgeImage, Extraction, wide_noise
 from tsuiseki.tracking.bodies.settings import DeformableSettings
@@ -134,7 +134,7 @@ def clips(store: Store, name: str, counts: Sequence[int]) -> list[Path]:
         store.made(
             f"{name}-{n + 1:02d}",
             study.write_planned,
-            plan_goldfish,
+            GoldfishClip,
             GoldfishSettings(fish=fish),
             FIRST_SEEDS[name] + n,
         )

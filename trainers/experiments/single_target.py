@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.single_clip import draw_single_clip
+from tsuiseki.datamodules.scenes.single_clip import SingleClip
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import spans
@@ -62,7 +62,7 @@ def read_clip(sequence: SingleSequence) -> Loaded:
 
 def draw_clip(number: int) -> Loaded:
     """Boxes and images of a generated clip."""
-    made = draw_single_clip(np.random.default_rng([17, number]))
+    made = SingleClip(np.random.default_rng([17, number]))
     return made.boxes, list(made.images)
 
 

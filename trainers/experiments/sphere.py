@@ -18,12 +18,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
-from tsuiseki.datamodules.scenes.sphere_clip import (
-    CarriedBallSettings,
-    SphereClip,
-    ball_cameras,
-    plan_sphere,
-)
+from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, SphereClip, ball_cameras
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cli.progress import progress
@@ -188,7 +183,7 @@ def reproduce(
     ]
     plots = {"errors": errors_figure(found)} if set(groups) >= set(VARIED) else {}
     if "section 3" in groups:
-        plots["pictures"] = pictures_figure(plan_sphere(CarriedBallSettings(frames=frames), seed))
+        plots["pictures"] = pictures_figure(SphereClip(CarriedBallSettings(frames=frames), seed))
     note = f"Errors in cm over {seeds} films: mean over films of mean and sd, greatest max; 95 % by Student's t."
     return Outcome(study.values_of(found, ("group", "name")), tables, plots, notes=[note])
 
@@ -213,7 +208,7 @@ def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[FilmRow]) 
         settings: of the film.
         ways: all of one kind of film.
     """
-    scene = plan_sphere(settings, seed)
+    scene = SphereClip(settings, seed)
     empty = scene.backgrounds()
     runs = [_Run(way, scene, empty, seed) for way in ways]
     rng = np.random.default_rng((seed, 3))

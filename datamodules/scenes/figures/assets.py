@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import gzip
 import json
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -44,12 +43,10 @@ _LARGEST_TEXTURE = 512
 _METRES = 0.1
 
 
-@dataclass(frozen=True)
 class Garment:
     """Something that is worn: a mesh whose vertices hang on those of the body.
 
     Attributes:
-        name: of the asset.
         triangles: ``(T, 3)``.
         uv: ``(T, 3, 2)``.
         anchors: ``(N, 3)`` vertices of the body that each vertex hangs on.
@@ -59,17 +56,21 @@ class Garment:
         texture: ``(h, w, 4)`` uint8 RGBA.
     """
 
-    name: str
-    triangles: IntArray
-    uv: FloatArray
-    anchors: IntArray
-    shares: FloatArray
-    offsets: FloatArray
-    hidden: IntArray
-    texture: ImageArray
+    def __init__(self, path: Path) -> None:
+        data: dict[str, Any] = json.loads(path.read_text())
+        rows = np.array(data["faces"]).reshape(-1, 10)
+        if not (rows[:, 0] == 11).all():
+            raise RequestError(f"expected quads with a material and texture coordinates in {path}, got other faces")
+        self.triangles = triangles_of_quads(rows[:, 1:5])
+        uv = np.array(data["uvs"][0]).reshape(-1, 2)[rows[:, 6:10]]
+        self.uv = uv[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2)
+        self.anchors, self.shares = np.array(data["ref_vIdxs"]), np.array(data["weights"])
+        self.offsets = _axes(np.array(data["offsets"]))
+        self.hidden = np.flatnonzero(data["metadata"].get("deleteVerts") or [])
+        textures = [path.parent / m["mapDiffuse"] for m in data["materials"] if m.get("mapDiffuse")]
+        self.texture = read_texture(textures[0])
 
 
-@dataclass(frozen=True)
 class BaseBody:
     """The base mesh with its helpers and rig; axes forward, left, up, metres.
 
@@ -83,13 +84,39 @@ class BaseBody:
         tips: the same for where hands and feet end.
     """
 
-    vertices: FloatArray
-    quads: IntArray
-    uv: FloatArray
-    helpers: dict[str, IntArray]
-    weights: FloatArray
-    joints: list[IntArray]
-    tips: dict[str, IntArray]
+    def __init__(self, model: Path) -> None:
+        points: list[list[str]] = []
+        places: list[list[str]] = []
+        quads: dict[str, list[list[list[int]]]] = {}
+        group = ""
+        for line in (model / "3dobjs" / "base.obj").read_text().splitlines():
+            kind, *rest = line.split() or [""]
+            if kind == "v":
+                points.append(rest[:3])
+            elif kind == "vt":
+                places.append(rest[:2])
+            elif kind == "g":
+                group = rest[0]
+            elif kind == "f":
+                quads.setdefault(group, []).append([[int(n) - 1 for n in corner.split("/")] for corner in rest])
+        skin = np.array(quads["body"])
+        self.vertices, self.quads = _axes(np.array(points, dtype=np.float64)), skin[..., 0]
+        self.uv = np.array(places, dtype=np.float64)[skin[..., 1]]
+        self.helpers = {name: np.array(q)[..., 0] for name, q in quads.items() if name.startswith("helper-")}
+        cubes = {name[6:]: np.unique(np.array(q)[..., 0]) for name, q in quads.items() if name.startswith("joint-")}
+        self.joints = [cubes[_CUBES[bone]] for bone in BONES]
+        self.tips = {bone: cubes[cube] for bone, cube in _TIPS.items()}
+        rig = json.loads((model / "rigs" / "standard" / "rig.default.json").read_text())
+        moved = json.loads((model / "rigs" / "standard" / "weights.default.json").read_text())["weights"]
+        weights = np.zeros((len(self.vertices), len(BONES)))
+        for name, entries in moved.items():
+            bone = name
+            while bone and bone not in _ROOTS:
+                bone = rig[bone]["parent"]
+            at = np.array(entries, dtype=np.float64).reshape(-1, 2)
+            np.add.at(weights[:, BONES.index(_ROOTS[bone or "root"])], at[:, 0].astype(np.int64), at[:, 1])
+        weights[weights.sum(axis=1) == 0, 0] = 1
+        self.weights = np.asarray(weights / weights.sum(axis=1, keepdims=True))
 
 
 class Assets:
@@ -111,7 +138,7 @@ class Assets:
             raise _lacking(f"{'proxies/clothes' if proxies is None else 'skins with textures'} under {self.folder}")
         self.proxies = proxies.parent
         self.skins = skins
-        self.body = _read_body(self.model)
+        self.body = BaseBody(self.model)
 
     @lru_cache(maxsize=64)  # noqa: B019
     def target(self, name: str) -> tuple[IntArray, FloatArray]:
@@ -130,7 +157,7 @@ class Assets:
         path = self.proxies / kind / name / f"{name}.json"
         if not path.exists():
             raise _lacking(str(path))
-        return _read_garment(path)
+        return Garment(path)
 
     @lru_cache(maxsize=8)  # noqa: B019
     def skin(self, number: int) -> ImageArray:
@@ -158,63 +185,3 @@ def read_texture(path: Path) -> ImageArray:
 def _axes(points: FloatArray) -> FloatArray:
     """From the files' left, up, forward in decimetres to forward, left, up in metres."""
     return np.asarray(points[:, [2, 0, 1]] * _METRES)
-
-
-def _read_body(model: Path) -> BaseBody:
-    points: list[list[str]] = []
-    places: list[list[str]] = []
-    quads: dict[str, list[list[list[int]]]] = {}
-    group = ""
-    for line in (model / "3dobjs" / "base.obj").read_text().splitlines():
-        kind, *rest = line.split() or [""]
-        if kind == "v":
-            points.append(rest[:3])
-        elif kind == "vt":
-            places.append(rest[:2])
-        elif kind == "g":
-            group = rest[0]
-        elif kind == "f":
-            quads.setdefault(group, []).append([[int(n) - 1 for n in corner.split("/")] for corner in rest])
-    vertices = _axes(np.array(points, dtype=np.float64))
-    uv = np.array(places, dtype=np.float64)
-    skin = np.array(quads["body"])
-    helpers = {name: np.array(q)[..., 0] for name, q in quads.items() if name.startswith("helper-")}
-    cubes = {name[6:]: np.unique(np.array(q)[..., 0]) for name, q in quads.items() if name.startswith("joint-")}
-    joints = [cubes[_CUBES[bone]] for bone in BONES]
-    tips = {bone: cubes[cube] for bone, cube in _TIPS.items()}
-    weights = _read_weights(model / "rigs" / "standard", len(vertices))
-    return BaseBody(vertices, skin[..., 0], uv[skin[..., 1]], helpers, weights, joints, tips)
-
-
-def _read_weights(folder: Path, count: int) -> FloatArray:
-    rig = json.loads((folder / "rig.default.json").read_text())
-    rows = json.loads((folder / "weights.default.json").read_text())["weights"]
-    weights = np.zeros((count, len(BONES)))
-    for name, entries in rows.items():
-        bone = name
-        while bone and bone not in _ROOTS:
-            bone = rig[bone]["parent"]
-        column = BONES.index(_ROOTS[bone or "root"])
-        at = np.array(entries, dtype=np.float64).reshape(-1, 2)
-        np.add.at(weights[:, column], at[:, 0].astype(np.int64), at[:, 1])
-    weights[weights.sum(axis=1) == 0, 0] = 1
-    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
-
-
-def _read_garment(path: Path) -> Garment:
-    data: dict[str, Any] = json.loads(path.read_text())
-    rows = np.array(data["faces"]).reshape(-1, 10)
-    if not (rows[:, 0] == 11).all():
-        raise RequestError(f"expected quads with a material and texture coordinates in {path}, got other faces")
-    uv = np.array(data["uvs"][0]).reshape(-1, 2)[rows[:, 6:10]]
-    textures = [path.parent / m["mapDiffuse"] for m in data["materials"] if m.get("mapDiffuse")]
-    return Garment(
-        name=path.stem,
-        triangles=triangles_of_quads(rows[:, 1:5]),
-        uv=uv[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2),
-        anchors=np.array(data["ref_vIdxs"]),
-        shares=np.array(data["weights"]),
-        offsets=_axes(np.array(data["offsets"])),
-        hidden=np.flatnonzero(data["metadata"].get("deleteVerts") or []),
-        texture=read_texture(textures[0]),
-    )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -33,9 +33,8 @@ _SHANKS = [BONES.index(f"{part}.{s}") for part in ("lowerleg", "foot") for s in 
 _OVER = 0.004
 
 
-@dataclass(frozen=True)
 class Figure:
-    """Somebody at rest.
+    """Somebody at rest, drawn at random.
 
     Attributes:
         meshes: in the body's axes, metres.
@@ -44,44 +43,37 @@ class Figure:
         height: metres.
     """
 
-    meshes: list[Mesh]
-    joints: FloatArray
-    tips: dict[str, FloatArray]
-    height: float
-
-
-def random_figure(rng: np.random.Generator, assets: Assets) -> Figure:
-    """Somebody drawn at random."""
-    sex = "male" if rng.random() < 0.55 else "female"
-    age = str(rng.choice(["child", "young", "old"], p=[0.1, 0.65, 0.25]))
-    shape, height = _shape(rng, assets, sex, age)
-    body = assets.body
-    worn = _clothes(rng, assets, shape, sex)
-    names: list[tuple[str, str]] = []
-    if rng.random() < 0.08:
-        names.append(("clothes", str(rng.choice(HATS))))
-    elif sex == "female" or rng.random() >= 0.1:
-        names.append(("hair", str(rng.choice(HAIRS[sex]))))
-    names.append(("clothes", str(rng.choice(SHOE_PAIRS))))
-    others = []
-    for kind, name in names:
-        label = Worn.HAIR if kind == "hair" else Worn.SHOES if name in SHOE_PAIRS else Worn.EXTRA
-        others.append(_fitted(body, shape, assets.garment(kind, name), label))
-    fitted, hidden = zip(*others, *worn, strict=True)
-    skins = [n for n, p in enumerate(assets.skins) if f"_{sex}" in p.parent.parent.name]
-    skin = assets.skin(int(rng.choice(skins if skins else len(assets.skins))))
-    covered = np.zeros(len(shape), dtype=np.bool_)
-    covered[np.concatenate(hidden)] = True
-    bare = ~covered[body.quads].all(axis=1)
-    triangles, uv = triangles_of_quads(body.quads[bare]), body.uv[bare][:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2)
-    labels = np.full(len(triangles), Worn.SKIN, np.uint8)
-    meshes = [Mesh(shape, triangles, uv, body.weights, labels, skin), *fitted]
-    joints = np.stack([shape[at].mean(axis=0) for at in body.joints])
-    meshes += _carried(rng, joints, height)
-    if rng.random() < 0.12:
-        meshes.append(_cap(rng, shape, body, joints))
-    tips = {bone: shape[at].mean(axis=0) for bone, at in body.tips.items()}
-    return Figure([compact(mesh) for mesh in meshes], joints, tips, height)
+    def __init__(self, rng: np.random.Generator, assets: Assets) -> None:
+        sex = "male" if rng.random() < 0.55 else "female"
+        age = str(rng.choice(["child", "young", "old"], p=[0.1, 0.65, 0.25]))
+        shape, self.height = _shape(rng, assets, sex, age)
+        body = assets.body
+        worn = _clothes(rng, assets, shape, sex)
+        names: list[tuple[str, str]] = []
+        if rng.random() < 0.08:
+            names.append(("clothes", str(rng.choice(HATS))))
+        elif sex == "female" or rng.random() >= 0.1:
+            names.append(("hair", str(rng.choice(HAIRS[sex]))))
+        names.append(("clothes", str(rng.choice(SHOE_PAIRS))))
+        others = []
+        for kind, name in names:
+            label = Worn.HAIR if kind == "hair" else Worn.SHOES if name in SHOE_PAIRS else Worn.EXTRA
+            others.append(_fitted(body, shape, assets.garment(kind, name), label))
+        fitted, hidden = zip(*others, *worn, strict=True)
+        skins = [n for n, p in enumerate(assets.skins) if f"_{sex}" in p.parent.parent.name]
+        skin = assets.skin(int(rng.choice(skins if skins else len(assets.skins))))
+        covered = np.zeros(len(shape), dtype=np.bool_)
+        covered[np.concatenate(hidden)] = True
+        bare = ~covered[body.quads].all(axis=1)
+        triangles, uv = triangles_of_quads(body.quads[bare]), body.uv[bare][:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3, 2)
+        labels = np.full(len(triangles), Worn.SKIN, np.uint8)
+        meshes = [Mesh(shape, triangles, uv, body.weights, labels, skin), *fitted]
+        self.joints = np.stack([shape[at].mean(axis=0) for at in body.joints])
+        meshes += _carried(rng, self.joints, self.height)
+        if rng.random() < 0.12:
+            meshes.append(_cap(rng, shape, body, self.joints))
+        self.tips = {bone: shape[at].mean(axis=0) for bone, at in body.tips.items()}
+        self.meshes = [compact(mesh) for mesh in meshes]
 
 
 def _shape(rng: np.random.Generator, assets: Assets, sex: str, age: str) -> tuple[FloatArray, float]:

@@ -119,33 +119,27 @@ def rasterise(corners: FloatArray, depth: FloatArray, width: int, height: int) -
     extent = high - low + 1
     side = np.maximum(extent[:, 0], extent[:, 1])
     there = (extent[:, 0] > 0) & (extent[:, 1] > 0) & (depth[:, 0] > 0) & (depth[:, 1] > 0) & (depth[:, 2] > 0)
-    parts = [
-        _on_squares(np.flatnonzero(there & (side > before) & (side <= k)), k, corners, depth, low, high, width)
-        for before, k in zip((0, *_SIDES), _SIDES, strict=False)
-    ]
+    parts = []
+    for before, k in zip((0, *_SIDES), _SIDES, strict=False):
+        which = np.flatnonzero(there & (side > before) & (side <= k))
+        x = low[which, 0][:, None] + np.tile(np.arange(k), k)
+        y = low[which, 1][:, None] + np.repeat(np.arange(k), k)
+        ax, bx, cx = (corners[which, n, 0][:, None] - (x + 0.5) for n in range(3))
+        ay, by, cy = (corners[which, n, 1][:, None] - (y + 0.5) for n in range(3))
+        of_a, of_b, of_c = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
+        area = of_a[:, :1] + of_b[:, :1] + of_c[:, :1]
+        inside = np.where(area > 0, (of_a >= 0) & (of_b >= 0) & (of_c >= 0), (of_a <= 0) & (of_b <= 0) & (of_c <= 0))
+        inside &= (x <= high[which, 0][:, None]) & (y <= high[which, 1][:, None]) & (np.abs(area) > 1e-12)
+        row, column = np.nonzero(inside)
+        triangle = which[row]
+        total = area[row, 0]
+        over = np.empty((len(row), 3))
+        for n, part in enumerate((of_a, of_b, of_c)):
+            over[:, n] = part[row, column] / total / depth[triangle, n]
+        inverse = over[:, 0] + over[:, 1] + over[:, 2]
+        pixel = (y[row, column] * width + x[row, column]).astype(np.int64)
+        parts.append(Fragments(pixel, triangle, over / inverse[:, None], 1 / inverse))
     return joined(parts)
-
-
-def _on_squares(
-    which: IntArray, side: int, corners: FloatArray, depth: FloatArray, low: FloatArray, high: FloatArray, width: int
-) -> Fragments:
-    x = low[which, 0][:, None] + np.tile(np.arange(side), side)
-    y = low[which, 1][:, None] + np.repeat(np.arange(side), side)
-    ax, bx, cx = (corners[which, k, 0][:, None] - (x + 0.5) for k in range(3))
-    ay, by, cy = (corners[which, k, 1][:, None] - (y + 0.5) for k in range(3))
-    of_a, of_b, of_c = bx * cy - by * cx, cx * ay - cy * ax, ax * by - ay * bx
-    area = of_a[:, :1] + of_b[:, :1] + of_c[:, :1]
-    inside = np.where(area > 0, (of_a >= 0) & (of_b >= 0) & (of_c >= 0), (of_a <= 0) & (of_b <= 0) & (of_c <= 0))
-    inside &= (x <= high[which, 0][:, None]) & (y <= high[which, 1][:, None]) & (np.abs(area) > 1e-12)
-    row, column = np.nonzero(inside)
-    triangle = which[row]
-    total = area[row, 0]
-    over = np.empty((len(row), 3))
-    for k, part in enumerate((of_a, of_b, of_c)):
-        over[:, k] = part[row, column] / total / depth[triangle, k]
-    inverse = over[:, 0] + over[:, 1] + over[:, 2]
-    pixel = (y[row, column] * width + x[row, column]).astype(np.int64)
-    return Fragments(pixel, triangle, over / inverse[:, None], 1 / inverse)
 
 
 def nearest(fragments: Fragments) -> Fragments:

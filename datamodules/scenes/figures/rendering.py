@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass, replace
 
@@ -11,12 +12,12 @@ from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes.figures.assets import BONES, LIMBS, Assets
 from tsuiseki.datamodules.scenes.figures.equipment import equipment
-from tsuiseki.datamodules.scenes.figures.figure import Figure, random_figure
+from tsuiseki.datamodules.scenes.figures.figure import Figure
 from tsuiseki.datamodules.scenes.figures.mesh import Mesh, Worn, joined, nearest, rasterise, vertex_normals
 from tsuiseki.datamodules.scenes.people.gait import random_manner, standing, walking
 from tsuiseki.datamodules.scenes.people.person import view_from
 from tsuiseki.datamodules.scenes.people.poses import draw_pose, random_name
-from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton, Pose, place
+from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton, Pose
 from tsuiseki.datamodules.scenes.render.tracing import tight
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
@@ -124,13 +125,13 @@ def random_sprites(
     ``tilts`` bound how far down the cameras look, radians; flatter ones are somewhat more common. Of the views,
     ``posed_share`` show one of the poses of `poses`, the others somebody who walks or stands.
     """
-    figure, manner = random_figure(rng, assets), random_manner(rng)
+    figure, manner = Figure(rng, assets), random_manner(rng)
     sprites, build = list[Sprite](), Build(figure.height)
     for _ in range(views):
         if posed_share and rng.random() < posed_share:
             name, seed = random_name(rng), int(rng.integers(1 << 31))
             pose, heading = draw_pose(seed, build, name), float(rng.uniform(0, 2 * np.pi))
-            skeleton = place(build, pose, np.zeros(2), heading)
+            skeleton = PersonSkeleton(build, pose, np.zeros(2), heading)
             beside = equipment(rng, name, skeleton)
             sprite = _across(rng, figure, skeleton, height_px, float(rng.uniform(*tilts)), beside)
             sprites.append(replace(sprite, heading=heading, pose=pose, drawn=f"{name} {seed}"))
@@ -143,7 +144,7 @@ def random_sprites(
             pose, cycle = standing(rng, manner), []
         heading = float(rng.uniform(0, 2 * np.pi))
         tilt = float(tilts[0] + (tilts[1] - tilts[0]) * rng.beta(1.3, 1.9))
-        skeleton, *others = (place(build, each, np.zeros(2), heading) for each in (pose, *cycle))
+        skeleton, *others = (PersonSkeleton(build, each, np.zeros(2), heading) for each in (pose, *cycle))
         if tilt > STEEP:
             sprites.append(_across(rng, figure, skeleton, height_px, tilt))
             continue
@@ -177,8 +178,8 @@ def steady_sides(
     """
     if not walk:
         return sprite.steady
-    few = [replace(m, vertices=m.vertices[::_EVERY], weights=m.weights[::_EVERY]) for m in figure.meshes]
-    thin = replace(figure, meshes=few)
+    thin = copy.copy(figure)
+    thin.meshes = [replace(m, vertices=m.vertices[::_EVERY], weights=m.weights[::_EVERY]) for m in figure.meshes]
     moved = np.mean([_sides(thin, other, camera) for other in walk], axis=0) - _sides(thin, skeleton, camera)
     return np.asarray(sprite.steady + moved)
 

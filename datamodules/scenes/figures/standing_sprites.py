@@ -9,7 +9,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.figures.mesh import Worn
 from tsuiseki.datamodules.scenes.figures.rendering import Sprite, smaller
-from tsuiseki.datamodules.scenes.people.outfit import MIDDLE, random_outfit
+from tsuiseki.datamodules.scenes.people.outfit import MIDDLE, Outfit
 from tsuiseki.datamodules.scenes.people.posture import mirrored
 from tsuiseki.datamodules.scenes.render.composing import Thing
 from tsuiseki.datamodules.scenes.render.photographs import OPAQUE, Photographs
@@ -18,7 +18,7 @@ from tsuiseki.datamodules.scenes.render.solids import Float32, Surface, boxes
 from tsuiseki.datamodules.scenes.render.tracing import Layer, RayCamera
 from tsuiseki.datamodules.scenes.things.street_things import clutter_around
 from tsuiseki.tracking.cameras.camera_files import AnyCamera
-from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
+from tsuiseki.tracking.types import BoolArray, FloatArray
 
 # Cloth without a colour of its own always gets one; textured clothes keep theirs now and then.
 _KEPT = 0.3
@@ -109,7 +109,7 @@ class Standing:
 
 def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
     """The sprite in other colours, and mirrored every other time."""
-    outfit = random_outfit(rng)
+    outfit = Outfit(rng)
     albedo = sprite.albedo.copy()
     colours = (outfit.hair, outfit.upper, outfit.lower, outfit.shoes, outfit.bag_colour, outfit.bag_colour)
     for label, colour in zip(list(Worn)[1:], colours, strict=True):
@@ -170,30 +170,26 @@ def pictured_things(
     """Up to ``count`` photographed things, clear of the places ``taken`` ``(N, 2)``; see `clutter_around`."""
 
     def upright(rng: np.random.Generator, spot: FloatArray) -> Thing:
-        sprite = _as_sprite(rng, photographs.thing(rng))
+        # In somewhat other colours and proportions.
+        picture = photographs.thing(rng)
+        if rng.random() < 0.5:
+            picture = picture[:, ::-1]
+        rows, columns = picture.shape[:2]
+        tall = min(rows, _TALL)
+        wide = max(round(columns * tall / rows * float(np.exp(rng.normal(0, 0.2)))), 2)
+        small = np.asarray(cv2.resize(picture, (wide, tall), interpolation=cv2.INTER_AREA))
+        label = np.where(small[..., 3] >= OPAQUE, Worn.EXTRA, 0).astype(np.uint8)
+        gain = np.exp(rng.normal(0, 0.25)) * np.exp(rng.normal(0, 0.08, 3))
+        albedo = np.where(label[..., None] > 0, np.clip(small[..., :3] * gain, 0, 255), 0).astype(np.uint8)
+        normal = np.broadcast_to(np.array(_FACING, np.int8), albedo.shape)
+        height = float(np.exp(rng.uniform(np.log(_LOWEST), np.log(_HIGHEST))))
+        feet, head, sides = np.array([wide / 2, tall]), np.array([wide / 2, 0.0]), np.array([0.0, wide])
+        sprite = Sprite(albedo, normal, label, feet, head, height, 0.0, sides)
         # A thin upright box before the camera throws the shadow.
-        rows, columns = sprite.label.shape
         away = spot - camera.position[:2]
         across = float(np.arctan2(away[1], away[0])) - np.pi / 2
-        half = np.array([[0.5 * sprite.height * columns / rows, 0.05, 0.5 * sprite.height]])
+        half = np.array([[0.5 * height * wide / tall, 0.05, 0.5 * height]])
         board = boxes(np.array([[*spot, half[0, 2]]]), half, np.array([across]), [Surface(MIDDLE[0])])
         return Thing(board, cutout=Standing(sprite, board.start[0, :2].astype(np.float64)))
 
     return clutter_around(rng, camera, count, taken, largest, upright)
-
-
-def _as_sprite(rng: np.random.Generator, picture: ImageArray) -> Sprite:
-    """A cut-out ``(h, w, 4)`` uint8 RGBA as what stands on the ground, in somewhat other colours and proportions."""
-    if rng.random() < 0.5:
-        picture = picture[:, ::-1]
-    rows, columns = picture.shape[:2]
-    tall = min(rows, _TALL)
-    wide = max(round(columns * tall / rows * float(np.exp(rng.normal(0, 0.2)))), 2)
-    small = np.asarray(cv2.resize(picture, (wide, tall), interpolation=cv2.INTER_AREA))
-    label = np.where(small[..., 3] >= OPAQUE, Worn.EXTRA, 0).astype(np.uint8)
-    gain = np.exp(rng.normal(0, 0.25)) * np.exp(rng.normal(0, 0.08, 3))
-    albedo = np.where(label[..., None] > 0, np.clip(small[..., :3] * gain, 0, 255), 0).astype(np.uint8)
-    normal = np.broadcast_to(np.array(_FACING, np.int8), albedo.shape)
-    height = float(np.exp(rng.uniform(np.log(_LOWEST), np.log(_HIGHEST))))
-    middle, sides = wide / 2, np.array([0.0, wide])
-    return Sprite(albedo, normal, label, np.array([middle, tall]), np.array([middle, 0.0]), height, 0.0, sides)

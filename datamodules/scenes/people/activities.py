@@ -38,42 +38,31 @@ CART_AHEAD, SUITCASE_BEHIND, CRATE_AHEAD = 0.95, 0.75, 0.42
 HANDLE_HEIGHT, CRATE_HEIGHT = 1.0, 1.0
 
 
-@dataclass(frozen=True)
+PALETTES: dict[Kind, tuple[Colour, ...]] = {
+    "book": LIGHT,
+    "phone": DARK,
+    "bottle": LIGHT + BRIGHT,
+    "cart": LIGHT[:2] + BRIGHT[:4],
+    "suitcase": DARK + BRIGHT,
+    "crate": (*MIDDLE, (0.62, 0.47, 0.30), (0.70, 0.56, 0.38)),
+    "bench": MIDDLE + DARK,
+}
+
+
 class Prop:
-    """One thing.
+    """One thing of a ``kind``.
 
     Attributes:
-        kind: what it is.
         colour: sRGB.
         second: another colour of it.
         size: relative to the usual.
+        ahead: metres from a person's middle to that of what was fetched, forward; 0 for what is held or stands.
     """
 
-    kind: Kind
-    colour: Colour
-    second: Colour
-    size: float = 1.0
-
-    @property
-    def ahead(self) -> float:
-        """Metres from a person's middle to that of what was fetched, forward; 0 for what is held or stands."""
-        return AHEAD.get(self.kind, 0.0)
-
-
-def random_prop(rng: np.random.Generator, kind: Kind) -> Prop:
-    """One of its kind."""
-    palettes: dict[Kind, tuple[Colour, ...]] = {
-        "book": LIGHT,
-        "phone": DARK,
-        "bottle": LIGHT + BRIGHT,
-        "cart": LIGHT[:2] + BRIGHT[:4],
-        "suitcase": DARK + BRIGHT,
-        "crate": (*MIDDLE, (0.62, 0.47, 0.30), (0.70, 0.56, 0.38)),
-        "bench": MIDDLE + DARK,
-    }
-    palette = palettes[kind]
-    colour, second = (palette[int(rng.integers(len(palette)))] for _ in range(2))
-    return Prop(kind, colour, second, float(rng.uniform(0.85, 1.2)))
+    def __init__(self, rng: np.random.Generator, kind: Kind) -> None:
+        self.kind, self.ahead, palette = kind, AHEAD.get(kind, 0.0), PALETTES[kind]
+        self.colour, self.second = (palette[int(rng.integers(len(palette)))] for _ in range(2))
+        self.size = float(rng.uniform(0.85, 1.2))
 
 
 def in_hand(prop: Prop, skeleton: PersonSkeleton, hand: int) -> Thing:

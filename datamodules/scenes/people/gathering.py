@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import ClipSettings
-from tsuiseki.datamodules.scenes.people.activities import ACTIVITIES, STAND, WALK, Activity, Kind, Prop, random_prop
+from tsuiseki.datamodules.scenes.people.activities import ACTIVITIES, STAND, WALK, Activity, Kind, Prop
 from tsuiseki.datamodules.scenes.people.person import Person, somebody
 from tsuiseki.datamodules.scenes.people.posture import Pose, blend
 from tsuiseki.tracking.formats.acting_tracks import CARRYING, PUSHING, RUNNING, SITTING
@@ -57,29 +57,21 @@ class Errand:
     thing: PlacedProp | None = None
 
 
-@dataclass
 class Performer:
     """A person in the simulation: where it is, what it is doing since and until when, and what it is up to.
 
     ``states`` has what it was like in every frame.
     """
 
-    person: Person
-    position: FloatArray
-    heading: float
-    activity: Activity = STAND
-    rest: Pose = field(default_factory=Pose)
-    began: int = 0
-    until: int = 0
-    phase: float = 0.0
-    pace: float = 1.0
-    target: FloatArray = field(default_factory=lambda: np.zeros(2))
-    errand: Errand | None = None
-    prop: Prop | None = None
-    hand: int = 1
-    seat: PlacedProp | None = None
-    before: Pose = field(default_factory=Pose)
-    states: list[PerformerState] = field(default_factory=list)
+    def __init__(self, person: Person, position: FloatArray, heading: float) -> None:
+        self.person, self.position, self.heading = person, position, heading
+        self.activity, self.rest, self.before, self.target = STAND, Pose(), Pose(), np.zeros(2)
+        self.began = self.until = 0
+        self.phase, self.pace, self.hand = 0.0, 1.0, 1
+        self.errand: Errand | None = None
+        self.prop: Prop | None = None
+        self.seat: PlacedProp | None = None
+        self.states: list[PerformerState] = []
 
     @property
     def free(self) -> bool:
@@ -93,33 +85,36 @@ def facing(angle: float) -> FloatArray:
     return np.array([math.cos(angle), math.sin(angle)])
 
 
-@dataclass(frozen=True)
 class Gathering:
-    """Everybody and everything of a clip."""
+    """People who act within an ellipse throughout a clip: ``performers`` with their states, and ``things`` about them.
 
-    performers: list[Performer]
-    things: list[PlacedProp]
-
-
-class _Stage:
-    """The simulation: steps everybody from frame to frame."""
+    Args:
+        rng: draws everything.
+        clip: its length and frame rate.
+        people: how many.
+        arena: ``(2, 2)`` centre and half axes of the ellipse, metres.
+        obstacles: ``(M, 3)`` x, y and radius of what people walk around, metres.
+        look_alikes: probability of being dressed much like somebody else.
+    """
 
     def __init__(
-        self, rng: np.random.Generator, people: int, rate: float, arena: FloatArray, obstacles: FloatArray,
-        look_alikes: float,
+        self, rng: np.random.Generator, clip: ClipSettings, people: int, arena: FloatArray, obstacles: FloatArray,
+        look_alikes: float = 0.3,
     ) -> None:  # fmt: skip
-        self.rng, self.rate, self.arena, self.obstacles = rng, rate, arena, obstacles
+        self.rng, self.rate, self.arena, self.obstacles = rng, clip.frame_rate, arena, obstacles
         self.things = [self._put("bench", 0.9) for _ in range(int(rng.integers(1, 3)))]
         self.spent = dict.fromkeys(ACTIVITIES, 0.0)
-        self.actors: list[Performer] = []
+        self.performers: list[Performer] = []
         for _ in range(people):
-            person = somebody(rng, [actor.person for actor in self.actors], look_alikes)
-            self.actors.append(Performer(person, self.somewhere(), float(rng.uniform(0, 2 * np.pi))))
+            person = somebody(rng, [performer.person for performer in self.performers], look_alikes)
+            self.performers.append(Performer(person, self.somewhere(), float(rng.uniform(0, 2 * np.pi))))
         kinds: tuple[Kind, ...] = ("cart", "crate", "suitcase")
         self.things += [self._put(kind) for kind in kinds if rng.random() < 0.5]
         for index in range(people):
-            if self.actors[index].until == 0:
+            if self.performers[index].until == 0:
                 self.choose(index, 0, at_once=True)
+        for frame in range(clip.frames):
+            self.step(frame)
 
     def somewhere(self, reach: float = 1.0) -> FloatArray:
         """A place in the arena, an ellipse: ``(2, 2)`` centre and half axes."""
@@ -128,17 +123,17 @@ class _Stage:
         return spot
 
     def _put(self, kind: Kind, reach: float = 1.0) -> PlacedProp:
-        return PlacedProp(random_prop(self.rng, kind), self.somewhere(reach), float(self.rng.uniform(0, 2 * np.pi)))
+        return PlacedProp(Prop(self.rng, kind), self.somewhere(reach), float(self.rng.uniform(0, 2 * np.pi)))
 
     def step(self, frame: int) -> None:
         """Let everybody live through one frame and remember it."""
-        for index, actor in enumerate(self.actors):
+        for index, actor in enumerate(self.performers):
             self.spent[actor.activity] += 1 / self.rate
             if actor.errand is not None:
                 self._pursue(index, frame)
             elif frame >= actor.until:
                 self.choose(index, frame)
-        for actor in self.actors:
+        for actor in self.performers:
             if actor.activity.moving:
                 self._move(actor)
             a, seconds = actor, (frame - actor.began) / self.rate
@@ -149,7 +144,7 @@ class _Stage:
 
     def choose(self, index: int, frame: int, at_once: bool = False) -> None:
         """The next activity of somebody: what has been rare so far is likelier."""
-        rng, actor = self.rng, self.actors[index]
+        rng, actor = self.rng, self.performers[index]
         weights = np.array([a.weight / (0.5 + self.spent[a]) for a in ACTIVITIES])
         for activity in rng.choice(np.array(ACTIVITIES, dtype=object), 6, p=weights / weights.sum()):
             if activity.apart:
@@ -168,7 +163,7 @@ class _Stage:
 
     def begin(self, index: int, activity: Activity, frame: int, errand: Errand | None = None) -> None:
         """Somebody starts an activity; what it does not need is put down."""
-        rng, actor = self.rng, self.actors[index]
+        rng, actor = self.rng, self.performers[index]
         actor.before = actor.states[-1].pose if actor.states else Pose()
         same = actor.activity.fetching and actor.activity.act == activity.act
         if actor.prop and actor.activity.fetching and not same:
@@ -179,7 +174,7 @@ class _Stage:
             if errand is not None and errand.thing is not None and errand.thing.prop.ahead:
                 actor.prop, errand.thing.last = errand.thing.prop, frame
             elif activity.kinds:
-                actor.prop = random_prop(rng, activity.kinds[int(rng.integers(len(activity.kinds)))])
+                actor.prop = Prop(rng, activity.kinds[int(rng.integers(len(activity.kinds)))])
         if actor.seat is not None and activity.posture != SITTING:
             actor.seat = None
         actor.activity, actor.errand, actor.began = activity, None, frame
@@ -198,25 +193,25 @@ class _Stage:
         """Let somebody walk to an activity."""
         self.begin(index, WALK, frame)
         deadline = frame + int(PATIENCE * self.rate)
-        self.actors[index].errand = Errand(activity, spot, heading, deadline, partner, thing)
+        self.performers[index].errand = Errand(activity, spot, heading, deadline, partner, thing)
 
     def _meet(self, index: int, activity: Activity, frame: int, at_once: bool) -> bool:
         """Arrange a meeting with the nearest free person; at once it begins there and then."""
-        actor = self.actors[index]
-        others = [i for i, a in enumerate(self.actors) if a is not actor and a.free and activity != a.activity]
+        actor = self.performers[index]
+        others = [i for i, a in enumerate(self.performers) if a is not actor and a.free and activity != a.activity]
         if at_once:
-            others = [i for i in others if self.actors[i].until == 0]
+            others = [i for i in others if self.performers[i].until == 0]
         if not others:
             return False
-        other = min(others, key=lambda i: float(np.linalg.norm(self.actors[i].position - actor.position)))
-        partner = self.actors[other]
+        other = min(others, key=lambda i: float(np.linalg.norm(self.performers[i].position - actor.position)))
+        partner = self.performers[other]
         middle = 0.5 * (actor.position + partner.position) if not at_once else actor.position
         angle = math.atan2(*(partner.position - actor.position)[::-1])
         half = 0.5 * activity.apart * facing(angle)
         places = (index, middle - half, angle, other), (other, middle + half, angle + math.pi, index)
         for i, spot, heading, with_whom in places:
             if at_once:
-                self.actors[i].position, self.actors[i].heading = spot.copy(), heading
+                self.performers[i].position, self.performers[i].heading = spot.copy(), heading
             else:
                 self._send(i, frame, activity, spot, heading, with_whom)
         if at_once:
@@ -227,12 +222,12 @@ class _Stage:
         until = frame + int(self.rng.uniform(*activity.seconds) * self.rate)
         for i in pair:
             self.begin(i, activity, frame)
-            self.actors[i].until = until
+            self.performers[i].until = until
 
     def _fetch(self, index: int, activity: Activity, frame: int) -> bool:
         """Send somebody to the nearest thing on the ground that the activity needs."""
-        actor = self.actors[index]
-        taken = [a.errand.thing for a in self.actors if a.errand is not None]
+        actor = self.performers[index]
+        taken = [a.errand.thing for a in self.performers if a.errand is not None]
         there = [t for t in self.things if t.prop.kind in activity.kinds and t.last > frame and t not in taken]
         if not there:
             return False
@@ -243,12 +238,12 @@ class _Stage:
 
     def _take_seat(self, index: int, activity: Activity, frame: int, at_once: bool) -> bool:
         """Send somebody to a free place on a bench."""
-        actor = self.actors[index]
+        actor = self.performers[index]
         for bench in (t for t in self.things if t.prop.kind == "bench"):
             across = np.array([-math.sin(bench.yaw), math.cos(bench.yaw)])
             for side in (-0.42, 0.42):
                 spot = bench.position + side * across + 0.02 * facing(bench.yaw)
-                claims = [a.errand.spot if a.errand else a.position for a in self.actors if a is not actor]
+                claims = [a.errand.spot if a.errand else a.position for a in self.performers if a is not actor]
                 if claims and np.linalg.norm(np.array(claims) - spot, axis=1).min() < 0.5:
                     continue
                 if at_once:
@@ -261,10 +256,10 @@ class _Stage:
 
     def _pursue(self, index: int, frame: int) -> None:
         """Go on with an errand: walk there, wait for the partner, begin."""
-        actor = self.actors[index]
+        actor = self.performers[index]
         errand = actor.errand
         assert errand is not None
-        partner = None if errand.partner is None else self.actors[errand.partner]
+        partner = None if errand.partner is None else self.performers[errand.partner]
         if frame > errand.deadline or (partner is not None and partner.errand is None):
             self.begin(index, STAND, frame)
             return
@@ -290,7 +285,7 @@ class _Stage:
         away = actor.target - actor.position
         if np.linalg.norm(away) < 0.5 and actor.errand is None:
             actor.target = self.somewhere(1.15)
-        others = np.array([[*a.position, 0.0] for a in self.actors if a is not actor]).reshape(-1, 3)
+        others = np.array([[*a.position, 0.0] for a in self.performers if a is not actor]).reshape(-1, 3)
         others = np.concatenate([others, self.obstacles])
         distance = float(np.linalg.norm(away))
         desired = away / max(distance, 1e-6)
@@ -312,23 +307,3 @@ class _Stage:
             speed / self.rate, distance if actor.errand else 1e6
         )
         actor.phase += actor.activity.stride_frequency(actor.person, speed) / self.rate
-
-
-def gather(
-    rng: np.random.Generator, clip: ClipSettings, people: int, arena: FloatArray, obstacles: FloatArray,
-    look_alikes: float = 0.3,
-) -> Gathering:  # fmt: skip
-    """Let ``people`` act within an ellipse throughout a clip.
-
-    Args:
-        rng: draws everything.
-        clip: its length and frame rate.
-        people: how many.
-        arena: ``(2, 2)`` centre and half axes of the ellipse, metres.
-        obstacles: ``(M, 3)`` x, y and radius of what people walk around, metres.
-        look_alikes: probability of being dressed much like somebody else.
-    """
-    stage = _Stage(rng, people, clip.frame_rate, arena, obstacles, look_alikes)
-    for frame in range(clip.frames):
-        stage.step(frame)
-    return Gathering(stage.actors, stage.things)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import copy
 from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -28,50 +29,15 @@ HAIR_STYLES = ("short", "long", "bald", "bun", "cap", "hood", "hat", "thick")
 LOWER_STYLES = ("trousers", "shorts", "skirt", "long skirt", "coat")
 BAGS = ("none", "backpack", "shoulder", "hand", "cross")
 FRONTS = ("closed", "open", "zip", "logo")
-
-
-@dataclass(frozen=True)
-class Outfit:
-    """One person's appearance; colours are sRGB in [0, 1].
-
-    Attributes:
-        skin, hair, upper, lower, shoes, bag_colour, shirt, hat: colours.
-        upper_second: colour of the upper garment's pattern, logo or zip.
-        shoulders: colour of sleeves and shoulders; the upper colour where they are the same.
-        lower_second: colour of the lower garment's pattern.
-        upper_pattern, lower_pattern: pattern codes of `solids`.
-        period: of the patterns, metres.
-        long_sleeves: whether the forearms are covered.
-        lower_style, hair_style, bag, front: one of LOWER_STYLES, HAIR_STYLES, BAGS, FRONTS.
-        thickness: of the clothes on trunk and arms, relative.
-        beard: whether the lower face has hair.
-        side: 1 for a bag on the left, -1 on the right.
-        phase: shifts patterns and folds, so that two people in the same clothes still differ.
-    """
-
-    skin: Colour
-    hair: Colour
-    upper: Colour
-    upper_second: Colour
-    shoulders: Colour
-    lower: Colour
-    lower_second: Colour
-    shoes: Colour
-    shirt: Colour
-    hat: Colour
-    bag_colour: Colour
-    upper_pattern: int = Pattern.PLAIN
-    lower_pattern: int = Pattern.PLAIN
-    period: float = 0.08
-    long_sleeves: bool = True
-    lower_style: str = "trousers"
-    hair_style: str = "short"
-    bag: str = "none"
-    front: str = "closed"
-    thickness: float = 1.0
-    beard: bool = False
-    side: float = 1.0
-    phase: float = 0.0
+# What of clothes changes together.
+TOGETHER = (
+    ("upper", "upper_pattern"),
+    ("lower", "lower_pattern"),
+    ("lower_style", "shoes"),
+    ("hair", "hair_style", "hat"),
+    ("bag", "bag_colour", "side"),
+    ("front", "shirt", "upper_second"),
+)
 
 
 def colour_of(
@@ -99,40 +65,52 @@ def _towards(a: Colour, b: Colour, part: float) -> Colour:
     return a[0] + part * (b[0] - a[0]), a[1] + part * (b[1] - a[1]), a[2] + part * (b[2] - a[2])
 
 
-def random_outfit(rng: np.random.Generator) -> Outfit:
-    """One person dressed as people on a street are: mostly dark and muted, now and then bright or patterned."""
-    upper = _garment(rng, (0.45, 0.22, 0.17, 0.16))
-    lower_style = str(rng.choice(LOWER_STYLES, p=(0.74, 0.08, 0.05, 0.04, 0.09)))
-    denim = rng.random() < 0.35 and lower_style != "coat"
-    lower = _pick(rng, DENIM) if denim else _garment(rng, (0.70, 0.19, 0.08, 0.03))
-    skin = _pick(rng, SKINS)
-    two_tone = rng.random() < 0.14
-    patterns = (Pattern.PLAIN, Pattern.ACROSS, Pattern.ALONG, Pattern.CHECKS, Pattern.SPECKLE, Pattern.CLOUDS)
-    return Outfit(
-        skin=skin,
-        hair=_pick(rng, HAIRS),
-        upper=upper,
-        upper_second=_towards(upper, _garment(rng, (0.3, 0.2, 0.3, 0.2)), float(rng.uniform(0.25, 1.0))),
-        shoulders=_garment(rng, (0.3, 0.2, 0.2, 0.3)) if two_tone else upper,
-        lower=lower,
-        lower_second=_towards(lower, _garment(rng, (0.5, 0.2, 0.2, 0.1)), float(rng.uniform(0.2, 0.7))),
-        shoes=_garment(rng, (0.7, 0.12, 0.13, 0.05)),
-        shirt=_garment(rng, (0.25, 0.2, 0.35, 0.2)),
-        hat=_garment(rng, (0.5, 0.2, 0.15, 0.15)),
-        bag_colour=_garment(rng, (0.6, 0.2, 0.08, 0.12)),
-        upper_pattern=int(rng.choice(patterns, p=(0.72, 0.08, 0.03, 0.06, 0.05, 0.06))),
-        lower_pattern=int(rng.choice(patterns, p=(0.88, 0.01, 0.02, 0.03, 0.02, 0.04))),
-        period=float(rng.uniform(0.04, 0.14)),
-        long_sleeves=bool(rng.random() < 0.72),
-        lower_style=lower_style,
-        hair_style=str(rng.choice(HAIR_STYLES, p=(0.44, 0.22, 0.06, 0.05, 0.07, 0.05, 0.05, 0.06))),
-        bag=str(rng.choice(BAGS, p=(0.56, 0.16, 0.11, 0.11, 0.06))),
-        front=str(rng.choice(FRONTS, p=(0.5, 0.2, 0.15, 0.15))),
-        thickness=float(rng.uniform(0.95, 1.3)),
-        beard=bool(rng.random() < 0.2),
-        side=1.0 if rng.random() < 0.5 else -1.0,
-        phase=float(rng.uniform(0, 100)),
-    )
+class Outfit:
+    """How one person is dressed: mostly dark and muted, now and then bright or patterned; colours are sRGB in [0, 1].
+
+    Attributes:
+        skin, hair, upper, lower, shoes, bag_colour, shirt, hat: colours.
+        upper_second: colour of the upper garment's pattern, logo or zip.
+        shoulders: colour of sleeves and shoulders; the upper colour where they are the same.
+        lower_second: colour of the lower garment's pattern.
+        upper_pattern, lower_pattern: pattern codes of `solids`.
+        period: of the patterns, metres.
+        long_sleeves: whether the forearms are covered.
+        lower_style, hair_style, bag, front: one of LOWER_STYLES, HAIR_STYLES, BAGS, FRONTS.
+        thickness: of the clothes on trunk and arms, relative.
+        beard: whether the lower face has hair.
+        side: 1 for a bag on the left, -1 on the right.
+        phase: shifts patterns and folds, so that two people in the same clothes still differ.
+    """
+
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.upper = _garment(rng, (0.45, 0.22, 0.17, 0.16))
+        self.lower_style = str(rng.choice(LOWER_STYLES, p=(0.74, 0.08, 0.05, 0.04, 0.09)))
+        denim = rng.random() < 0.35 and self.lower_style != "coat"
+        self.lower = _pick(rng, DENIM) if denim else _garment(rng, (0.70, 0.19, 0.08, 0.03))
+        self.skin, two_tone, self.hair = _pick(rng, SKINS), rng.random() < 0.14, _pick(rng, HAIRS)
+        self.upper_second = _towards(self.upper, _garment(rng, (0.3, 0.2, 0.3, 0.2)), float(rng.uniform(0.25, 1.0)))
+        self.shoulders = _garment(rng, (0.3, 0.2, 0.2, 0.3)) if two_tone else self.upper
+        self.lower_second = _towards(self.lower, _garment(rng, (0.5, 0.2, 0.2, 0.1)), float(rng.uniform(0.2, 0.7)))
+        self.shoes = _garment(rng, (0.7, 0.12, 0.13, 0.05))
+        self.shirt = _garment(rng, (0.25, 0.2, 0.35, 0.2))
+        self.hat = _garment(rng, (0.5, 0.2, 0.15, 0.15))
+        self.bag_colour = _garment(rng, (0.6, 0.2, 0.08, 0.12))
+        patterns = (Pattern.PLAIN, Pattern.ACROSS, Pattern.ALONG, Pattern.CHECKS, Pattern.SPECKLE, Pattern.CLOUDS)
+        self.upper_pattern = int(rng.choice(patterns, p=(0.72, 0.08, 0.03, 0.06, 0.05, 0.06)))
+        self.lower_pattern = int(rng.choice(patterns, p=(0.88, 0.01, 0.02, 0.03, 0.02, 0.04)))
+        self.period, self.long_sleeves = float(rng.uniform(0.04, 0.14)), bool(rng.random() < 0.72)
+        self.hair_style = str(rng.choice(HAIR_STYLES, p=(0.44, 0.22, 0.06, 0.05, 0.07, 0.05, 0.05, 0.06)))
+        self.bag = str(rng.choice(BAGS, p=(0.56, 0.16, 0.11, 0.11, 0.06)))
+        self.front = str(rng.choice(FRONTS, p=(0.5, 0.2, 0.15, 0.15)))
+        self.thickness, self.beard = float(rng.uniform(0.95, 1.3)), bool(rng.random() < 0.2)
+        self.side, self.phase = 1.0 if rng.random() < 0.5 else -1.0, float(rng.uniform(0, 100))
+
+    def but(self, **changes: Any) -> Outfit:
+        """The same with some things changed."""
+        other = copy.copy(self)
+        vars(other).update(changes)
+        return other
 
 
 def random_build(rng: np.random.Generator) -> Build:
@@ -149,17 +127,8 @@ def random_build(rng: np.random.Generator) -> Build:
 
 def similar_outfit(rng: np.random.Generator, outfit: Outfit) -> Outfit:
     """Somebody else who is dressed much like ``outfit``: two or three things differ."""
-    other = random_outfit(rng)
-    changes = (
-        {"upper": other.upper, "shoulders": other.upper, "upper_pattern": other.upper_pattern},
-        {"lower": other.lower, "lower_pattern": other.lower_pattern},
-        {"lower_style": other.lower_style, "shoes": other.shoes},
-        {"hair": other.hair, "hair_style": other.hair_style, "hat": other.hat},
-        {"bag": other.bag, "bag_colour": other.bag_colour, "side": other.side},
-        {"front": other.front, "shirt": other.shirt, "upper_second": other.upper_second},
-    )
-    chosen = rng.choice(len(changes), size=int(rng.integers(2, 4)), replace=False)
-    result = replace(outfit, skin=other.skin, phase=other.phase, beard=other.beard)
-    for index in chosen:
-        result = replace(result, **changes[index])
-    return result
+    other = Outfit(rng)
+    chosen = rng.choice(len(TOGETHER), size=int(rng.integers(2, 4)), replace=False)
+    names = ["skin", "phase", "beard", *(name for index in chosen for name in TOGETHER[index])]
+    changes = {name: getattr(other, name) for name in names}
+    return outfit.but(**changes, **({"shoulders": other.upper} if "upper" in changes else {}))

@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.people.gait import Manner, random_manner, standing, walking
-from tsuiseki.datamodules.scenes.people.outfit import Outfit, random_build, random_outfit, similar_outfit
-from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton, Pose, place
+from tsuiseki.datamodules.scenes.people.outfit import Outfit, random_build, similar_outfit
+from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton, Pose
 from tsuiseki.datamodules.scenes.render.composing import Thing
 from tsuiseki.datamodules.scenes.render.shading import NOISE, NOISE_SIZE, Light, random_light, shade
 from tsuiseki.datamodules.scenes.render.solids import UP, Colour, Detail, Float32, Pair, Parts, Pattern, Surface
@@ -32,7 +32,7 @@ class Person:
 
 def random_person(rng: np.random.Generator) -> Person:
     """Somebody drawn at random."""
-    return Person(random_build(rng), random_outfit(rng), random_manner(rng))
+    return Person(random_build(rng), Outfit(rng), random_manner(rng))
 
 
 def somebody(rng: np.random.Generator, others: Sequence[Person], look_alikes: float) -> Person:
@@ -62,12 +62,11 @@ class _Flesh(Parts):
 
 def person_thing(person: Person, pose: Pose, position: FloatArray, heading: float) -> Thing:
     """``person`` in ``pose`` at ``position`` ``(2,)`` on the ground, facing ``heading`` radians."""
-    skeleton, flesh = place(person.build, pose, position, heading), _Flesh(person)
+    skeleton, flesh = PersonSkeleton(person.build, pose, position, heading), _Flesh(person)
     _trunk(flesh, person, skeleton)
     _head(flesh, person, skeleton)
     for k in (0, 1):
-        _arm(flesh, person, skeleton, k)
-        _leg(flesh, person, skeleton, k)
+        _limbs(flesh, person, skeleton, k)
     _skirt(flesh, person, skeleton)
     _bag(flesh, person, skeleton)
     return Thing(flesh.solids(), person.outfit)
@@ -128,32 +127,25 @@ def _head(flesh: _Flesh, person: Person, s: PersonSkeleton) -> None:
         flesh.add(back - up * 0.03 * h, back + up * 0.022 * h, (0.05, 0.05), front, 1.1, outfit.upper, relief=0.2)
 
 
-def _arm(flesh: _Flesh, person: Person, s: PersonSkeleton, k: int) -> None:
-    outfit, g, front = person.outfit, person.build.girth, s.trunk_axes[:, 0]
-    sleeve = (outfit.shoulders, *_upper(outfit)[1:])
-    thick = g * outfit.thickness
+def _limbs(flesh: _Flesh, person: Person, s: PersonSkeleton, k: int) -> None:
+    """An arm and a leg."""
+    build, outfit, front, g = person.build, person.outfit, s.trunk_axes[:, 0], person.build.girth
+    sleeve, thick = (outfit.shoulders, *_upper(outfit)[1:]), g * outfit.thickness
     flesh.add(s.shoulder[k], s.elbow[k], (0.034 * thick, 0.027 * thick), front, 1.0, *sleeve)
     if outfit.long_sleeves:
         flesh.add(s.elbow[k], s.wrist[k], (0.027 * thick, 0.021 * thick), front, 1.0, *sleeve)
     else:
         flesh.add(s.elbow[k], s.wrist[k], (0.024 * g, 0.017 * g), front, 1.0, outfit.skin, relief=0.05)
     flesh.add(s.wrist[k], s.fingers[k], (0.019, 0.016), front, 1.0, outfit.skin, relief=0.05)
-
-
-def _leg(flesh: _Flesh, person: Person, s: PersonSkeleton, k: int) -> None:
-    build, outfit, front = person.build, person.outfit, s.pelvis_axes[:, 0]
-    g = build.girth
-    bare = outfit.lower_style in ("shorts", "skirt")
-    cloth = _lower(outfit)
-    skin = (outfit.skin, outfit.skin, Pattern.PLAIN, 0.1)
+    cloth, skin, front = _lower(outfit), (outfit.skin, outfit.skin, Pattern.PLAIN, 0.1), s.pelvis_axes[:, 0]
     thigh = skin if outfit.lower_style == "skirt" else cloth
     flesh.add(s.hip[k], s.knee[k], (0.056 * g, 0.036 * g), front, 1.0, *thigh)
+    bare = outfit.lower_style in ("shorts", "skirt")
     shin = (0.034 * g, 0.022 * g) if bare else (0.036 * g, 0.029 * g)
     flesh.add(s.knee[k], s.ankle[k], shin, front, 1.0, *(skin if bare else cloth))
-    toe = s.toe[k]
-    step = (toe - s.ankle[k]) / np.linalg.norm(toe - s.ankle[k])
-    heel = s.ankle[k] + (s.ankle[k] - toe) * 0.2
-    heel = heel - 0.018 * build.height * np.cross(step, s.pelvis_axes[:, 1]) * -1.0
+    ankle, toe = s.ankle[k], s.toe[k]
+    step = (toe - ankle) / np.linalg.norm(toe - ankle)
+    heel = ankle + (ankle - toe) * 0.2 + 0.018 * build.height * np.cross(step, s.pelvis_axes[:, 1])
     flesh.add(heel, toe, (0.026, 0.021), UP, 0.9, outfit.shoes, relief=0.08)
 
 

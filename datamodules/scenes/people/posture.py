@@ -121,36 +121,6 @@ def mirrored(pose: Pose) -> Pose:
     return replace(pose, sway=-pose.sway, twist=-pose.twist, look=-pose.look, roll=-pose.roll, **swapped)
 
 
-@dataclass(frozen=True)
-class PersonSkeleton:
-    """Joints in the world, metres; each limb's row 0 is the left one, row 1 the right one.
-
-    Attributes:
-        pelvis: ``(3,)`` between the hips.
-        chest: ``(3,)`` between the shoulders.
-        head: ``(3,)`` centre of the head.
-        shoulder, elbow, wrist, fingers, hip, knee, ankle, toe: ``(2, 3)``.
-        pelvis_axes: ``(3, 3)`` columns forward, left, up.
-        trunk_axes: ``(3, 3)`` likewise.
-        head_axes: ``(3, 3)`` likewise.
-    """
-
-    pelvis: FloatArray
-    chest: FloatArray
-    head: FloatArray
-    shoulder: FloatArray
-    elbow: FloatArray
-    wrist: FloatArray
-    fingers: FloatArray
-    hip: FloatArray
-    knee: FloatArray
-    ankle: FloatArray
-    toe: FloatArray
-    pelvis_axes: FloatArray
-    trunk_axes: FloatArray
-    head_axes: FloatArray
-
-
 def turn(yaw: float, pitch: float = 0.0, roll: float = 0.0) -> FloatArray:
     """``(3, 3)`` rotation: ``roll`` about x, then ``pitch`` about y (forward), then ``yaw`` about z."""
     cy, sy, cp, sp, cr, sr = (f(a) for a in (yaw, pitch, roll) for f in (math.cos, math.sin))
@@ -166,30 +136,43 @@ def hanging(forward: float, sideways: float, side: float) -> FloatArray:
     return np.array([math.sin(forward) * out, side * math.sin(sideways), -math.cos(forward) * out])
 
 
-def place(build: Build, pose: Pose, position: FloatArray, heading: float) -> PersonSkeleton:
-    """The joints of a person in ``pose`` who stands at ``position`` ``(2,)`` and faces ``heading``.
+class PersonSkeleton:
+    """Joints of a person in ``pose`` who stands at ``position`` ``(2,)`` and faces ``heading``.
 
-    The lower foot rests on the ground z = 0, raised by ``pose.lift``; of a body that is pitched or rolled, the lowest
-    joint does.
+    They lie in the world, metres; each limb's row 0 is the left one, row 1 the right one. The lower foot rests on the
+    ground z = 0, raised by ``pose.lift``; of a body that is pitched or rolled, the lowest joint does.
+
+    Attributes:
+        pelvis: ``(3,)`` between the hips.
+        chest: ``(3,)`` between the shoulders.
+        head: ``(3,)`` centre of the head.
+        shoulder, elbow, wrist, fingers, hip, knee, ankle, toe: ``(2, 3)``.
+        pelvis_axes: ``(3, 3)`` columns forward, left, up.
+        trunk_axes: ``(3, 3)`` likewise.
+        head_axes: ``(3, 3)`` likewise.
     """
-    height = build.height
-    pelvis_axes = turn(heading)
-    trunk_axes = turn(heading + pose.twist, pose.lean, -pose.sway)
-    head_axes = turn(heading + pose.twist + pose.look, 0.4 * pose.lean + pose.nod)
-    trunk = height * (SHOULDER_ABOVE_HIP + 0.491 * (1 - build.legs))
-    chest = trunk_axes[:, 2] * trunk
-    head = chest + trunk_axes[:, 2] * HEAD_ABOVE_SHOULDER * height + head_axes[:, 2] * 0.065 * height * build.head
-    limbs = [_limbs(build, pose, k, chest, pelvis_axes, trunk_axes) for k in (0, 1)]
-    paired = [np.stack(pair) for pair in zip(*limbs, strict=True)]
-    ankle, toe = paired[-2:]
-    rest = min(ankle[:, 2].min() - ANKLE_HEIGHT * height, toe[:, 2].min() - 0.016 * height)
-    bodies, axes = [chest, head, *paired], [pelvis_axes, trunk_axes, head_axes]
-    if pose.pitch or pose.roll:
-        whole = turn(heading, pose.pitch, pose.roll) @ turn(heading).T
-        bodies, axes = [joint @ whole.T for joint in bodies], [whole @ each for each in axes]
-        rest = min(0.0, *(float(joint[..., 2].min()) for joint in bodies)) - _THICK * height
-    root = np.array([position[0], position[1], pose.lift - rest])
-    return PersonSkeleton(*[root, *(joint + root for joint in bodies), *axes])
+
+    def __init__(self, build: Build, pose: Pose, position: FloatArray, heading: float) -> None:
+        height = build.height
+        pelvis_axes = turn(heading)
+        trunk_axes = turn(heading + pose.twist, pose.lean, -pose.sway)
+        head_axes = turn(heading + pose.twist + pose.look, 0.4 * pose.lean + pose.nod)
+        trunk = height * (SHOULDER_ABOVE_HIP + 0.491 * (1 - build.legs))
+        chest = trunk_axes[:, 2] * trunk
+        head = chest + trunk_axes[:, 2] * HEAD_ABOVE_SHOULDER * height + head_axes[:, 2] * 0.065 * height * build.head
+        limbs = [_limbs(build, pose, k, chest, pelvis_axes, trunk_axes) for k in (0, 1)]
+        paired = [np.stack(pair) for pair in zip(*limbs, strict=True)]
+        ankle, toe = paired[-2:]
+        rest = min(ankle[:, 2].min() - ANKLE_HEIGHT * height, toe[:, 2].min() - 0.016 * height)
+        bodies, axes = [chest, head, *paired], [pelvis_axes, trunk_axes, head_axes]
+        if pose.pitch or pose.roll:
+            whole = turn(heading, pose.pitch, pose.roll) @ turn(heading).T
+            bodies, axes = [joint @ whole.T for joint in bodies], [whole @ each for each in axes]
+            rest = min(0.0, *(float(joint[..., 2].min()) for joint in bodies)) - _THICK * height
+        self.pelvis = root = np.array([position[0], position[1], pose.lift - rest])
+        self.chest, self.head, *limb = (joint + root for joint in bodies)
+        self.shoulder, self.elbow, self.wrist, self.fingers, self.hip, self.knee, self.ankle, self.toe = limb
+        self.pelvis_axes, self.trunk_axes, self.head_axes = axes
 
 
 def _limbs(
@@ -291,7 +274,7 @@ def balanced(build: Build, pose: Pose) -> Pose:
     low, high = -0.7, 0.7
     for _ in range(12):
         by = 0.5 * (low + high)
-        low, high = (by, high) if mass_ahead(place(build, moved(by), np.zeros(2), 0.0)) > 0 else (low, by)
+        low, high = (by, high) if mass_ahead(PersonSkeleton(build, moved(by), np.zeros(2), 0.0)) > 0 else (low, by)
     return moved(by)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -12,9 +11,9 @@ from scipy.ndimage import gaussian_filter1d
 
 from tsuiseki.datamodules.scenes.clip import ClipSettings
 from tsuiseki.datamodules.scenes.people.gait import random_manner, standing, stride_length, walking
-from tsuiseki.datamodules.scenes.people.outfit import random_build, random_outfit, similar_outfit
+from tsuiseki.datamodules.scenes.people.outfit import Outfit, random_build, similar_outfit
 from tsuiseki.datamodules.scenes.people.person import Person, person_thing, somebody
-from tsuiseki.datamodules.scenes.people.posture import Pose, blend
+from tsuiseki.datamodules.scenes.people.posture import blend
 from tsuiseki.datamodules.scenes.render.composing import Thing
 from tsuiseki.tracking.types import FloatArray
 
@@ -35,7 +34,6 @@ SPRINT, AROUND, PLAY = (2.0, 8.0), 3.0, 3.0
 Motion = Literal["walk", "dance", "sport"]
 
 
-@dataclass(frozen=True)
 class Walker:
     """One person's way through a clip.
 
@@ -50,14 +48,16 @@ class Walker:
         rest: the pose while standing.
     """
 
-    person: Person
-    first: int
-    positions: FloatArray
-    headings: FloatArray
-    speeds: FloatArray
-    phases: FloatArray
-    stillness: FloatArray
-    rest: Pose
+    def __init__(self, rng: np.random.Generator, person: Person, first: int, way: FloatArray, rate: float) -> None:
+        velocities = _steps(way) * rate
+        self.person, self.first, self.positions = person, first, way
+        self.speeds, directions = np.linalg.norm(velocities, axis=1), _directions(velocities, 0.2 * rate)
+        strides = np.array([stride_length(person.build, person.manner, float(s)) for s in self.speeds])
+        steps = np.where(self.speeds > 0.05, self.speeds / rate / strides, 0)
+        still = (self.speeds < STANDING_SPEED).astype(np.float64)
+        self.stillness = gaussian_filter1d(still, 0.2 * rate, mode="nearest")
+        self.headings, self.phases = np.arctan2(directions[:, 1], directions[:, 0]), rng.random() + np.cumsum(steps)
+        self.rest = standing(rng, person.manner)
 
     def is_there(self, frame: int) -> bool:
         """Whether the person is around in ``frame``."""
@@ -99,7 +99,7 @@ def crowd(
     persons: list[Person] = []
     for _ in ways:
         persons.append(somebody(rng, persons, look_alikes))
-    return [walker_along(rng, *row, clip.frame_rate) for row in zip(persons, starts, ways, strict=True)]
+    return [Walker(rng, *row, clip.frame_rate) for row in zip(persons, starts, ways, strict=True)]
 
 
 def _passing(
@@ -244,16 +244,6 @@ def _repulsion(a: FloatArray, b: FloatArray, distance: float | FloatArray, other
     return np.asarray((lack[:, :, None] * turned).sum(axis=1) * 2)
 
 
-def walker_along(rng: np.random.Generator, person: Person, first: int, way: FloatArray, frame_rate: float) -> Walker:
-    velocities = _steps(way) * frame_rate
-    speeds, directions = np.linalg.norm(velocities, axis=1), _directions(velocities, 0.2 * frame_rate)
-    strides = [stride_length(person.build, person.manner, float(s)) for s in speeds]
-    steps = np.where(speeds > 0.05, speeds / frame_rate / np.array(strides), 0)
-    still = gaussian_filter1d((speeds < STANDING_SPEED).astype(np.float64), 0.2 * frame_rate, mode="nearest")
-    headings, phases = np.arctan2(directions[:, 1], directions[:, 0]), rng.random() + np.cumsum(steps)
-    return Walker(person, first, way, headings, speeds, phases, still, standing(rng, person.manner))
-
-
 # In a room: metres from the walls that people keep, and longest way to the next place.
 MARGIN, FARTHEST = 0.45, 7.0
 # Likewise the probability of a halt where the way turns, and (mean, standard deviation) of speeds, m/s.
@@ -264,11 +254,11 @@ def dressed(rng: np.random.Generator, people: int, repeated: float) -> list[Pers
     """People of whom a share wears the same clothes as another, or nearly."""
     found: list[Person] = []
     for _ in range(people):
-        outfit = random_outfit(rng)
+        outfit = Outfit(rng)
         if found and rng.random() < repeated:
             model = found[int(rng.integers(len(found)))].outfit
             # The same clothes on somebody else, or most of them.
-            other = replace(model, skin=outfit.skin, hair=outfit.hair, hair_style=outfit.hair_style, phase=outfit.phase)
+            other = model.but(skin=outfit.skin, hair=outfit.hair, hair_style=outfit.hair_style, phase=outfit.phase)
             outfit = other if rng.random() < 0.6 else similar_outfit(rng, model)
         found.append(Person(random_build(rng), outfit, random_manner(rng)))
     return found
@@ -306,4 +296,4 @@ def wander(
             here = there
         ways.append(_rounded(pieces, 0.4 * rate)[: clip.frames])
     ways = [np.clip(way, 0.3, size - 0.3) for way in keep_apart([0] * len(ways), ways, clip, obstacles)]
-    return [walker_along(rng, person, 0, way, rate) for person, way in zip(people, ways, strict=True)]
+    return [Walker(rng, person, 0, way, rate) for person, way in zip(people, ways, strict=True)]

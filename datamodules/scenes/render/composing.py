@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from tsuiseki.datamodules.scenes.people.outfit import Outfit
 from tsuiseki.datamodules.scenes.render import tracing
 from tsuiseki.datamodules.scenes.render.shading import Light, shade
-from tsuiseki.datamodules.scenes.render.solids import CORNERS, Float32, Int32, Solids
+from tsuiseki.datamodules.scenes.render.solids import CORNERS, Float32, Solids
 from tsuiseki.datamodules.scenes.render.tracing import Layer, RayCamera
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
@@ -213,35 +213,27 @@ def shadows(things: list[Thing], camera: RayCamera, direction: Float32, softness
     mask = np.zeros((camera.height, camera.width), dtype=np.uint8)
     if direction[2] < 0.05:
         return mask.astype(np.float32)
-    for thing in things:
-        for polygon in _shadow_polygons(thing.solids, camera, direction):
-            cv2.fillConvexPoly(mask, polygon, 255, lineType=cv2.LINE_AA, shift=4)
-    blurred = cv2.GaussianBlur(mask, (0, 0), softness) if softness > 0 else mask
-    return np.asarray(blurred, dtype=np.float32) / np.float32(255)
-
-
-def _shadow_polygons(solids: Solids, camera: RayCamera, direction: Float32) -> list[Int32]:
     sun = direction.astype(np.float64)
     across = np.cross(sun, [0.0, 0.0, 1.0] if sun[2] < 0.99 else [1.0, 0.0, 0.0])
     across /= np.linalg.norm(across)
-    upward = np.cross(across, sun)
     angle = np.linspace(0, 2 * np.pi, 8, endpoint=False)
-    ring = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * upward
-    axes, ends = solids.ends()
-    mean_scale = np.where(solids.box[:, None], 0.0, solids.scale[:, 1:2] * 0.5 + 0.5)
-    points = ends[:, :, None] + ring * (solids.radius * mean_scale)[:, :, None, None]
-    points = points.reshape(len(solids), 16, 3)
-    corners = solids.start[:, None] + np.einsum("kij,cj->kci", axes, np.concatenate([CORNERS, CORNERS]))
-    points = np.where(solids.box[:, None, None], corners, points)
-    points[:, :, 2] = np.maximum(points[:, :, 2], 0)
-    cast = points - points[:, :, 2:] / sun[2] * sun
-    pixels, depth = camera.project(cast.reshape(-1, 3))
-    pixels, seen = pixels.reshape(len(solids), 16, 2), (depth.reshape(len(solids), 16) > 0.3).all(axis=1)
-    limit = 8 * max(camera.width, camera.height)
-    seen &= (np.abs(np.nan_to_num(pixels, nan=1e9)) < limit).all(axis=(1, 2))
-    # fillConvexPoly reads fixed-point numbers and puts a pixel's centre at a whole one.
-    fixed = np.round((pixels[seen] - 0.5) * 16).astype(np.int32)
-    return [cv2.convexHull(p).reshape(-1, 1, 2) for p in fixed]
+    ring = np.cos(angle)[:, None] * across + np.sin(angle)[:, None] * np.cross(across, sun)
+    for solids in (thing.solids for thing in things):
+        axes, ends = solids.ends()
+        mean_scale = np.where(solids.box[:, None], 0.0, solids.scale[:, 1:2] * 0.5 + 0.5)
+        points = ends[:, :, None] + ring * (solids.radius * mean_scale)[:, :, None, None]
+        corners = solids.start[:, None] + np.einsum("kij,cj->kci", axes, np.concatenate([CORNERS, CORNERS]))
+        points = np.where(solids.box[:, None, None], corners, points.reshape(len(solids), 16, 3))
+        points[:, :, 2] = np.maximum(points[:, :, 2], 0)
+        pixels, depth = camera.project((points - points[:, :, 2:] / sun[2] * sun).reshape(-1, 3))
+        pixels, seen = pixels.reshape(len(solids), 16, 2), (depth.reshape(len(solids), 16) > 0.3).all(axis=1)
+        limit = 8 * max(camera.width, camera.height)
+        seen &= (np.abs(np.nan_to_num(pixels, nan=1e9)) < limit).all(axis=(1, 2))
+        # fillConvexPoly reads fixed-point numbers and puts a pixel's centre at a whole one.
+        for fixed in np.round((pixels[seen] - 0.5) * 16).astype(np.int32):
+            cv2.fillConvexPoly(mask, cv2.convexHull(fixed), 255, lineType=cv2.LINE_AA, shift=4)
+    blurred = cv2.GaussianBlur(mask, (0, 0), softness) if softness > 0 else mask
+    return np.asarray(blurred, dtype=np.float32) / np.float32(255)
 
 
 @dataclass(frozen=True)

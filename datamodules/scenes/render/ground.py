@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.render.shading import Light, noise_at
-from tsuiseki.datamodules.scenes.render.solids import Colour, Float32, as_colour
+from tsuiseki.datamodules.scenes.render.solids import Float32, as_colour
 from tsuiseki.datamodules.scenes.render.tracing import RayCamera, ray_grid
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
@@ -26,77 +24,50 @@ COLOURS = np.array(
 ROUGHNESS = np.array([0.10, 0.08, 0.30, 0.22, 0.06], np.float32)
 
 
-@dataclass(frozen=True)
 class Strip:
     """A straight band of other ground: where |x cos a + y sin a - offset| < half_width, edges ``wobble`` metres loose.
 
     Attributes:
         material: of the band.
-        angle: radians.
+        angle: radians, about along or across ``main``.
         offset: metres.
         half_width: metres.
         wobble: metres.
         line: colour of the lines along its borders, or None.
     """
 
-    material: int
-    angle: float
-    offset: float
-    half_width: float
-    wobble: float
-    line: Colour | None
+    def __init__(self, rng: np.random.Generator, material: int, main: float) -> None:
+        loose, self.material = bool(rng.random() < 0.3), material
+        self.line = None if rng.random() < 0.5 else as_colour(rng.choice([[0.85] * 3, [0.8, 0.7, 0.2]]))
+        self.angle = main + float(rng.choice([0.0, np.pi / 2])) + float(rng.normal(0, 0.15))
+        self.offset, self.half_width = float(rng.normal(6, 8)), float(rng.uniform(0.5, 5))
+        self.wobble = float(rng.uniform(0.2, 1.5)) if loose else 0.0
 
 
-@dataclass(frozen=True)
 class Ground:
-    """A ground and a sky.
+    """A random ground and its sky: a street, a square or a lawn.
 
     Attributes:
         material: of all that no strip covers.
-        tints: ``(5, 3)`` factors of the materials' colours.
         strips: later ones cover earlier ones.
+        sky: ``(2, 3)`` sRGB at the horizon and overhead.
+        tints: ``(5, 3)`` factors of the materials' colours.
         tile: side of the paving's slabs, metres.
         stains: strength of the large-scale variation.
-        sky: ``(2, 3)`` sRGB at the horizon and overhead.
         haze: metres at which the ground has faded to the horizon by two thirds.
         phase: shifts the noise.
     """
 
-    material: int
-    tints: Float32
-    strips: tuple[Strip, ...]
-    tile: float
-    stains: float
-    sky: Float32
-    haze: float
-    phase: float
-
-
-def random_ground(rng: np.random.Generator) -> Ground:
-    """A street, a square or a lawn."""
-    materials = rng.choice(5, size=8, p=(0.36, 0.22, 0.18, 0.08, 0.16))
-    main = float(rng.uniform(0, np.pi))
-    strips = []
-    for k in range(int(rng.integers(0, 5))):
-        loose = bool(rng.random() < 0.3)
-        line = None if rng.random() < 0.5 else as_colour(rng.choice([[0.85] * 3, [0.8, 0.7, 0.2]]))
-        angle = main + float(rng.choice([0.0, np.pi / 2])) + float(rng.normal(0, 0.15))
-        offset, half_width = float(rng.normal(6, 8)), float(rng.uniform(0.5, 5))
-        wobble = float(rng.uniform(0.2, 1.5)) if loose else 0.0
-        strips.append(Strip(int(materials[k + 1]), angle, offset, half_width, wobble, line))
-    grey = rng.uniform(0.6, 0.95)
-    horizon = np.clip(grey + rng.normal(0, 0.03, 3), 0, 1)
-    overhead = np.clip(horizon * rng.uniform(0.7, 1.05) + [-0.12, 0.0, 0.12] * rng.uniform(0, 1, 1), 0, 1)
-    return Ground(
-        material=int(materials[0]),
-        tints=(rng.uniform(0.65, 1.35, (5, 1)) * rng.normal(1, 0.05, (5, 3))).astype(np.float32),
-        strips=tuple(strips),
-        tile=float(rng.uniform(0.3, 1.2)),
-        stains=float(rng.uniform(0.3, 1.6)),
-        sky=np.stack([horizon, overhead]).astype(np.float32),
-        haze=float(rng.uniform(80, 600)),
-        phase=float(rng.uniform(0, 1000)),
-    )
+    def __init__(self, rng: np.random.Generator) -> None:
+        self.material, *materials = rng.choice(5, size=8, p=(0.36, 0.22, 0.18, 0.08, 0.16)).tolist()
+        main = float(rng.uniform(0, np.pi))
+        self.strips = [Strip(rng, materials[k], main) for k in range(int(rng.integers(0, 5)))]
+        horizon = np.clip(rng.uniform(0.6, 0.95) + rng.normal(0, 0.03, 3), 0, 1)
+        overhead = np.clip(horizon * rng.uniform(0.7, 1.05) + [-0.12, 0.0, 0.12] * rng.uniform(0, 1, 1), 0, 1)
+        self.sky = np.stack([horizon, overhead]).astype(np.float32)
+        self.tints = (rng.uniform(0.65, 1.35, (5, 1)) * rng.normal(1, 0.05, (5, 3))).astype(np.float32)
+        self.tile, self.stains = float(rng.uniform(0.3, 1.2)), float(rng.uniform(0.3, 1.6))
+        self.haze, self.phase = float(rng.uniform(80, 600)), float(rng.uniform(0, 1000))
 
 
 def draw_ground(ground: Ground, camera: RayCamera, light: Light) -> tuple[Float32, Float32]:
@@ -176,9 +147,8 @@ LARGEST = 2.4
 GRID = 40
 
 
-@dataclass(frozen=True)
 class GroundMap:
-    """A picture of the ground from straight above, with coarser copies of it.
+    """A picture from straight above of all the ground that ``cameras`` see under a light, with coarser copies of it.
 
     Attributes:
         levels: ``(H, W, 3)`` uint8, each half the size of the one before; light after gamma 2.
@@ -186,44 +156,29 @@ class GroundMap:
         cell: metres of a pixel of the first level.
     """
 
-    levels: tuple[ImageArray, ...]
-    corner: FloatArray
-    cell: float
-
-
-def map_ground(ground: Ground, cameras: list[PinholeCamera], light: Light) -> GroundMap:
-    """The map of all that ``cameras`` see under ``light``."""
-    low, high, finest = _seen(cameras)
-    side = float((high - low).max())
-    cell = max(finest, side / (LARGEST * cameras[0].width))
-    columns, rows = np.ceil((high - low) / cell).astype(int)
-    x = (low[0] + (np.arange(columns) + 0.5) * cell).astype(np.float32)
-    y = (low[1] + (np.arange(rows) + 0.5) * cell).astype(np.float32)
-    bright = light.direction[2] * light.sun + light.sky
-    picture = np.empty((rows, columns, 3), dtype=np.uint8)
-    # In bands that stay in the cache: the colour of the ground takes a dozen arrays of this size.
-    for top in range(0, rows, 64):
-        part = y[top : top + 64]
-        xs, ys = np.broadcast_arrays(x[None, :], part[:, None])
-        colour = np.clip(ground_colour(ground, xs, ys, np.full(xs.shape, cell, dtype=np.float32)), 0, 1)
-        picture[top : top + 64] = np.clip(255 * colour * np.sqrt(bright) + 0.5, 0, 255)
-    levels = [picture]
-    while min(levels[-1].shape[:2]) > 64 and len(levels) < 5:
-        small = levels[-1].shape[1] // 2, levels[-1].shape[0] // 2
-        levels.append(np.asarray(cv2.resize(levels[-1], small, interpolation=cv2.INTER_AREA), dtype=np.uint8))
-    return GroundMap(tuple(levels), low, cell)
-
-
-def _seen(cameras: list[PinholeCamera]) -> tuple[FloatArray, FloatArray, float]:
-    """Corners of the ground in view, metres, and the finest metres a pixel."""
-    points, finest = [], np.inf
-    for camera in cameras:
-        edge = np.array([[x, y] for x in (0, camera.width) for y in (0, camera.height)], dtype=np.float64)
-        points.append(camera.ground(edge)[:, :2])
-        finest = min(finest, float(camera.position[2] / camera.focal[0]))
-    found = np.concatenate(points)
-    found = found[np.isfinite(found).all(axis=1)]
-    return found.min(axis=0) - 1.0, found.max(axis=0) + 1.0, finest
+    def __init__(self, ground: Ground, cameras: list[PinholeCamera], light: Light) -> None:
+        edges = (np.array([[x, y] for x in (0, c.width) for y in (0, c.height)], dtype=np.float64) for c in cameras)
+        seen = np.concatenate([c.ground(edge)[:, :2] for c, edge in zip(cameras, edges, strict=True)])
+        seen = seen[np.isfinite(seen).all(axis=1)]
+        self.corner, high = seen.min(axis=0) - 1.0, seen.max(axis=0) + 1.0
+        extent = high - self.corner
+        finest = min(float(camera.position[2] / camera.focal[0]) for camera in cameras)
+        self.cell = cell = max(finest, float(extent.max()) / (LARGEST * cameras[0].width))
+        columns, rows = np.ceil(extent / cell).astype(int)
+        x = (self.corner[0] + (np.arange(columns) + 0.5) * cell).astype(np.float32)
+        y = (self.corner[1] + (np.arange(rows) + 0.5) * cell).astype(np.float32)
+        bright = light.direction[2] * light.sun + light.sky
+        picture = np.empty((rows, columns, 3), dtype=np.uint8)
+        # In bands that stay in the cache: the colour of the ground takes a dozen arrays of this size.
+        for top in range(0, rows, 64):
+            xs, ys = np.broadcast_arrays(x[None, :], y[top : top + 64, None])
+            colour = np.clip(ground_colour(ground, xs, ys, np.full(xs.shape, cell, dtype=np.float32)), 0, 1)
+            picture[top : top + 64] = np.clip(255 * colour * np.sqrt(bright) + 0.5, 0, 255)
+        self.levels = [picture]
+        while min(self.levels[-1].shape[:2]) > 64 and len(self.levels) < 5:
+            small = self.levels[-1].shape[1] // 2, self.levels[-1].shape[0] // 2
+            coarser = cv2.resize(self.levels[-1], small, interpolation=cv2.INTER_AREA)
+            self.levels.append(np.asarray(coarser, dtype=np.uint8))
 
 
 def look_down(ground: GroundMap, camera: PinholeCamera) -> ImageArray:
@@ -232,7 +187,11 @@ def look_down(ground: GroundMap, camera: PinholeCamera) -> ImageArray:
     Where a pixel covers several of the map, a coarser level is used, so that nothing flickers.
     """
     size = camera.width, camera.height
-    wanted = np.log2(np.maximum(_footprints(camera) / ground.cell, 1.0))
+    x, y = (np.linspace(0, side, side // GRID + 1) for side in size)
+    down = np.maximum(-camera.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))[:, 2], 0.02)
+    # Metres of the ground that a pixel covers along its longer side.
+    covered = camera.position[2] / down / camera.focal[0] / np.sqrt(down)
+    wanted = np.log2(np.maximum(covered.reshape(len(y), len(x)) / ground.cell, 1.0))
     first = int(np.clip(np.floor(wanted.min()), 0, len(ground.levels) - 1))
     last = int(np.clip(np.ceil(wanted.max() - 0.25), first, len(ground.levels) - 1))
     frame = _cut(ground, first, camera)
@@ -260,16 +219,6 @@ def _cut(ground: GroundMap, level: int, camera: PinholeCamera, rows: slice | Non
     size = camera.width, bottom - top
     cut = cv2.warpPerspective(ground.levels[level], matrix, size, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(cut, dtype=np.uint8)
-
-
-def _footprints(camera: PinholeCamera) -> FloatArray:
-    """Metres of the ground that a pixel covers along its longer side, on a coarse grid."""
-    columns, rows = camera.width // GRID + 1, camera.height // GRID + 1
-    x, y = np.meshgrid(np.linspace(0, camera.width, columns), np.linspace(0, camera.height, rows))
-    rays = camera.rays(np.stack([x.ravel(), y.ravel()], axis=1))
-    down = np.maximum(-rays[:, 2], 0.02)
-    distance = camera.position[2] / down
-    return np.asarray(distance / camera.focal[0] / np.sqrt(down)).reshape(rows, columns)
 
 
 def ground_homography(before: PinholeCamera, after: PinholeCamera) -> FloatArray:

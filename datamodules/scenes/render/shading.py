@@ -122,7 +122,13 @@ def paint(local: Float32, which: Int32, solids: Solids, outfit: Outfit | None) -
     colour = solids.colour[which].T.copy()
     pattern = solids.pattern[which]
     if (pattern != Pattern.PLAIN).any():
-        u, v = _flat_coordinates(metres, local, which, solids)
+        # Metres around and along each solid's surface.
+        u, v, box = metres[0].copy(), metres[2].copy(), solids.box[which]
+        curved, flat = np.flatnonzero(~box), np.flatnonzero(box)
+        u[curved] = np.arctan2(local[0, curved], local[1, curved]) * solids.radius[which[curved]].mean(axis=1)
+        face = np.abs(local[:, flat]).argmax(axis=0)
+        u[flat] = np.where(face == 0, metres[1, flat], metres[0, flat])
+        v[flat] = np.where(face == 2, metres[1, flat], metres[2, flat])
         second, period, phase = solids.second[which].T, solids.period[which], solids.phase[which]
         for code in np.unique(pattern[pattern != Pattern.PLAIN]):
             at = np.flatnonzero(pattern == code)
@@ -140,19 +146,6 @@ def paint(local: Float32, which: Int32, solids: Solids, outfit: Outfit | None) -
     folds = np.sin(a + np.float32(1.3) * b + phase) * np.sin(np.float32(0.6) * c - b + 2 * phase)
     folds += np.sin(np.float32(1.9) * c + a - phase) * np.float32(0.5)
     return np.asarray(np.clip(colour * (1 + solids.relief[which] * folds), 0, 1))
-
-
-def _flat_coordinates(metres: Float32, local: Float32, which: Int32, solids: Solids) -> tuple[Float32, Float32]:
-    """Coordinates ``u`` around and ``v`` along each solid's surface, metres."""
-    u, v = metres[0].copy(), metres[2].copy()
-    box = solids.box[which]
-    curved = np.flatnonzero(~box)
-    u[curved] = np.arctan2(local[0, curved], local[1, curved]) * solids.radius[which[curved]].mean(axis=1)
-    flat = np.flatnonzero(box)
-    face = np.abs(local[:, flat]).argmax(axis=0)
-    u[flat] = np.where(face == 0, metres[1, flat], metres[0, flat])
-    v[flat] = np.where(face == 2, metres[1, flat], metres[2, flat])
-    return u, v
 
 
 def noise_at(u: Float32, v: Float32) -> Float32:

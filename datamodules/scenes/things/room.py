@@ -6,7 +6,6 @@ import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tsuiseki.datamodules.scenes.render.composing import Picture, Thing, by_pixel, compose, empty_picture, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light, noise_at, pattern_value
@@ -165,22 +164,9 @@ def _lit(shell: Shell, camera: RayCamera, grid: Float32, light: Light) -> tuple[
     face = reach.argmin(axis=0)
     hit = np.isfinite(rays[0])
     points = origin[:, None] + np.where(hit, rays, 0) * np.where(hit, reach.min(axis=0), 0)
-    albedo = _albedo(shell, points, face)
-    albedo[~hit] = 0
-    normals = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float32)
-    ambient = 0.5 * (1 + normals[:, 2:]) * light.sky + 0.5 * (1 - normals[:, 2:]) * light.ground
-    facing = np.maximum(normals @ light.direction, 0)[:, None] * light.sun
-    met = albedo, ambient[face], facing[face], (face == 4)[:, None].astype(np.float32)
-    return tuple(each.reshape(*grid.shape[1:], -1) for each in met)
-
-
-def _albedo(shell: Shell, points: Float32, face: NDArray[np.int64]) -> Float32:
-    """Linear reflectances ``(N, 3)`` of points ``(3, N)`` on the walls."""
-    colour = np.empty((points.shape[1], 3), dtype=np.float32)
+    albedo = np.zeros((points.shape[1], 3), dtype=np.float32)
     for code, surface in enumerate(shell.surfaces):
-        at = face == code
-        if not at.any():
-            continue
+        at = (face == code) & hit
         x, y, z = points[:, at]
         u, v = (x, y) if code >= 4 else (y, z) if code < 2 else (x, z)
         ones = np.ones(len(u), dtype=np.float32)
@@ -188,8 +174,12 @@ def _albedo(shell: Shell, points: Float32, face: NDArray[np.int64]) -> Float32:
         mix = 0 * ones if plain else pattern_value(surface.pattern, u, v, surface.period * ones, 0.3 * ones)
         base = np.square(np.array(surface[:2], dtype=np.float32))
         grain = 1 + np.float32(shell.grain) * (noise_at(u * 60, v * 60) + noise_at(u * 13 + 91, v * 13) - 1)
-        colour[at] = (base[0] + mix[:, None] * (base[1] - base[0])) * grain[:, None]
-    return colour
+        albedo[at] = (base[0] + mix[:, None] * (base[1] - base[0])) * grain[:, None]
+    normals = np.array([[1, 0, 0], [-1, 0, 0], [0, 1, 0], [0, -1, 0], [0, 0, 1], [0, 0, -1]], dtype=np.float32)
+    ambient = 0.5 * (1 + normals[:, 2:]) * light.sky + 0.5 * (1 - normals[:, 2:]) * light.ground
+    facing = np.maximum(normals @ light.direction, 0)[:, None] * light.sun
+    met = albedo, ambient[face], facing[face], (face == 4)[:, None].astype(np.float32)
+    return tuple(each.reshape(*grid.shape[1:], -1) for each in met)
 
 
 SEAT, TABLE = 0.45, 0.73

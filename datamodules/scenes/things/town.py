@@ -234,11 +234,20 @@ def front(rng: np.random.Generator, parts: Parts) -> None:
         if shops:
             half_h, low = float(rng.uniform(0.9, 1.15)), 0.3
         for x in np.arange(-wide / 2 + step / 2, wide / 2 - step / 3, step):
-            door, size = level == 0 and rng.random() < 0.3, (half_w, half_h, low)
+            door, (w, h, low_edge) = level == 0 and rng.random() < 0.3, (half_w, half_h, low)
             if door:
-                size = (float(rng.uniform(0.4, 0.6)), float(rng.uniform(0.95, 1.15)), 0.0)
-            _opening(rng, parts, parts.at(x, up=level * storey + size[2] + size[1]), size, glass, door)
-            if shops and not door and rng.random() < 0.5:
+                w, h, low_edge = float(rng.uniform(0.4, 0.6)), float(rng.uniform(0.95, 1.15)), 0.0
+            middle = parts.at(x, up=level * storey + low_edge + h)
+            parts.box(middle, (w, 0.55 * _WALL, h), Surface(any_colour(rng), relief=0.05))
+            if door:
+                pane = h * float(rng.uniform(0.15, 0.8))
+                parts.box(middle + (0.85 * h - pane) * UP, (0.7 * w, 0.6 * _WALL, pane), Surface(glass, relief=0.05))
+                continue
+            parts.box(middle, (0.88 * w, 0.6 * _WALL, 0.92 * h), Surface(glass, relief=0.05))
+            if rng.random() < 0.4:
+                drop, blind = h * float(rng.uniform(0.1, 0.6)), Surface(any_colour(rng), relief=0.05)
+                parts.box(middle + (0.92 * h - drop) * UP, (0.86 * w, 0.65 * _WALL, drop), blind)
+            if shops and rng.random() < 0.5:
                 torso(rng, parts.beside(x, -0.12))
                 torso(rng, parts.beside(x, 0.12))
         if shops:
@@ -250,25 +259,3 @@ def grout_of(wall: Colour) -> Colour:
     """The colour between the bricks of a ``wall``."""
     red, green, blue = wall
     return 0.8 * red + 0.1, 0.8 * green + 0.1, 0.8 * blue + 0.1
-
-
-def _opening(
-    rng: np.random.Generator, parts: Parts, middle: FloatArray, size: tuple[float, float, float], glass: Colour,
-    door: bool,
-) -> None:  # fmt: skip
-    """A door with a pane, or a window with a frame and perhaps a blind, about ``middle`` ``(3,)``.
-
-    ``size`` is half the width, half the height, and the height of the lower edge, metres.
-    """
-    wide, high, _ = size
-    pane_of = Surface(glass, relief=0.05)
-    parts.box(middle, (wide, 0.55 * _WALL, high), Surface(any_colour(rng), relief=0.05))
-    if door:
-        pane = high * float(rng.uniform(0.15, 0.8))
-        parts.box(middle + (0.85 * high - pane) * UP, (0.7 * wide, 0.6 * _WALL, pane), pane_of)
-        return
-    parts.box(middle, (0.88 * wide, 0.6 * _WALL, 0.92 * high), pane_of)
-    if rng.random() < 0.4:
-        drop = high * float(rng.uniform(0.1, 0.6))
-        blind = Surface(any_colour(rng), relief=0.05)
-        parts.box(middle + (0.92 * high - drop) * UP, (0.86 * wide, 0.65 * _WALL, drop), blind)

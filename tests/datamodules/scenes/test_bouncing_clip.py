@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.body_clip import DIAMETER, GRAVITY, WALL, BouncingBallSettings, plan_balls
+from tsuiseki.datamodules.scenes.body_clip import DIAMETER, GRAVITY, WALL, BouncingBallSettings, BouncingClip
 from tsuiseki.tracking.bodies.body import Ball
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.body_states import silhouette_of
@@ -16,7 +16,7 @@ SETTINGS = BouncingBallSettings(frames=300, balls=2)
 
 @pytest.fixture(scope="module")
 def ways():
-    return plan_balls(SETTINGS, 4).states
+    return BouncingClip(SETTINGS, 4).states
 
 
 def reach_beyond_walls(centres, radius):
@@ -66,7 +66,7 @@ def test_balls_never_gain_energy(ways):
 
 
 def test_the_body_fits_the_drawing():
-    clip = plan_balls(BouncingBallSettings(frames=60), seed=3)
+    clip = BouncingClip(BouncingBallSettings(frames=60), seed=3)
     for frame in (clip.draw_frame(number) for number in range(0, 60, 4)):
         own = silhouette_of(frame.silhouettes, 1).astype(np.uint8) * 255
         distance = cv2.distanceTransform(255 - cv2.Canny(own, 100, 200), cv2.DIST_L2, 5)

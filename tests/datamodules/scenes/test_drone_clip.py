@@ -11,12 +11,12 @@ import pytest
 
 from tsuiseki.datamodules.action_crops import action_sequences
 from tsuiseki.datamodules.scenes.clip import ClipSettings, write_clip
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, Viewpoint, fly, plan_drone
+from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings, fly
 from tsuiseki.datamodules.scenes.people.activities import drinking, sip
 from tsuiseki.datamodules.scenes.people.gait import Manner, running
-from tsuiseki.datamodules.scenes.people.gathering import gather
+from tsuiseki.datamodules.scenes.people.gathering import Gathering
 from tsuiseki.datamodules.scenes.people.poses import lying, sitting
-from tsuiseki.datamodules.scenes.people.posture import LEFT, RIGHT, Build, Pose, place, reach
+from tsuiseki.datamodules.scenes.people.posture import LEFT, RIGHT, Build, PersonSkeleton, Pose, reach
 from tsuiseki.datamodules.scenes.render.composing import clusters
 from tsuiseki.datamodules.scenes.render.ground import ground_homography, look_down
 from tsuiseki.tracking.cli import main
@@ -30,7 +30,7 @@ SMALL = DroneSceneSettings(width=320, height=180, frames=6, people=4, clutter=1)
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory):
-    return write_clip(tmp_path_factory.mktemp("drone") / "clip", plan_drone(SMALL, 3))
+    return write_clip(tmp_path_factory.mktemp("drone") / "clip", DroneClip(SMALL, 3))
 
 
 def test_a_clip_is_a_sequence_with_actions(clip):
@@ -49,7 +49,7 @@ def test_a_clip_is_a_sequence_with_actions(clip):
 
 def test_okutama_layout_holds_the_same_labels(clip, tmp_path):
     (tmp_path / "set").mkdir()
-    folder = write_clip(tmp_path / "set", plan_drone(replace(SMALL, layout="okutama"), 3))
+    folder = write_clip(tmp_path / "set", DroneClip(replace(SMALL, layout="okutama"), 3))
     (published,), (generated,) = action_sequences(folder), action_sequences(clip)
     assert published.name == "1.1.3"  # of seed 3
     assert published.files[5].name == "5.jpg"
@@ -58,18 +58,18 @@ def test_okutama_layout_holds_the_same_labels(clip, tmp_path):
 
 
 def test_the_same_seed_makes_the_same_clip(clip):
-    flight = plan_drone(SMALL, 3)
+    flight = DroneClip(SMALL, 3)
     image, truth = flight.draw_frame(4)
-    again, _ = plan_drone(SMALL, 3).draw_frame(4)
+    again, _ = DroneClip(SMALL, 3).draw_frame(4)
     np.testing.assert_array_equal(image, again)
     rows = read_ground_truth(clip / "gt" / "gt.txt").between(4, 4)
     np.testing.assert_allclose(truth.boxes, rows.boxes, atol=1e-3)
-    other, _ = plan_drone(SMALL, 4).draw_frame(4)
+    other, _ = DroneClip(SMALL, 4).draw_frame(4)
     assert np.abs(image.astype(int) - other).mean() > 5
 
 
 def test_a_hard_sun_changes_the_light_and_nothing_else():
-    plain, sunny = (plan_drone(replace(SMALL, sun=sun), 3) for sun in (0.0, 1.0))
+    plain, sunny = (DroneClip(replace(SMALL, sun=sun), 3) for sun in (0.0, 1.0))
     shade, light = (
         f.light.sky.mean() / (f.light.sky + f.light.sun * f.light.direction[2]).mean() for f in (plain, sunny)
     )
@@ -81,9 +81,11 @@ def test_a_hard_sun_changes_the_light_and_nothing_else():
 
 def test_everybody_in_view_is_visible_in_its_box():
     settings = replace(SMALL, people=1, clutter=0, camera="still")
-    flight = replace(plan_drone(settings, 5), grains=[])
+    flight = DroneClip(settings, 5)
+    flight.grains.clear()
     image, truth = flight.draw_frame(0)
-    empty, _ = replace(flight, gathering=replace(flight.gathering, performers=[])).draw_frame(0)
+    flight.gathering.performers.clear()
+    empty, _ = flight.draw_frame(0)
     changed = np.abs(image.astype(int) - empty).max(axis=2) > 40
     rows, columns = np.nonzero(changed)
     x1, y1, x2, y2 = truth.boxes[0]
@@ -95,7 +97,7 @@ def test_all_twelve_actions_are_performed():
     arena = np.array([[0.0, 0.0], [6.0, 5.0]])
     seen: set[str] = set()
     for seed in range(6):
-        performance = gather(
+        performance = Gathering(
             np.random.default_rng(seed), ClipSettings(frames=200, frame_rate=30.0), 9, arena, np.empty((0, 3))
         )
         seen |= {a for p in performance.performers for m in p.states for a in m.activity.actions}
@@ -104,7 +106,7 @@ def test_all_twelve_actions_are_performed():
 
 def test_nobody_jumps():
     clip, arena = ClipSettings(frames=240, frame_rate=30.0), np.array([[0.0, 0], [6, 5]])
-    performance = gather(np.random.default_rng(1), clip, 8, arena, np.empty((0, 3)))
+    performance = Gathering(np.random.default_rng(1), clip, 8, arena, np.empty((0, 3)))
     assert len(performance.performers) == 8
     for performer in performance.performers:
         path = np.array([m.position for m in performer.states])
@@ -115,7 +117,7 @@ def test_nobody_jumps():
 @pytest.mark.parametrize("target", [(0.3, 0.0, -0.2), (0.05, -0.08, 0.15), (-0.2, 0.1, -0.4)])
 def test_a_hand_reaches_its_target(hand, target):
     build = Build()
-    skeleton = place(build, reach(build, Pose(), hand, target), np.zeros(2), 0.0)
+    skeleton = PersonSkeleton(build, reach(build, Pose(), hand, target), np.zeros(2), 0.0)
     palm = 0.5 * (skeleton.wrist[hand] + skeleton.fingers[hand])
     outward = np.array([target[0], (1 if hand == LEFT else -1) * target[1], target[2]])
     np.testing.assert_allclose(palm - skeleton.shoulder[hand], outward, atol=0.01)
@@ -125,9 +127,11 @@ def test_postures_have_their_heights():
     build, rng = Build(), np.random.default_rng(0)
     heads = {}
     for name, pose in (("lie", lying(rng, build)), ("ground", sitting(rng, True)), ("bench", sitting(rng, False))):
-        heads[name] = place(build, pose, np.zeros(2), 0.0).head[2]
+        heads[name] = PersonSkeleton(build, pose, np.zeros(2), 0.0).head[2]
     assert heads["lie"] < 0.35 < heads["ground"] < 1.0 < heads["bench"] < 1.45
-    raised = [place(build, drinking(build, Pose(), RIGHT, t), np.zeros(2), 0.0).wrist[RIGHT, 2] for t in (0.0, 1.4)]
+    raised = [
+        PersonSkeleton(build, drinking(build, Pose(), RIGHT, t), np.zeros(2), 0.0).wrist[RIGHT, 2] for t in (0.0, 1.4)
+    ]
     assert raised[1] > raised[0] + 0.3
     assert (sip(0.0), sip(1.4)) == (0.0, 1.0)
     strides = [running(build, Manner(), phase, 3.5) for phase in (0.0, 0.25)]
@@ -137,8 +141,8 @@ def test_postures_have_their_heights():
 
 def test_stronger_motion_moves_the_picture_more():
     def moves(strength):
-        rng, view = np.random.default_rng(0), Viewpoint(20.0, 1.0, 1280.0)
-        cameras = fly(rng, view, DroneSceneSettings(frames=90, camera=strength))
+        rng = np.random.default_rng(0)
+        cameras = fly(rng, DroneSceneSettings(frames=90, camera=strength), 20.0, 1.0, 1280.0)
         middle = np.array([640.0, 360.0, 1.0])
         steps = [ground_homography(a, b) @ middle for a, b in itertools.pairwise(cameras)]
         return np.array([np.linalg.norm(s[:2] / s[2] - middle[:2]) for s in steps])
@@ -150,7 +154,7 @@ def test_stronger_motion_moves_the_picture_more():
 
 
 def test_the_ground_moves_as_its_homography_says():
-    flight = plan_drone(replace(SMALL, camera="calm", frames=30), 6)
+    flight = DroneClip(replace(SMALL, camera="calm", frames=30), 6)
     first, second = flight.cameras[0], flight.cameras[29]
     before, after = look_down(flight.ground, first), look_down(flight.ground, second)
     shift = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])

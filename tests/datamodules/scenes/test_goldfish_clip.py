@@ -11,7 +11,7 @@ import pytest
 from tsuiseki.datamodules.scenes import fish
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.fish import swim
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishClip, GoldfishSettings
 from tsuiseki.tracking.bodies.body import Goldfish
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.body_states import centre_inside, read_silhouettes, read_states, silhouette_of
@@ -21,7 +21,7 @@ SHORT = GoldfishSettings(frames=12, fish=3)
 
 
 def drawn(settings, seed):
-    clip = plan_goldfish(settings, seed)
+    clip = GoldfishClip(settings, seed)
     return [clip.draw_frame(number) for number in range(settings.frames)]
 
 
@@ -116,7 +116,7 @@ def test_a_fish_without_a_beat_only_glides(monkeypatch):
 
 def test_clips_on_disk(tmp_path):
     settings = replace(SHORT, frames=3)
-    folder = write_clip(tmp_path / "clip", plan_goldfish(settings, 5))
+    folder = write_clip(tmp_path / "clip", GoldfishClip(settings, 5))
     frames = drawn(settings, seed=5)
     source = open_source(folder)
     assert (source.frame_rate, source.length) == (15.0, 3)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.clip import people_in_view
-from tsuiseki.datamodules.scenes.people.outfit import random_outfit, similar_outfit
+from tsuiseki.datamodules.scenes.people.outfit import Outfit, similar_outfit
 from tsuiseki.datamodules.scenes.people.person import paste, render_person_sprite
 from tsuiseki.datamodules.scenes.render.composing import Sighting
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, by_night, degrade
@@ -63,7 +63,7 @@ def test_look_alikes_share_most_of_their_clothes() -> None:
     rng = np.random.default_rng(0)
     shared = []
     for _ in range(50):
-        look = random_outfit(rng)
+        look = Outfit(rng)
         other = similar_outfit(rng, look)
         shared.append(sum(getattr(look, n) == getattr(other, n) for n in ("upper", "lower", "hair", "bag")))
         assert look != other

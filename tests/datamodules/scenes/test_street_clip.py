@@ -11,10 +11,7 @@ from tsuiseki.datamodules.scenes import clip as clips
 from tsuiseki.datamodules.scenes.clip import ClipSettings, by_appearance, ground_truth, write_clip
 from tsuiseki.datamodules.scenes.people import walkers as walkers_module
 from tsuiseki.datamodules.scenes.people.walkers import Motion, crowd
-from tsuiseki.datamodules.scenes.street_clip import (
-    StreetSettings,
-    plan_street,
-)
+from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import find_sequences, read_sequence
@@ -24,11 +21,11 @@ SETTINGS = StreetSettings(width=160, height=120, frames=6, frame_rate=10, people
 
 
 def test_clip_is_read_back_as_written(tmp_path: Path) -> None:
-    folder = write_clip(tmp_path / "clip", plan_street(SETTINGS, 3))
+    folder = write_clip(tmp_path / "clip", StreetClip(SETTINGS, 3))
     sequence = read_sequence(folder)
     assert (sequence.length, sequence.width, sequence.height, sequence.frame_rate) == (6, 160, 120, 10)
     assert [s.name for s in find_sequences(tmp_path)] == ["clip"]
-    frames = list(plan_street(SETTINGS, 3).frames())
+    frames = list(StreetClip(SETTINGS, 3).frames())
     expected = ground_truth([truth for _, truth in frames])
     truth = read_ground_truth(folder / "gt" / "gt.txt")
     np.testing.assert_array_equal(truth.frames, expected.frames)
@@ -45,14 +42,14 @@ def test_clip_is_read_back_as_written(tmp_path: Path) -> None:
 
 
 def test_same_seed_same_clip() -> None:
-    first, again, other = (plan_street(SETTINGS, seed).draw_frame(4) for seed in (7, 7, 8))
+    first, again, other = (StreetClip(SETTINGS, seed).draw_frame(4) for seed in (7, 7, 8))
     np.testing.assert_array_equal(first[0], again[0])
     np.testing.assert_array_equal(first[1].boxes, again[1].boxes)
     assert (first[0] != other[0]).any()
 
 
 def test_boxes_are_where_the_people_are() -> None:
-    plan = plan_street(StreetSettings(width=160, height=120, frames=3, people=5, person_height=(15, 60)), 1)
+    plan = StreetClip(StreetSettings(width=160, height=120, frames=3, people=5, person_height=(15, 60)), 1)
     _, truth = plan.draw_frame(1)
     assert len(truth.ids) >= 3
     for identity, box, visible in zip(truth.ids, truth.boxes, truth.visibility, strict=True):
@@ -65,8 +62,8 @@ def test_boxes_are_where_the_people_are() -> None:
 
 
 def test_the_background_stands_still() -> None:
-    plan = plan_street(StreetSettings(width=160, height=120, frames=20, people=2, person_height=(15, 60)), 2)
-    plan = replace(plan, drift=np.ones(20), lens=replace(plan.lens, noise=0.0))
+    plan = StreetClip(StreetSettings(width=160, height=120, frames=20, people=2, person_height=(15, 60)), 2)
+    plan.drift, plan.lens = np.ones(20), replace(plan.lens, noise=0.0)
     images = [plan.draw_frame(frame)[0].astype(int) for frame in (0, 10)]
     changed = np.abs(images[0] - images[1]).max(axis=2) > 2
     assert 0 < changed.mean() < 0.5
@@ -78,7 +75,7 @@ def test_an_interrupted_run_leaves_nothing(tmp_path: Path, monkeypatch: pytest.M
 
     monkeypatch.setattr(clips, "write_ground_truth", broken)
     with pytest.raises(KeyboardInterrupt):
-        write_clip(tmp_path / "clip", plan_street(SETTINGS, 0))
+        write_clip(tmp_path / "clip", StreetClip(SETTINGS, 0))
     assert list(tmp_path.iterdir()) == []
 
 
@@ -86,17 +83,17 @@ def test_an_existing_clip_is_not_overwritten(tmp_path: Path) -> None:
     (tmp_path / "clip").mkdir()
     (tmp_path / "clip" / "mine.txt").write_text("precious")
     with pytest.raises(RequestError, match=r"already holds mine\.txt"):
-        write_clip(tmp_path / "clip", plan_street(SETTINGS, 0))
+        write_clip(tmp_path / "clip", StreetClip(SETTINGS, 0))
     assert (tmp_path / "clip" / "mine.txt").read_text() == "precious"
     with pytest.raises(RequestError, match="is a file"):
-        write_clip(tmp_path / "clip" / "mine.txt", plan_street(SETTINGS, 0))
+        write_clip(tmp_path / "clip" / "mine.txt", StreetClip(SETTINGS, 0))
     with pytest.raises(RequestError, match="cannot write"):
-        write_clip(tmp_path / "clip" / "mine.txt" / "below", plan_street(SETTINGS, 0))
+        write_clip(tmp_path / "clip" / "mine.txt" / "below", StreetClip(SETTINGS, 0))
 
 
 def test_an_empty_folder_is_filled_and_names_the_sequence(tmp_path: Path) -> None:
     (tmp_path / "work").mkdir()
-    folder = write_clip(tmp_path / "work", plan_street(SETTINGS, 0))
+    folder = write_clip(tmp_path / "work", StreetClip(SETTINGS, 0))
     assert read_sequence(folder).name == "work"
     assert [p.name for p in tmp_path.iterdir()] == ["work"]
 
@@ -122,7 +119,7 @@ def test_impossible_settings_are_refused(change: dict[str, object]) -> None:
 
 def test_a_size_no_camera_shows_is_refused() -> None:
     with pytest.raises(RequestError, match="person_height"):
-        plan_street(StreetSettings(width=64, height=64, person_height=(5000, 6000)), 0)
+        StreetClip(StreetSettings(width=64, height=64, person_height=(5000, 6000)), 0)
 
 
 def test_walkers_walk(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, plan_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishClip, GoldfishSettings
 from tsuiseki.datamodules.scenes.sphere_clip import ball_cameras
 from tsuiseki.tracking.bodies.run import follow_deformable, track_deformable
 from tsuiseki.tracking.bodies.settings import DeformableSettings
@@ -31,7 +31,7 @@ CENTRE, STEP = np.array([0.0, 0.0, 1.2]), np.array([1.0, 0.0, 0.0])
 @pytest.fixture(scope="module")
 def fish(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("fish") / "clip"
-    write_clip(folder, plan_goldfish(GoldfishSettings(frames=6, fish=1), 4))
+    write_clip(folder, GoldfishClip(GoldfishSettings(frames=6, fish=1), 4))
     return folder
 
 

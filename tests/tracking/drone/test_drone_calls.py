@@ -10,7 +10,7 @@ import pytest
 
 from tsuiseki import track_drone
 from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
 from tsuiseki.tracking.drone.drone_models import DroneModels
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.view_choice import ViewedDetector
@@ -22,7 +22,7 @@ from tsuiseki.tracking.video.source import open_source
 @pytest.fixture(scope="module")
 def flight(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("flight") / "clip"
-    write_clip(folder, plan_drone(DroneSceneSettings(frames=8, width=320, height=240, people=3), 3))
+    write_clip(folder, DroneClip(DroneSceneSettings(frames=8, width=320, height=240, people=3), 3))
     return folder
 
 

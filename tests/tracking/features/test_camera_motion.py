@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
-from tsuiseki.datamodules.scenes.flow_pairs import random_flow_pair
+from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
+from tsuiseki.datamodules.scenes.flow_pairs import FlowPair
 from tsuiseki.datamodules.scenes.render.ground import ground_homography
 from tsuiseki.tracking.features.camera_motion import camera_flow, camera_motion, undone
 from tsuiseki.tracking.features.camera_path import CameraPath, move_boxes
@@ -23,7 +23,7 @@ IDENTITY = np.eye(3)[:2]
 
 @pytest.fixture(scope="module")
 def flight():
-    return plan_drone(
+    return DroneClip(
         DroneSceneSettings(width=640, height=360, frames=16, people=3, clutter=1, camera="violent"), seed=2
     )
 
@@ -55,7 +55,7 @@ def test_a_flight_is_followed_to_a_pixel(flight, frames):
 @pytest.mark.parametrize(("seed", "jerk"), [(271, 11), (96, 7)])
 def test_a_jerk_by_a_quarter_of_the_width_is_found(seed, jerk):
     settings = DroneSceneSettings(width=640, height=360, frames=16, people=3, clutter=1, camera="violent")
-    plan = plan_drone(settings, seed)
+    plan = DroneClip(settings, seed)
     points = np.array([[x, y] for x in (160, 320, 480) for y in (90, 180, 270)], dtype=float)
     path = CameraPath()
     for frame in range(jerk - 2, jerk + 2):
@@ -93,7 +93,7 @@ def test_a_frame_that_shows_nothing_does_not_lose_the_way():
 
 
 def test_a_still_camera_gives_exactly_the_identity():
-    pair = random_flow_pair(np.random.default_rng(0), (320, 240), motion=0, noise=3)
+    pair = FlowPair(np.random.default_rng(0), (320, 240), motion=0, noise=3)
     np.testing.assert_array_equal(camera_motion(pair.first, pair.second), IDENTITY)
     path = CameraPath()
     for image in (pair.first, pair.second, pair.first):

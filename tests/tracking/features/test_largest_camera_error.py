@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
 from tsuiseki.datamodules.scenes.render.ground import ground_homography
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
@@ -44,7 +44,7 @@ def flight_errors(scene, seed, steps):
     size = np.array([scene.width, scene.height], dtype=np.float64)
     grid = np.linspace(1 / 6, 5 / 6, PLACES)
     places = np.array([(x, y) for x in grid for y in grid]) * size
-    cameras = plan_drone(scene, seed).cameras
+    cameras = DroneClip(scene, seed).cameras
     rows, unknown = [], 0
     for before, after, step in zip(cameras, cameras[1:], steps[1:], strict=False):
         exact = moved(ground_homography(before, after), places)
@@ -66,7 +66,7 @@ def moved(matrix, places):
 
 def errors_of(seed, frames):
     """Of the steps between ``frames``, which follow each other; all others count as unknown."""
-    plan, path = plan_drone(SCENE, seed), CameraPath()
+    plan, path = DroneClip(SCENE, seed), CameraPath()
     steps = [UNKNOWN] * SCENE.frames
     for number, frame in enumerate(frames):
         image, truth = plan.draw_frame(frame)

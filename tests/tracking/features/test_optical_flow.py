@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.flow_pairs import end_point_error, random_flow_pair
+from tsuiseki.datamodules.scenes.flow_pairs import FlowPair, end_point_error
 from tsuiseki.tracking.features.optical_flow import (
     FLOW_METHODS,
     TvL1Settings,
@@ -20,7 +20,7 @@ from tsuiseki.tracking.features.optical_flow import (
 
 @pytest.fixture(scope="module")
 def pair():
-    return random_flow_pair(np.random.default_rng(5), (224, 160), motion=6, people=2)
+    return FlowPair(np.random.default_rng(5), (224, 160), motion=6, people=2)
 
 
 @pytest.mark.parametrize("name", FLOW_METHODS)
@@ -37,7 +37,7 @@ def test_tv_l1_is_finer_than_what_it_starts_from(pair):
 
 def test_a_shift_by_whole_pixels_is_found_to_a_fiftieth():
     rng = np.random.default_rng(1)
-    pair = random_flow_pair(rng, (160, 120), motion=0, people=0, noise=0)
+    pair = FlowPair(rng, (160, 120), motion=0, people=0, noise=0)
     shifted = np.roll(pair.first, (2, -3), axis=(0, 1))
     flow = optical_flow(pair.first, shifted, tv_l1)[20:-20, 20:-20]
     np.testing.assert_allclose(flow.reshape(-1, 2).mean(axis=0), [-3, 2], atol=0.02)

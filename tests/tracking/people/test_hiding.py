@@ -14,7 +14,7 @@ import pytest
 
 import tsuiseki
 from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
+from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 from tsuiseki.tracking.answers import page
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
@@ -134,7 +134,7 @@ def tracks_of(labels: GroundTruth, every: int = 1) -> list[Track]:
 @pytest.fixture(scope="module")
 def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("street") / "clip"
-    return write_clip(folder, plan_street(StreetSettings(frames=20, width=320, height=240, people=6), 41))
+    return write_clip(folder, StreetClip(StreetSettings(frames=20, width=320, height=240, people=6), 41))
 
 
 @pytest.mark.parametrize("hide", ["people", "heads"])

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
-from tsuiseki.datamodules.scenes.street_clip import StreetSettings, plan_street
+from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
+from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks, write_detections
 from tsuiseki.tracking.types import Detections
@@ -19,7 +19,7 @@ from tsuiseki.tracking.types import Detections
 def clip(tmp_path_factory):
     """Twenty frames with the labelled boxes as detections."""
     settings = DroneSceneSettings(width=320, height=180, frames=20, people=4, clutter=0, camera="violent")
-    folder = write_clip(tmp_path_factory.mktemp("moving") / "clip", plan_drone(settings, 3))
+    folder = write_clip(tmp_path_factory.mktemp("moving") / "clip", DroneClip(settings, 3))
     truth = read_ground_truth(folder / "gt" / "gt.txt")
     frames = [truth.between(k, k).boxes for k in range(20)]
     write_detections(folder / "det" / "det.txt", [Detections(b, np.full(len(b), 0.99)) for b in frames])
@@ -54,7 +54,7 @@ def test_text_alone_does_not_tell_how_the_camera_moves(clip, tmp_path, capsys):
 
 @pytest.mark.slow
 def test_the_flow_sees_that_a_camera_stands_still_and_other_methods_do_not_look(tmp_path):
-    street = write_clip(tmp_path / "street", plan_street(StreetSettings(frames=14), 100))
+    street = write_clip(tmp_path / "street", StreetClip(StreetSettings(frames=14), 100))
     told = {}
     for method, more in (("flow", ["--appearance", "none"]), ("sort", [])):
         out = tmp_path / method

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.drone_clip import DroneSceneSettings, plan_drone
+from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
 from tsuiseki.tracking.association.evidence import JOIN_FEATURES, LINK_FEATURES
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.drone.settings import DRONE_FLOW
@@ -28,7 +28,7 @@ ACTION = "action_drone_rgb_local"
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
     settings = DroneSceneSettings(320, 180, FRAMES, 10.0, people=6, camera="calm", altitude=(10.0, 20.0), samples=1)
-    return write_clip(tmp_path_factory.mktemp("drone") / "clip", plan_drone(settings, 3))
+    return write_clip(tmp_path_factory.mktemp("drone") / "clip", DroneClip(settings, 3))
 
 
 @pytest.mark.slow
@@ -78,7 +78,7 @@ def test_the_camera_is_followed_in_the_images(clip: Path) -> None:
 
 def test_videos_in_the_layout_of_okutama_have_images_and_the_rate_that_is_told(tmp_path: Path) -> None:
     settings = DroneSceneSettings(320, 180, FRAMES, 10.0, people=6, camera="calm", altitude=(10.0, 20.0), samples=1)
-    folder = write_clip(tmp_path / "okutama", plan_drone(replace(settings, layout="okutama"), 3))
+    folder = write_clip(tmp_path / "okutama", DroneClip(replace(settings, layout="okutama"), 3))
     (video,) = detected_videos([folder], "simulated", frame_rate=10.0)
     assert len(video.images) == len(video.detections) == FRAMES
     assert video.size == (320, 180)

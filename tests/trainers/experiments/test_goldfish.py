@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.scenes.clip import write_clip
-from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishSettings, goldfish_states, plan_goldfish
+from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishClip, GoldfishSettings, goldfish_states
 from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments import goldfish
 from tsuiseki.trainers.experiments.goldfish import followed_counts, sudden_turns
@@ -22,7 +22,7 @@ def folders(tmp_path_factory):
     root = tmp_path_factory.mktemp("goldfish")
     settings = GoldfishSettings(frames=16, width=400, height=300, fish=2)
     sets = {
-        name: [write_clip(root / f"{name}-01", plan_goldfish(settings, n))]
+        name: [write_clip(root / f"{name}-01", GoldfishClip(settings, n))]
         for n, name in enumerate(("learning", "test"), start=1)
     }
 

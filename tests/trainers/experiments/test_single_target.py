@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.single_clip import SingleClipSettings, draw_single_clip
+from tsuiseki.datamodules.scenes.single_clip import SingleClip, SingleClipSettings
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.evaluation.success_curves import evaluate_boxes
 from tsuiseki.tracking.single.combined import CombinedSettings
@@ -43,7 +43,7 @@ SMALL = CombinedSettings(filter=RegularisedSettings(sizes=1))
 
 def draw_tiny(seed: int, frames: int) -> tuple[FloatArray, list[ImageArray]]:
     settings = SingleClipSettings(frames=frames, width=120, height=90, person_height=(30, 31), passers=0, obstacles=0)
-    made = draw_single_clip(np.random.default_rng(seed), settings)
+    made = SingleClip(np.random.default_rng(seed), settings)
     return made.boxes, list(made.images)
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, ball_cameras, plan_sphere
+from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, SphereClip, ball_cameras
 from tsuiseki.tracking.cli import main
 from tsuiseki.trainers.experiments import sphere
 from tsuiseki.trainers.experiments.sphere import turned
@@ -73,11 +73,11 @@ def test_a_turned_camera_moves_its_picture_by_the_pixels_asked_for() -> None:
 @pytest.mark.slow
 def test_a_smeared_and_late_film_differs_only_where_it_should() -> None:
     plain = CarriedBallSettings(frames=1, noise=0.0, samples=1)
-    first = next(plan_sphere(plain, 0).frames())[0]
-    late = next(plan_sphere(replace(plain, lateness=(0.0, 0.2)), 0).frames())[0]
+    first = next(SphereClip(plain, 0).frames())[0]
+    late = next(SphereClip(replace(plain, lateness=(0.0, 0.2)), 0).frames())[0]
     np.testing.assert_array_equal(first[0], late[0])
     assert (first[1] != late[1]).any()
-    smeared = next(plan_sphere(replace(plain, exposure=0.2), 0).frames())[0]
+    smeared = next(SphereClip(replace(plain, exposure=0.2), 0).frames())[0]
     moved = np.abs(smeared[0].astype(int) - first[0]).max(axis=2)
     # The person and the shadow move, the room does not.
     assert 0.001 < np.mean(moved > 8) < 0.2

@@ -13,7 +13,6 @@ from tsuiseki.datamodules.scenes.render.composing import compose, empty_picture
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.datamodules.scenes.training_pictures import (
-    Stock,
     TrainingSettings,
     random_training_scene,
     settings_of_scene,
@@ -58,10 +57,9 @@ def test_they_are_shown_in_their_colours_from_the_ground_up(photographs: Photogr
 def test_nobody_is_labelled_for_them(photographs: Photographs) -> None:
     settings = TrainingSettings(160, 120, people=(0, 0), clutter=(0, 0), things=(6, 6))
     plain = TrainingSettings(160, 120, people=(0, 0), clutter=(0, 0), things=(0, 0))
-    stock = Stock(photographs=photographs)
-    image, boxes, _ = random_training_scene(np.random.default_rng(5), settings, stock)
+    image, boxes, _ = random_training_scene(np.random.default_rng(5), settings, photographs=photographs)
     assert len(boxes) == 0
-    other, _, _ = random_training_scene(np.random.default_rng(5), plain, stock)
+    other, _, _ = random_training_scene(np.random.default_rng(5), plain, photographs=photographs)
     assert (image != other).any()
 
 

@@ -11,7 +11,7 @@ import pytest
 from tsuiseki.datamodules import training_images
 from tsuiseki.datamodules.scenes.figures import rendering
 from tsuiseki.datamodules.scenes.figures.assets import Assets
-from tsuiseki.datamodules.scenes.figures.figure import random_figure
+from tsuiseki.datamodules.scenes.figures.figure import Figure
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary, SpriteSettings, write_sprites
 from tsuiseki.datamodules.scenes.figures.mesh import Worn
 from tsuiseki.datamodules.scenes.figures.rendering import Sprite, random_sprites, render_figure, smaller, steady_sides
@@ -19,11 +19,10 @@ from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dress
 from tsuiseki.datamodules.scenes.people.gait import random_manner, walking
 from tsuiseki.datamodules.scenes.people.person import view_from
 from tsuiseki.datamodules.scenes.people.poses import draw_pose
-from tsuiseki.datamodules.scenes.people.posture import Build, place
+from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.tracing import silhouette_box, tight
 from tsuiseki.datamodules.scenes.training_pictures import (
-    Stock,
     TrainingSettings,
     random_training_scene,
     settings_of_scene,
@@ -79,12 +78,12 @@ def test_a_rendered_person_is_as_tall_as_asked_and_faces_the_camera(assets: Asse
 
 def test_a_steady_box_is_the_mean_of_a_walk(assets: Assets) -> None:
     rng = np.random.default_rng(8)
-    figure, manner = random_figure(rng, assets), random_manner(rng)
+    figure, manner = Figure(rng, assets), random_manner(rng)
     build = Build(figure.height)
     camera = view_from(0.1, 200, figure.height, 15.0)
     # From the side, where legs and arms swing across.
     poses = [walking(build, manner, phase, 1.2) for phase in np.arange(8) / 8]
-    skeletons = [place(build, pose, np.zeros(2), np.pi / 2) for pose in poses]
+    skeletons = [PersonSkeleton(build, pose, np.zeros(2), np.pi / 2) for pose in poses]
     seen = [render_figure(figure, skeleton, camera, 0.1) for skeleton in skeletons]
     about_feet = np.array([s.steady - s.feet[0] for s in seen])
     np.testing.assert_allclose([np.ptp(s.steady) for s in seen], [s.label.shape[1] for s in seen])
@@ -116,7 +115,7 @@ def test_steady_sides_stand_where_the_person_does() -> None:
 
 def test_pictures_with_steady_boxes_are_the_same_pictures(library: Path) -> None:
     settings = TrainingSettings(160, 120, people=(4, 4), clutter=(2, 2), rendered=1.0)
-    stock = Stock(SpriteLibrary(library))
+    stock = SpriteLibrary(library)
     shown, boxes, visibility = random_training_scene(np.random.default_rng(9), settings, stock)
     again, steady, as_visible = random_training_scene(
         np.random.default_rng(9), replace(settings, boxes="steady"), stock
@@ -210,7 +209,7 @@ def test_sprites_seen_from_about_the_same_height_are_taken(library: Path) -> Non
 def test_rendered_people_take_the_places_of_drawn_ones_and_leave_the_rest(library: Path) -> None:
     settings = TrainingSettings(160, 120, people=(4, 4), clutter=(2, 2), degradation=0.0, rendered=1.0)
     drawn, boxes, _ = random_training_scene(np.random.default_rng(9), settings)
-    shown, others, _ = random_training_scene(np.random.default_rng(9), settings, Stock(SpriteLibrary(library)))
+    shown, others, _ = random_training_scene(np.random.default_rng(9), settings, SpriteLibrary(library))
     assert len(boxes) == len(others) > 0
     apart = np.abs(boxes[:, [1, 3]] - others[:, [1, 3]]).max()
     assert apart < 0.5 * (boxes[:, 3] - boxes[:, 1]).max()
@@ -352,7 +351,7 @@ def test_pictures_from_straight_above_show_people_within_the_lens(posed: SpriteL
         degradation=0.0,
     )
     for seed in range(3):
-        image, boxes, visibility = random_training_scene(np.random.default_rng(seed), settings, Stock(posed))
+        image, boxes, visibility = random_training_scene(np.random.default_rng(seed), settings, posed)
         assert image[:3, :3].max() < 30
         assert image[40:80, 40:80].mean() > 30
         assert len(boxes) == len(visibility) > 2

@@ -13,14 +13,13 @@ from tsuiseki.datamodules.scenes.people.posture import (
     balanced,
     mass_ahead,
     mirrored,
-    place,
 )
 
 BUILD = Build(1.7)
 
 
 def placed(name: str, seed: int, heading: float = 0.0) -> PersonSkeleton:
-    return place(BUILD, draw_pose(seed, BUILD, name), np.zeros(2), heading)
+    return PersonSkeleton(BUILD, draw_pose(seed, BUILD, name), np.zeros(2), heading)
 
 
 @pytest.mark.parametrize("name", _DRAWN)
@@ -42,7 +41,9 @@ def test_feet_carry_who_crouches_or_bends(name: str) -> None:
     assert np.median(ahead) < 0.01
     assert max(ahead) < 0.25
     leaning = Pose(lean=1.2, hip=(0.2, 0.2), knee=(0.2, 0.2))
-    before, after = (mass_ahead(place(BUILD, pose, np.zeros(2), 0.0)) for pose in (leaning, balanced(BUILD, leaning)))
+    before, after = (
+        mass_ahead(PersonSkeleton(BUILD, pose, np.zeros(2), 0.0)) for pose in (leaning, balanced(BUILD, leaning))
+    )
     assert abs(after) < 0.01 < before
 
 
@@ -72,13 +73,13 @@ def test_who_cycles_has_both_feet_on_the_cranks_and_both_hands_ahead() -> None:
 def test_the_mirror_image_swaps_the_sides() -> None:
     pose = draw_pose(5, BUILD, "falling")
     assert mirrored(mirrored(pose)) == pose
-    here, there = (place(BUILD, p, np.zeros(2), 0.0) for p in (pose, mirrored(pose)))
+    here, there = (PersonSkeleton(BUILD, p, np.zeros(2), 0.0) for p in (pose, mirrored(pose)))
     np.testing.assert_allclose(here.wrist * [1, -1, 1], there.wrist[::-1], atol=1e-9)
     np.testing.assert_allclose(here.ankle * [1, -1, 1], there.ankle[::-1], atol=1e-9)
 
 
 def test_a_pitched_body_turns_with_its_heading() -> None:
-    ahead, aside = (place(BUILD, Pose(pitch=np.pi / 2), np.array([2.0, 3.0]), h) for h in (0.0, np.pi / 2))
+    ahead, aside = (PersonSkeleton(BUILD, Pose(pitch=np.pi / 2), np.array([2.0, 3.0]), h) for h in (0.0, np.pi / 2))
     np.testing.assert_allclose(ahead.head - ahead.pelvis, [ahead.head[0] - 2, 0, 0], atol=0.06)
     assert ahead.head[0] > 2.6
     assert aside.head[1] > 3.6

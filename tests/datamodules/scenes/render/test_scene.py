@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.people.outfit import random_outfit
+from tsuiseki.datamodules.scenes.people.outfit import Outfit
 from tsuiseki.datamodules.scenes.render.composing import Picture, Thing, compose, empty_picture, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Surface, boxes, cone_spheres, join
@@ -12,7 +12,7 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 
 CAMERA = PinholeCamera.look_at(np.array([0, -10, 1.0]), np.array([0, 0, 1.0]), 300, 160, 120)
 LIGHT = Light(*(np.array(v, dtype=np.float32) for v in ([0, 0, 1], [0.5] * 3, [0.5] * 3, [0.2] * 3)))
-LOOK = random_outfit(np.random.default_rng(0))
+LOOK = Outfit(np.random.default_rng(0))
 
 
 def ball(x: float, y: float, radius: float = 1.0, z: float = 1.0) -> Thing:
