@@ -210,46 +210,37 @@ def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[FilmRow]) 
     """
     scene = SphereClip(settings, seed)
     empty = scene.backgrounds()
-    runs = [_Run(way, scene, empty, seed) for way in ways]
+    runs, points = [_started(way, scene, empty, seed) for way in ways], [list[FloatArray]() for _ in ways]
+    hidden = [range(FIRST_COVERED, FIRST_COVERED + way.covered) for way in ways]
     rng = np.random.default_rng((seed, 3))
     for index, (images, _) in enumerate(progress(scene.frames(), f"film {seed}", settings.frames)):
-        board = scene.covered_image(0, rng) if any(index in run.hidden for run in runs) else None
-        for run in runs:
-            run.see(index, images, board)
-    return [run.errors() for run in runs]
+        board = scene.covered_image(0, rng) if any(index in frames for frames in hidden) else None
+        for n, (tracker, state, own) in enumerate(runs):
+            seen = list(images[: ways[n].cameras])
+            if board is not None and index in hidden[n]:
+                seen[0] = board
+            state, info = tracker.step(state, TimedViews(float(scene.times[index]), seen), own)
+            runs[n] = tracker, state, own
+            points[n].append(info.point)
+    paths = [np.array(own) for own in points]
+    away = [np.sqrt(np.square(path - scene.truth).sum(axis=1)) for path in paths]
+    along = [distance_to_path(path, scene.truth) for path in paths]
+    both = zip(away, along, strict=True)
+    return [{"to_position": distance_scores(a), "to_path": distance_scores(b)} for a, b in both]
 
 
-class _Run:
-    """One way to track, on its way through a film."""
-
-    def __init__(self, way: FilmRow, scene: SphereClip, empty: Sequence[ImageArray], seed: int) -> None:
-        wrong = np.random.default_rng((seed, 5))
-        self.cameras = [turned(camera, way.camera_error, wrong) for camera in scene.cameras[: way.cameras]]
-        self.radius = scene.settings.radius * (1 + way.radius_error)
-        self.likelihood = LIKELIHOODS[way.likelihood](self.cameras, self.radius, empty[: way.cameras])
-        self.way, self.scene = way, scene
-        self.tracker = SphereTracker(
-            self.likelihood, way.motion, Covering() if way.notices else None, stages=way.stages
-        )
-        self.rng = np.random.default_rng((seed, 4))
-        # The paper measures where the ball is at the start.
-        begin = scene.truth[0], OURS.spread, way.particles, way.cameras, self.rng, float(scene.times[0])
-        self.state: SphereState = self.tracker.start_at(*begin)
-        self.hidden = range(FIRST_COVERED, FIRST_COVERED + way.covered)
-        self.points: list[FloatArray] = []
-
-    def see(self, index: int, images: Sequence[ImageArray], board: ImageArray | None) -> None:
-        views, time = list(images[: self.way.cameras]), float(self.scene.times[index])
-        if index in self.hidden and board is not None:
-            views[0] = board
-        self.state, info = self.tracker.step(self.state, TimedViews(time, views), self.rng)
-        self.points.append(info.point)
-
-    def errors(self) -> FilmErrors:
-        points = np.array(self.points)
-        away = np.sqrt(np.square(points - self.scene.truth).sum(axis=1))
-        along = distance_to_path(points, self.scene.truth)
-        return {"to_position": distance_scores(away), "to_path": distance_scores(along)}
+def _started(
+    way: FilmRow, scene: SphereClip, empty: Sequence[ImageArray], seed: int
+) -> tuple[SphereTracker, SphereState, np.random.Generator]:
+    """A tracker, its state before the film, and its random numbers."""
+    wrong, rng = np.random.default_rng((seed, 5)), np.random.default_rng((seed, 4))
+    cameras = [turned(camera, way.camera_error, wrong) for camera in scene.cameras[: way.cameras]]
+    radius = scene.settings.radius * (1 + way.radius_error)
+    likelihood = LIKELIHOODS[way.likelihood](cameras, radius, empty[: way.cameras])
+    tracker = SphereTracker(likelihood, way.motion, Covering() if way.notices else None, stages=way.stages)
+    # The paper measures where the ball is at the start.
+    begin = scene.truth[0], OURS.spread, way.particles, way.cameras, rng, float(scene.times[0])
+    return tracker, tracker.start_at(*begin), rng
 
 
 def turned(camera: PinholeCamera, pixels: float, rng: np.random.Generator) -> PinholeCamera:
