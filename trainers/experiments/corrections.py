@@ -31,8 +31,6 @@ from tsuiseki.trainers.experiments.study import Column, Outcome, Store, tabulate
 OVERLAP, AROUND, SHORTEST = 0.3, 3, 3
 # Share of decisions that is reviewed, and of what the detections allow that is reached.
 FIRST, REACHED = 0.05, 0.99
-
-
 RANKINGS = ("questions", "min-marginal", "link cost", "score", "random")
 
 

@@ -48,8 +48,6 @@ NOTE = (
     "Intervals: paired bootstrap over sequences, 2,000 samples, 95 %. Settings of the fits were chosen on MOT15; "
     "the other sets had no part in that. The default's were tuned on all real sets."
 )
-
-
 Fold: TypeAlias = tuple[tuple[GivenSequence, ...], tuple[GivenSequence, ...]]
 """Sequences that teach, and sequences that are tracked by what was learnt."""
 Fits: TypeAlias = Mapping[str, Callable[[Fold], list[FloatArray]]]

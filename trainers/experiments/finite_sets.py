@@ -403,8 +403,6 @@ SCENES: Mapping[str, BlobSceneSettings] = {
     "usual clutter: 12 patches up to a third of an object": USUAL,
     "hard: 40 patches up to a half of an object": replace(USUAL, clutter=40, clutter_reach=0.25),
 }
-
-
 WAYS = ("components and SORT", "track blobs")
 
 
@@ -459,13 +457,9 @@ UPDATES: Mapping[str, tuple[likelihoods.Update, likelihoods.RegionLikelihood]] =
     "equalised": (likelihoods.Equalised(likelihoods.as_printed), likelihoods.EachAlone()),
     "calibrated": (likelihoods.calibrated, likelihoods.WithoutOthers()),
 }
-
-
 TARGETS = 3
 LEAST, LOST_AFTER = 0.05, 5
 """A target with fewer than this share of its particles has none to speak of, and is lost after so many such frames."""
-
-
 Weakened: TypeAlias = Mapping[str, FloatArray]
 """See `run_update`."""
 

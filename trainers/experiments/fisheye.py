@@ -74,8 +74,6 @@ REGIONS = {
 SIDE = 320
 # Id of the track on a labelled person, by frame and person.
 Named = dict[tuple[int, int], int]
-
-
 # Frames per second of the rooms (thesis 4.3.1), and people of each sequence; the small room's vary as in Table 4.2.
 RATE = 15
 PEOPLE: dict[Room, tuple[int, ...]] = {"large": (6,), "small": (4, 10, 3, 6)}

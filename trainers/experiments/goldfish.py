@@ -51,8 +51,6 @@ TRACKER = DeformableSettings(patience=10**6)
 SUDDEN_ANGLE, WITHIN_FRAMES, LEAST_STEP = np.deg2rad(60.0), 4, 3.0
 # Figs. 8 and 9: particles that are drawn, and shown of them; half the side of the part shown, pixels.
 DRAWN, SHOWN, HALF = 500, 10, 110
-
-
 ARMS: Mapping[str, tuple[str, Callable[[LearntMotion], BodyMotion]]] = {
     "A": ("A: random walk (8)", lambda learnt: learnt.random_walk()),
     "B": ("B: body-fixed velocity (16)-(17), independent", lambda learnt: learnt.independent()),

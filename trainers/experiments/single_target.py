@@ -41,8 +41,6 @@ WITHIN, FOLLOWED = 10, 0.5
 AFTERWARDS = 10
 WAYS = ("KCF", "Fix", "Proposed")
 """Of going on at the start of a search (Fig. 3.10): KCF, a box that stands still, and the particles."""
-
-
 Loaded: TypeAlias = tuple[FloatArray, list[ImageArray]]
 """Boxes ``(T, 4)`` of a target, NaN without a label, and ``T`` images ``(H, W, 3)`` uint8."""
 TargetClip: TypeAlias = Callable[[], Loaded]
@@ -93,8 +91,6 @@ MAKERS: Mapping[type, Callable[[Any, int], SingleTracker]] = {
 """New trackers by what names them, from that and a seed."""
 Scores: TypeAlias = Mapping[str, Any]
 """See `clip_scores`."""
-
-
 PARTS = ("unseen", "status", "sweeps", "comparison", "intervals")
 BASELINES: tuple[SingleMethod, ...] = (
     "csk", "mosse", "template", "histogram", "kalman", "meanshift", "camshift", "medianflow", "colour-particle", "mil",

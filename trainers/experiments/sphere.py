@@ -135,8 +135,6 @@ PAPER_ERRORS: Mapping[str, Mapping[study.Name, float]] = {
     "deviation": {BACKGROUND[1]: 9.90, PRINTED[1]: 1.03},
 }
 """Distance to the path in the paper's film, cm (section 3)."""
-
-
 FilmErrors: TypeAlias = Mapping[str, DistanceScores]
 """Of one way on one film: ``to_position`` at the same time, and ``to_path``, the paper's error."""
 Found: TypeAlias = Mapping[tuple[str, str], Sequence[FilmErrors]]
