@@ -250,9 +250,16 @@ def plan_floor(settings: FloorClipSettings, seed: int) -> RoomClip[AnyCamera]:
     rng = np.random.default_rng([seed, 7])
     size, ceiling = np.array(settings.size), float(rng.uniform(*CEILING))
     furniture, low = random_furniture(rng, size, round(FURNITURE * size.prod() / 10))
-    pillars, high = _pillars(rng, size)
-    cameras = _both_kinds(rng, settings, size, ceiling)
-    return RoomClip(rng, settings, seed, cameras, [*furniture, *pillars], np.concatenate([low, high]))
+    # Pillars hide people: along the length, in turns left and right of the middle, where the ceiling cameras hang.
+    half = np.column_stack([rng.uniform(0.12, 0.22, (PILLARS, 2)), rng.uniform(*TALL, PILLARS) / 2])
+    along = (np.arange(PILLARS) + rng.uniform(0.3, 0.7, PILLARS)) / PILLARS
+    aside = 0.5 + rng.choice([-1, 1]) * (-1) ** np.arange(PILLARS) * rng.uniform(0.15, 0.3, PILLARS)
+    spots = np.column_stack([aside, along]) * size
+    for spot, sides in zip(spots, half, strict=True):
+        surface = Surface(as_colour(rng.uniform(0.3, 0.8, 3)), None)
+        furniture.append(Thing(boxes(np.array([[*spot, sides[2]]]), sides[None], np.zeros(1), [surface])))
+    obstacles = np.concatenate([low, np.column_stack([spots, np.hypot(half[:, 0], half[:, 1])])])
+    return RoomClip(rng, settings, seed, _both_kinds(rng, settings, size, ceiling), furniture, obstacles)
 
 
 def _both_kinds(
@@ -276,20 +283,6 @@ def _both_kinds(
             PinholeCamera.look_at(place, target, focal, settings.width, settings.height, float(rng.normal(0, 0.01)))
         )
     return cameras
-
-
-def _pillars(rng: np.random.Generator, size: FloatArray) -> tuple[list[Thing], FloatArray]:
-    """Pillars in the room that hide people, and ``(M, 3)`` where they stand and how far they reach."""
-    half = np.column_stack([rng.uniform(0.12, 0.22, (PILLARS, 2)), rng.uniform(*TALL, PILLARS) / 2])
-    # Along the length, in turns left and right of the middle, where the ceiling cameras hang.
-    along = (np.arange(PILLARS) + rng.uniform(0.3, 0.7, PILLARS)) / PILLARS
-    aside = 0.5 + rng.choice([-1, 1]) * (-1) ** np.arange(PILLARS) * rng.uniform(0.15, 0.3, PILLARS)
-    spots = np.column_stack([aside, along]) * size
-    things = []
-    for spot, sides in zip(spots, half, strict=True):
-        surface = Surface(as_colour(rng.uniform(0.3, 0.8, 3)), None)
-        things.append(Thing(boxes(np.array([[*spot, sides[2]]]), sides[None], np.zeros(1), [surface])))
-    return things, np.column_stack([spots, np.hypot(half[:, 0], half[:, 1])])
 
 
 def ceiling_camera(

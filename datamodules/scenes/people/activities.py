@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.people.gait import running, standing, stride_length, walking
+from tsuiseki.datamodules.scenes.people.gait import running, standing, walking
 from tsuiseki.datamodules.scenes.people.outfit import BRIGHT, DARK, LIGHT, MIDDLE
 from tsuiseki.datamodules.scenes.people.person import Person
 from tsuiseki.datamodules.scenes.people.poses import lying, sitting
@@ -219,12 +219,6 @@ class Activity:
         if self.posture == act.SITTING:
             return sitting(rng, not on_bench)
         return lying(rng, person.build) if self.posture == act.LYING else standing(rng, person.manner)
-
-    def stride_frequency(self, person: Person, speed: float) -> float:
-        """Strides a second at ``speed`` m/s."""
-        if self.posture == act.RUNNING:
-            return 1.25 + 0.06 * speed
-        return speed / stride_length(person.build, person.manner, speed)
 
     def pose(
         self, person: Person, rest: Pose, seconds: float, phase: float, speed: float, hand: int, prop: Prop | None

@@ -9,6 +9,7 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import ClipSettings
 from tsuiseki.datamodules.scenes.people.activities import ACTIVITIES, STAND, WALK, Activity, Kind, Prop
+from tsuiseki.datamodules.scenes.people.gait import stride_length
 from tsuiseki.datamodules.scenes.people.person import Person, somebody
 from tsuiseki.datamodules.scenes.people.posture import Pose, blend
 from tsuiseki.tracking.formats.acting_tracks import CARRYING, PUSHING, RUNNING, SITTING
@@ -306,4 +307,6 @@ class Gathering:
         actor.position = actor.position + facing(actor.heading) * min(
             speed / self.rate, distance if actor.errand else 1e6
         )
-        actor.phase += actor.activity.stride_frequency(actor.person, speed) / self.rate
+        stride = stride_length(actor.person.build, actor.person.manner, speed)
+        # Strides a second.
+        actor.phase += (1.25 + 0.06 * speed if actor.activity.posture == RUNNING else speed / stride) / self.rate

@@ -160,7 +160,20 @@ class PersonSkeleton:
         trunk = height * (SHOULDER_ABOVE_HIP + 0.491 * (1 - build.legs))
         chest = trunk_axes[:, 2] * trunk
         head = chest + trunk_axes[:, 2] * HEAD_ABOVE_SHOULDER * height + head_axes[:, 2] * 0.065 * height * build.head
-        limbs = [_limbs(build, pose, k, chest, pelvis_axes, trunk_axes) for k in (0, 1)]
+        limbs = []
+        for k, side in enumerate(SIDES):
+            shoulder = chest + trunk_axes @ np.array([0, side * 0.105 * height * build.shoulders, -0.01 * height])
+            elbow = shoulder + trunk_axes @ hanging(pose.shoulder[k], pose.spread[k], side) * UPPER_ARM * height
+            forearm = trunk_axes @ hanging(pose.shoulder[k] + pose.elbow[k], pose.spread[k] - pose.inward[k], side)
+            wrist = elbow + forearm * FOREARM * height
+            hip = pelvis_axes @ np.array([0, side * 0.052 * height * build.hips, 0])
+            knee = hip + pelvis_axes @ hanging(pose.hip[k], pose.straddle[k], side) * build.thigh
+            shin = pose.hip[k] - pose.knee[k]
+            ankle = knee + pelvis_axes @ hanging(shin, pose.straddle[k], side) * build.shank
+            cos, sin = math.cos(shin + pose.ankle[k]), math.sin(shin + pose.ankle[k])
+            toe = ankle + pelvis_axes @ np.array([cos, side * 0.12, sin]) * 0.62 * FOOT * height
+            toe = toe - pelvis_axes @ np.array([-sin, 0, cos]) * 0.02 * height
+            limbs.append((shoulder, elbow, wrist, wrist + forearm * HAND * height, hip, knee, ankle, toe))
         paired = [np.stack(pair) for pair in zip(*limbs, strict=True)]
         ankle, toe = paired[-2:]
         rest = min(ankle[:, 2].min() - ANKLE_HEIGHT * height, toe[:, 2].min() - 0.016 * height)
@@ -173,24 +186,6 @@ class PersonSkeleton:
         self.chest, self.head, *limb = (joint + root for joint in bodies)
         self.shoulder, self.elbow, self.wrist, self.fingers, self.hip, self.knee, self.ankle, self.toe = limb
         self.pelvis_axes, self.trunk_axes, self.head_axes = axes
-
-
-def _limbs(
-    build: Build, pose: Pose, k: int, chest: FloatArray, pelvis_axes: FloatArray, trunk_axes: FloatArray
-) -> tuple[FloatArray, ...]:
-    side, height = SIDES[k], build.height
-    shoulder = chest + trunk_axes @ np.array([0, side * 0.105 * height * build.shoulders, -0.01 * height])
-    elbow = shoulder + trunk_axes @ hanging(pose.shoulder[k], pose.spread[k], side) * UPPER_ARM * height
-    forearm = trunk_axes @ hanging(pose.shoulder[k] + pose.elbow[k], pose.spread[k] - pose.inward[k], side)
-    wrist = elbow + forearm * FOREARM * height
-    hip = pelvis_axes @ np.array([0, side * 0.052 * height * build.hips, 0])
-    knee = hip + pelvis_axes @ hanging(pose.hip[k], pose.straddle[k], side) * build.thigh
-    shin = pose.hip[k] - pose.knee[k]
-    ankle = knee + pelvis_axes @ hanging(shin, pose.straddle[k], side) * build.shank
-    pitch = shin + pose.ankle[k]
-    toe = ankle + pelvis_axes @ np.array([math.cos(pitch), side * 0.12, math.sin(pitch)]) * 0.62 * FOOT * height
-    toe = toe - pelvis_axes @ np.array([-math.sin(pitch), 0, math.cos(pitch)]) * 0.02 * height
-    return shoulder, elbow, wrist, wrist + forearm * HAND * height, hip, knee, ankle, toe
 
 
 def reach_for(build: Build, forward: float, down: float) -> tuple[float, float]:
