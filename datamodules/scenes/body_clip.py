@@ -19,7 +19,7 @@ from tsuiseki.datamodules.scenes.clip import IMAGES, Clip, ClipSettings, Moment
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.render.tracing import Window, overlap
 from tsuiseki.tracking.formats.body_states import FOLDER, write_states
-from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
+from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.tracks import exact_track
 
 MOST_BODIES = 5
@@ -54,11 +54,6 @@ class Drawn:
     top: int
     colour: Float32
     opacity: Float32
-
-    @property
-    def silhouette(self) -> BoolArray:
-        """Pixels ``(h, w)`` that the body covers."""
-        return np.asarray(self.opacity > 0.3)
 
     def within(self, shape: tuple[int, ...]) -> tuple[Window, Window]:
         """See `solids.overlap`."""
@@ -118,7 +113,7 @@ class BodyClip(Clip[FloatArray]):
         silhouettes = np.zeros((height, width), np.uint8)
         for bit, body in enumerate(bodies):
             part, own = body.within((height, width))
-            silhouettes[part] |= np.where(body.silhouette[own], np.uint8(1 << bit), np.uint8(0))
+            silhouettes[part] |= np.where(body.opacity[own] > 0.3, np.uint8(1 << bit), np.uint8(0))
         top, left = self._places[frame]
         noisy = cv2.add(image, self._noise[top : top + height, left : left + width], dtype=cv2.CV_8U)
         return BodyFrame(np.asarray(noisy, np.uint8), self.states[frame], silhouettes)

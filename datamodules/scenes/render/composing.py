@@ -108,7 +108,7 @@ def compose(
     layers = [thing.trace(camera, samples) for thing in things]
     for index, layer in enumerate(layers):
         if layer is not None:
-            there, own = layer.inside(distance.shape)
+            there, own = tracing.overlap(distance.shape, (layer.top, layer.left), layer.distance.shape)
             closer = layer.distance[own] < distance[there]
             np.copyto(distance[there], layer.distance[own], where=closer)
             np.copyto(owner[there], np.int16(index), where=closer)
@@ -118,7 +118,7 @@ def compose(
         if layer is None:
             sightings.append(None)
             continue
-        there, own = layer.inside(owner.shape)
+        there, own = tracing.overlap(owner.shape, (layer.top, layer.left), layer.distance.shape)
         seen = np.zeros(layer.distance.shape, dtype=np.bool_)
         seen[own] = owner[there] == index
         if seen.any():

@@ -141,10 +141,6 @@ class Layer:
         """``(h, w)`` the silhouette that a box goes round."""
         return self.mask & (self.solid >= 0)
 
-    def inside(self, shape: tuple[int, ...]) -> tuple[Window, Window]:
-        """See `overlap`."""
-        return overlap(shape, (self.top, self.left), self.distance.shape)
-
 
 def extents(solids: Solids, camera: RayCamera) -> FloatArray:
     """``(K, 4)`` pixels x1, y1, x2, y2 that surely hold each solid; NaN where it is not wholly before the camera."""
