@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from tsuiseki.datamodules.scenes import clip
 from tsuiseki.datamodules.scenes.people.activities import CRATE_HEIGHT, in_hand, standing_prop
-from tsuiseki.datamodules.scenes.people.gathering import Gathering, Performer, PerformerState, facing
+from tsuiseki.datamodules.scenes.people.gathering import Gathering, Performer, facing
 from tsuiseki.datamodules.scenes.people.person import person_thing
 from tsuiseki.datamodules.scenes.people.posture import PersonSkeleton
 from tsuiseki.datamodules.scenes.render.composing import Thing, draw_things
@@ -172,12 +172,10 @@ class DroneClip(clip.Clip[clip.FrameTruth]):
 
     def draw_frame(self, frame: int) -> tuple[ImageArray, clip.FrameTruth]:
         """Frame ``frame``, ``(H, W, 3)`` uint8 RGB before JPEG; ids count the performers of the plan from 1."""
-        camera, settings, performers = self.cameras[frame], self.settings, self.gathering.performers
-        states = [performer.states[frame] for performer in performers]
-        people = [
-            person_thing(p.person, m.pose, m.position, m.heading) for p, m in zip(performers, states, strict=True)
-        ]
-        others = [held for p, m in zip(performers, states, strict=True) for held in _held(p, m)]
+        camera, settings = self.cameras[frame], self.settings
+        states = [performer.states[frame] for performer in self.gathering.performers]
+        people = [person_thing(m.person, m.pose, m.position, m.heading) for m in states]
+        others = [held for m in states for held in _held(m)]
         others += [standing_prop(t.prop, t.position, t.yaw) for t in self.gathering.things if t.first <= frame < t.last]
         image = look_down(self.ground, camera)
         sightings = draw_things(image, people + others + self.static, camera, self.light, settings.samples)
@@ -247,17 +245,16 @@ def _wander(rng: np.random.Generator, frames: int, frame_rate: float, seconds: f
     return np.asarray(noise * math.sqrt(2 * sigma * math.sqrt(math.pi)))
 
 
-def _held(performer: Performer, state: PerformerState) -> list[Thing]:
+def _held(state: Performer) -> list[Thing]:
     """What somebody has in hand, pushes, pulls or carries."""
     prop = state.prop
     if prop is None:
         return []
     if not prop.ahead:
-        skeleton = PersonSkeleton(performer.person.build, state.pose, state.position, state.heading)
+        skeleton = PersonSkeleton(state.person.build, state.pose, state.position, state.heading)
         return [in_hand(prop, skeleton, state.hand)]
-    forward = facing(state.heading)
     lift = CRATE_HEIGHT - 0.1 if prop.kind == "crate" else 0.0
-    return [standing_prop(prop, state.position + prop.ahead * forward, state.heading, lift)]
+    return [standing_prop(prop, state.position + prop.ahead * facing(state.heading), state.heading, lift)]
 
 
 def _smeared(image: ImageArray, cameras: list[PinholeCamera], frame: int) -> ImageArray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import math
 from dataclasses import dataclass
 
@@ -21,18 +22,6 @@ CHANGE = 0.45
 SPACE, TURN_RATE = 0.8, 3.5
 # Most seconds on the way to somewhere, and metres within which a place is reached.
 PATIENCE, ARRIVED = 9.0, 0.12
-
-
-@dataclass(frozen=True)
-class PerformerState:
-    """One person in one frame: where, how, and what it is doing, with what in which hand."""
-
-    position: FloatArray
-    heading: float
-    pose: Pose
-    activity: Activity
-    prop: Prop | None
-    hand: int
 
 
 @dataclass
@@ -61,18 +50,19 @@ class Errand:
 class Performer:
     """A person in the simulation: where it is, what it is doing since and until when, and what it is up to.
 
-    ``states`` has what it was like in every frame.
+    ``states`` has copies of what it was like in every frame.
     """
 
     def __init__(self, person: Person, position: FloatArray, heading: float) -> None:
         self.person, self.position, self.heading = person, position, heading
-        self.activity, self.rest, self.before, self.target = STAND, Pose(), Pose(), np.zeros(2)
+        self.activity, self.target = STAND, np.zeros(2)
+        self.pose = self.rest = self.before = Pose()
         self.began = self.until = 0
         self.phase, self.pace, self.hand = 0.0, 1.0, 1
         self.errand: Errand | None = None
         self.prop: Prop | None = None
         self.seat: PlacedProp | None = None
-        self.states: list[PerformerState] = []
+        self.states: list[Performer] = []
 
     @property
     def free(self) -> bool:
@@ -138,10 +128,10 @@ class Gathering:
             if actor.activity.moving:
                 self._move(actor)
             a, seconds = actor, (frame - actor.began) / self.rate
-            pose = a.activity.pose(a.person, a.rest, seconds, a.phase, a.pace, a.hand, a.prop)
+            a.pose = a.activity.pose(a.person, a.rest, seconds, a.phase, a.pace, a.hand, a.prop)
             if a.states and seconds < CHANGE:
-                pose = blend(a.before, pose, 0.5 - 0.5 * math.cos(math.pi * seconds / CHANGE))
-            a.states.append(PerformerState(a.position.copy(), a.heading, pose, a.activity, a.prop, a.hand))
+                a.pose = blend(a.before, a.pose, 0.5 - 0.5 * math.cos(math.pi * seconds / CHANGE))
+            a.states.append(copy.copy(a))
 
     def choose(self, index: int, frame: int, at_once: bool = False) -> None:
         """The next activity of somebody: what has been rare so far is likelier."""
@@ -165,7 +155,7 @@ class Gathering:
     def begin(self, index: int, activity: Activity, frame: int, errand: Errand | None = None) -> None:
         """Somebody starts an activity; what it does not need is put down."""
         rng, actor = self.rng, self.performers[index]
-        actor.before = actor.states[-1].pose if actor.states else Pose()
+        actor.before = actor.pose
         same = actor.activity.fetching and actor.activity.act == activity.act
         if actor.prop and actor.activity.fetching and not same:
             place = actor.position + actor.prop.ahead * facing(actor.heading)
