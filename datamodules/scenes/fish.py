@@ -43,6 +43,8 @@ PLATE, THRUST = 0.03, 0.006
 DRAG, SIDE_DRAG, YAW_DAMPING = 0.009, 0.06, 1.5
 # Radius of gyration of the body with the water that it moves along.
 GYRATION = 20.0
+# Shares of width and height that bound the places it swims to, so that ways cross.
+MIDDLE = (0.25, 0.75)
 # Shares of the segments between turns that are bursts, and glides without a beat; of the fish that turn suddenly.
 BURSTS, GLIDES, LIVELY = 0.3, 0.2, 0.5
 
@@ -54,7 +56,7 @@ class _Fish:
         self.place = WALL_MARGIN + (size - 2 * WALL_MARGIN) * rng.random(2)
         self.heading = float(rng.uniform(-np.pi, np.pi))
         self.phase, self.lively = float(rng.uniform(0, 2 * np.pi)), bool(rng.random() < LIVELY)
-        self.velocity, self.goal = 60.0 * along(self.heading)[:2], _new_goal(size, rng)
+        self.velocity, self.goal = 60.0 * along(self.heading)[:2], size * rng.uniform(*MIDDLE, 2)
         self.turning = self.bend = self.bending = self.side = self.wanted = 0.0
         self.frequency, self.amplitude, self.until = 1.5, 0.3, -10.0
 
@@ -105,7 +107,7 @@ def _decide(fish: _Fish, clock: float, dt: float, size: FloatArray, rng: np.rand
         fish.until = clock + float(rng.uniform(*BURST_SECONDS))
         fish.frequency, fish.amplitude = BURST_FREQUENCY, BURST_BEND
     if clock >= fish.until or np.linalg.norm(fish.goal - fish.place) < 50:
-        fish.goal = _new_goal(size, rng)
+        fish.goal = size * rng.uniform(*MIDDLE, 2)
     if clock >= fish.until:
         _next_segment(fish, clock, size, rng)
     fish.phase += 2 * np.pi * fish.frequency * dt
@@ -154,11 +156,6 @@ def _push(fish: _Fish, dt: float) -> None:
     fish.turning += dt * (torque / GYRATION**2 - YAW_DAMPING * fish.turning)
     fish.place = fish.place + dt * fish.velocity
     fish.heading += dt * fish.turning
-
-
-def _new_goal(size: FloatArray, rng: np.random.Generator) -> FloatArray:
-    """Somewhere in the middle part, so that ways cross."""
-    return size * rng.uniform(0.25, 0.75, 2)
 
 
 def _turn_to(fish: _Fish, place: FloatArray) -> float:

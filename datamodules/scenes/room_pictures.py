@@ -137,8 +137,15 @@ def panorama_picture(
     With ``sprites`` most people are rendered.
     """
     size = np.array([*rng.uniform(*FLOOR, 2), rng.uniform(*CEILING)])
-    room = _Room(rng, size, _camera(rng, size, width, height))
-    camera = room.camera
+    spot = size * [*rng.uniform(0.25, 0.75, 2), 1.0] - [0, 0, rng.uniform(0.03, 0.25)]
+    turn = float(rng.uniform(0, 2 * np.pi))
+    camera: CylinderView | DownwardView
+    if rng.random() < DOWNWARD:
+        camera = DownwardView(spot, turn, float(rng.uniform(0.6, 1.3)) * height, width, height)
+    else:
+        scale = float(np.exp(rng.uniform(*np.log(SCALE)))) * height
+        camera = CylinderView(spot, turn, scale, float(rng.uniform(-0.1, 0.12)) * height, width, height)
+    room = _Room(rng, size, camera)
     for k, (spot, pose) in enumerate(room.placed if sprites is not None else ()):
         # Mostly a rendered person is shown in the place of the drawn one.
         if sprites is not None and rng.random() < RENDERED:
@@ -166,12 +173,3 @@ def panorama_picture(
         image[: max(round(camera.horizon + height * rng.uniform(-0.03, 0.05)), 0)] = rng.integers(0, 25)
     truth, _ = people_in_view(sightings, (width, height), LEAST_VISIBLE, 0.0)
     return image, truth.boxes, truth.visibility
-
-
-def _camera(rng: np.random.Generator, size: FloatArray, width: int, height: int) -> CylinderView | DownwardView:
-    spot = size * [*rng.uniform(0.25, 0.75, 2), 1.0] - [0, 0, rng.uniform(0.03, 0.25)]
-    turn = float(rng.uniform(0, 2 * np.pi))
-    if rng.random() < DOWNWARD:
-        return DownwardView(spot, turn, float(rng.uniform(0.6, 1.3)) * height, width, height)
-    scale = float(np.exp(rng.uniform(*np.log(SCALE)))) * height
-    return CylinderView(spot, turn, scale, float(rng.uniform(-0.1, 0.12)) * height, width, height)

@@ -151,12 +151,8 @@ def write_sprites(
             writer.writerow(_COLUMNS + (_POSED if len(rows[0]) > len(_COLUMNS) else ()))
             for number, row in enumerate(rows):
                 person, view = divmod(number, settings.views)
-                writer.writerow([_name(person, view), *row])
+                writer.writerow([f"{person:04d}-{view}", *row])
     return folder
-
-
-def _name(person: int, view: int) -> str:
-    return f"{person:04d}-{view}"
 
 
 _opened = lru_cache(maxsize=1)(Assets)
@@ -167,7 +163,7 @@ def _person(work: Path, assets: Path, settings: SpriteSettings, seed: int, perso
     rows, placed_anyhow = [], settings.poses > 0 or settings.tilts[1] > STEEP
     sprites = random_sprites(rng, _opened(assets), settings.views, settings.height, settings.tilts, settings.poses)
     for view, sprite in enumerate(sprites):
-        name = str(work / _name(person, view))
+        name = str(work / f"{person:04d}-{view}")
         # The label lies where a picture viewer expects opacity, so that the files can be viewed.
         opacity = np.where(sprite.label > 0, sprite.label * np.uint8(32) + np.uint8(31), 0).astype(np.uint8)
         cv2.imwrite(f"{name}.png", np.dstack([sprite.albedo[..., ::-1], opacity]))
