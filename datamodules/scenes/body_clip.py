@@ -56,7 +56,7 @@ class Drawn:
     opacity: Float32
 
     def within(self, shape: tuple[int, ...]) -> tuple[Window, Window]:
-        """See `solids.overlap`."""
+        """See `tracing.overlap`."""
         return overlap(shape, (self.top, self.left), self.opacity.shape)
 
 
