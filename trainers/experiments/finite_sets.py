@@ -26,10 +26,10 @@ from tsuiseki.datamodules.scenes.blob_clip import BlobClip, BlobSceneSettings, a
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.point_distances import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage
-from tsuiseki.tracking.filters.base import Filter, Running, SetInfo
+from tsuiseki.tracking.filters.base import Births, Filter, Running, SetInfo
 from tsuiseki.tracking.filters.finite_sets import point_model
 from tsuiseki.tracking.filters.finite_sets import region_likelihoods as likelihoods
-from tsuiseki.tracking.filters.finite_sets.births import MixtureBirths
+from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
 from tsuiseki.tracking.filters.finite_sets.clusters import by_clusters, by_measurements
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
@@ -50,6 +50,8 @@ from tsuiseki.trainers.experiments.study import Column, Name, Outcome, Store, St
 PointFilter = Running[Any, FloatArray, SetInfo]
 METHODS = ("phd-literal", "phd", "labelled")
 CUT_OFF = 100.0
+BIRTHS_ANYWHERE = 0.1
+"""Expected births a step where a scenario names no places."""
 # OSPA p=1 of a plain SMC-PHD filter and of a labelled filter in MATLAB: by the seed of the scenario that they were
 # measured on and by the clutter rate.
 YARDSTICKS: Mapping[tuple[int, str], Mapping[float, float]] = {
@@ -57,8 +59,7 @@ YARDSTICKS: Mapping[tuple[int, str], Mapping[float, float]] = {
     (20061, "labelled"): {10: 10.2, 30: 11.3, 60: 12.8},
     (20091, "phd"): {10: 32.2, 30: 38.0, 60: 42.4},
 }
-BIRTHS = ("birth_w", "birth_m", "birth_sd")
-REQUIRED = ("kind", "T", "K", "P_S", "P_D", "region", "clutter_rates", "runs", "sigma_v", *BIRTHS)
+REQUIRED = ("kind", "T", "K", "P_S", "P_D", "region", "clutter_rates", "runs", "sigma_v")
 OF_KIND = {"linear": ("sigma_e",), "ct": ("sigma_turn", "sigma_bearing", "sigma_range")}
 
 
@@ -123,13 +124,11 @@ def start_filter(method: str, settings: dict[str, Any], clutter: float, particle
     """
     model = scenario_model(settings, clutter)
     births = scenario_births(settings, particles)
-    # As many particles as (50) gives: those of a target times the expected number of births, wherever.
-    few = replace(births, count=max(round(particles * float(np.mean(births.masses))), 1), sensor=None)
     filters: dict[str, Filter[Any, FloatArray, SetInfo]] = {
         "labelled": LabelledMultiBernoulliFilter(model, births, particles),
         "phd": PhdFilter(model, births, particles, extract=by_measurements),
         "phd-literal": PhdFilter(
-            model, few, particles, smallest_cluster=0, extract=by_clusters,
+            model, printed_births(settings, particles), particles, smallest_cluster=0, extract=by_clusters,
             identity=TrackIdentity(printed=True),
         ),
     }  # fmt: skip
@@ -216,10 +215,28 @@ def scenario_model(settings: dict[str, Any], clutter_rate: float) -> point_model
     )
 
 
-def scenario_births(settings: dict[str, Any], count: int) -> MixtureBirths:
-    """The scenario's places of birth, with so many particles of each."""
-    masses, means, spread = (np.array(settings[name], dtype=np.float64) for name in BIRTHS)
-    return MixtureBirths(masses, means, spread, count, scenario_sensor(settings))
+def scenario_births(settings: dict[str, Any], count: int) -> Births[FloatArray]:
+    """The scenario's places of birth; where it names none, births anywhere, driven by the measurements."""
+    if "birth_m" in settings:
+        masses, means, spread = (np.array(settings[f"birth_{name}"], dtype=np.float64) for name in ("w", "m", "sd"))
+        return MixtureBirths(masses, means, spread, count, scenario_sensor(settings))
+    volume = float(np.prod([high - low for low, high in settings["region"]]))
+    speed = float(settings.get("birth_speed", 15.0))
+    if settings["kind"] == "linear":
+        complete, columns = newborn(lambda places: places, 2, speed), 4
+    else:
+        complete, columns = newborn(point_model.from_bearing_range, 2, speed, turn=0.05), 5
+    return MeasurementBirths(BIRTHS_ANYWHERE / volume, scenario_sensor(settings), complete, columns, count // 5)
+
+
+def printed_births(settings: dict[str, Any], density: int) -> Births[FloatArray]:
+    """The same with as many particles as (50) gives: ``density`` times the expected number of births, wherever."""
+    births = scenario_births(settings, density)
+    if isinstance(births, MixtureBirths):
+        return replace(births, count=max(round(density * float(np.mean(births.masses))), 1), sensor=None)
+    if isinstance(births, MeasurementBirths):
+        return replace(births, limit=max(round(density * BIRTHS_ANYWHERE), 1))
+    return births
 
 
 OURS: Mapping[str, tuple[SetMethod, Lag]] = {

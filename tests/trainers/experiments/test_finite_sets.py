@@ -74,6 +74,14 @@ def test_generated_scenarios_are_tracked():
     assert abs(np.sum(found.frames == 11) - 6) <= 2
 
 
+def test_without_places_of_birth_the_measurements_drive_them():
+    settings, measurements = generated_scenario(4, 3.0, 12, seed=1)
+    for name in ("birth_m", "birth_w", "birth_sd"):
+        del settings[name]
+    found, _ = run_filter(start_filter("labelled", settings, 3.0, 500, seed=0), measurements)
+    assert abs(np.sum(found.frames == 11) - 4) <= 1
+
+
 @pytest.fixture
 def small_scenario(tmp_path):
     """The folder ``phd`` with a scenario of three targets over ten steps, as the standard ones lie on disk."""
