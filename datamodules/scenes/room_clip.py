@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, Literal
+from typing import Literal
 
 import cv2
 import numpy as np
@@ -18,7 +18,7 @@ from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Surface, as_colour, boxes
 from tsuiseki.datamodules.scenes.render.tracing import RayCamera, extents
 from tsuiseki.datamodules.scenes.things.room import draw_shell, random_furniture, random_shell
-from tsuiseki.tracking.cameras.camera_files import AnyCamera, CameraOverFloor, CameraT, write_cameras
+from tsuiseki.tracking.cameras.camera_files import AnyCamera, CameraOverFloor, write_cameras
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidirectional
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -95,27 +95,35 @@ class FloorClipSettings(RoomSettings):
         super().__post_init__()
 
 
-class RoomClip(clip.Clip[list[clip.FrameTruth]], Generic[CameraT]):
-    """A planned clip, of which every frame of every camera can be drawn on its own; its truth is that of each.
+class RoomClip(clip.Clip[list[clip.FrameTruth]]):
+    """The room and everybody's way as a seed has it; every frame of every camera can be drawn on its own.
 
     Args:
-        rng: draws people and light.
-        settings: of the clip.
-        seed: of the pictures.
-        cameras: that film it.
-        furniture: that stands about.
-        obstacles: ``(M, 3)`` x, y and radius of what people walk around, metres.
+        settings: of the clip; those of a floor ask for pillars, and for cameras of both kinds.
+        seed: of all random numbers.
+        lens: of the cameras on the ceiling, see `ceiling_lens`.
     """
 
     quality = 90
 
-    def __init__(
-        self, rng: np.random.Generator, settings: RoomSettings, seed: int, cameras: Sequence[CameraT],
-        furniture: list[Thing], obstacles: FloatArray,
-    ) -> None:  # fmt: skip
-        self.settings, self.seed, self.cameras, self.furniture = settings, seed, cameras, furniture
+    def __init__(self, settings: RoomSettings, seed: int, lens: OmnidirectionalLens | None = None) -> None:
+        self.settings, self.seed, both = settings, seed, isinstance(settings, FloorClipSettings)
+        rng, size = np.random.default_rng([seed, 7 if both else 4]), np.array(settings.size)
+        ceiling = float(rng.uniform(*CEILING))
+        self.furniture, obstacles = random_furniture(rng, size, round(FURNITURE * size.prod() / 10))
+        if both:
+            # Pillars hide people: along the length, in turns left and right of the middle, where ceiling cameras hang.
+            half = np.column_stack([rng.uniform(0.12, 0.22, (PILLARS, 2)), rng.uniform(*TALL, PILLARS) / 2])
+            along = (np.arange(PILLARS) + rng.uniform(0.3, 0.7, PILLARS)) / PILLARS
+            aside = 0.5 + rng.choice([-1, 1]) * (-1) ** np.arange(PILLARS) * rng.uniform(0.15, 0.3, PILLARS)
+            spots = np.column_stack([aside, along]) * size
+            paints = [Surface(as_colour(rng.uniform(0.3, 0.8, 3))) for _ in range(PILLARS)]
+            middles = np.column_stack([spots, half[:, 2]])
+            self.furniture += [Thing(boxes(middles, half, np.zeros(PILLARS), paints))]
+            obstacles = np.concatenate([obstacles, np.column_stack([spots, np.hypot(half[:, 0], half[:, 1])])])
+        self.cameras = _cameras(rng, settings, ceiling, ceiling_lens(lens, settings.width, settings.height))
         people = dressed(rng, settings.people, settings.repeated)
-        self.walkers = wander(rng, people, settings, np.array(settings.size), obstacles)
+        self.walkers = wander(rng, people, settings, size, obstacles)
         self.tone = degrade.level_tone(degrade.random_degradation(rng, 0.5))
         self.light = lamps(rng)
 
@@ -145,9 +153,7 @@ class RoomClip(clip.Clip[list[clip.FrameTruth]], Generic[CameraT]):
 
         Ids count the people of the plan from 1, the same for all cameras.
         """
-        there = [i for i, walker in enumerate(self.walkers) if walker.is_there(frame)]
-        things = [self.walkers[i].thing(frame) for i in there]
-        places = [self.walkers[i].positions[frame - self.walkers[i].first] for i in there]
+        things = [walker.thing(frame) for walker in self.walkers]
         image, camera = view.photograph.copy(), view.camera
         sun, under = both_shadows(things, camera, self.light, 2.0)
 
@@ -165,8 +171,7 @@ class RoomClip(clip.Clip[list[clip.FrameTruth]], Generic[CameraT]):
         # Before a wall camera a head alone may be a good part of the picture.
         inside = 0.0 if isinstance(self.settings, FloorClipSettings) else INSIDE
         truth, rows = clip.people_in_view(sightings, (camera.width, camera.height), SHOWN, inside)
-        ids = np.array(there, dtype=np.int64)[rows] + 1
-        return image, replace(truth, ids=ids, places=np.array(places).reshape(-1, 2)[rows])
+        return image, replace(truth, places=np.array([walker.positions[frame] for walker in self.walkers])[rows])
 
     def write_truth(self, folder: Path, name: str, truths: list[list[clip.FrameTruth]]) -> None:
         """Write ``gt/gt.txt``, ``gt/world.csv`` and ``seqinfo.ini`` of each camera, and ``cameras.yaml``.
@@ -175,33 +180,25 @@ class RoomClip(clip.Clip[list[clip.FrameTruth]], Generic[CameraT]):
         ``truth.csv`` with time, id, x, y of everybody, seen or not.
         """
         del name
-        for number, of_camera in enumerate(zip(*truths, strict=True)):
-            home = folder / f"camera{number + 1}"
-            self.settings.write_info(home, home.name, clip.ground_truth(of_camera))
-            rows = [
-                f"{frame + 1},{number},{x:.4f},{y:.4f}\n"
-                for frame, truth in enumerate(of_camera)
-                if truth.places is not None
-                for number, (x, y) in zip(truth.ids.tolist(), truth.places.tolist(), strict=True)
-            ]
-            (home / PLACES_FILE).write_text("frame,id,x,y\n" + "".join(rows), encoding="utf-8")
+        ways = np.stack([walker.positions for walker in self.walkers])
+        for number, of_camera in enumerate(zip(*truths, strict=True), 1):
+            home, labels = folder / f"camera{number}", clip.ground_truth(of_camera)
+            self.settings.write_info(home, home.name, labels)
+            rows = np.column_stack([labels.frames + 1, labels.ids, ways[labels.ids - 1, labels.frames]])
+            np.savetxt(home / PLACES_FILE, rows, "%d,%d,%.4f,%.4f", header="frame,id,x,y", comments="")
         named, rate = enumerate(self.cameras, 1), self.settings.frame_rate
         cameras = [CameraOverFloor(f"camera{k}", camera, rate, floor=self.floor) for k, camera in named]
         write_cameras(folder / CAMERAS_FILE, cameras)
         if isinstance(self.settings, FloorClipSettings):
-            rows = [
-                f"{frame / rate:.6f},{number},{x:.4f},{y:.4f}\n"
-                for frame in range(self.settings.frames)
-                for number, walker in enumerate(self.walkers, 1)
-                for x, y in [walker.positions[frame - walker.first].tolist()]
-            ]
-            (folder / TRUTH_FILE).write_text("time,id,x,y\n" + "".join(rows), encoding="utf-8")
+            frames, people = np.indices(ways.shape[1::-1]).reshape(2, -1)
+            rows = np.column_stack([frames / rate, people + 1, ways[people, frames]])
+            np.savetxt(folder / TRUTH_FILE, rows, "%.6f,%d,%.4f,%.4f", header="time,id,x,y", comments="")
 
 
 class RoomView:
     """One camera and what it sees of the empty room: linear light, and the part of it that shadows take away."""
 
-    def __init__(self, room: RoomClip[Any], number: int) -> None:
+    def __init__(self, room: RoomClip, number: int) -> None:
         rng, settings = np.random.default_rng([room.seed, 5]), room.settings
         self.camera, highest = room.cameras[number], max(float(each.position[2]) for each in room.cameras)
         width, height = self.camera.width, self.camera.height
@@ -233,65 +230,27 @@ def ceiling_lens(lens: OmnidirectionalLens | None, width: int, height: int) -> O
     )
 
 
-def plan_room(
-    settings: RoomSettings, seed: int, lens: OmnidirectionalLens | None = None
-) -> RoomClip[OmnidirectionalCamera]:
-    """The room under ceiling cameras and everybody's way, as ``seed`` has it."""
-    rng = np.random.default_rng([seed, 4])
-    size, ceiling = np.array(settings.size), float(rng.uniform(*CEILING))
-    furniture, obstacles = random_furniture(rng, size, round(FURNITURE * size.prod() / 10))
-    fitted = ceiling_lens(lens, settings.width, settings.height)
-    cameras = [ceiling_camera(rng, fitted, size, (k + 0.5) / CAMERAS, ceiling - 0.1) for k in range(CAMERAS)]
-    return RoomClip(rng, settings, seed, cameras, furniture, obstacles)
-
-
-def plan_floor(settings: FloorClipSettings, seed: int) -> RoomClip[AnyCamera]:
-    """The room with pillars, its cameras of both kinds and everybody's way, as ``seed`` has it."""
-    rng = np.random.default_rng([seed, 7])
-    size, ceiling = np.array(settings.size), float(rng.uniform(*CEILING))
-    furniture, low = random_furniture(rng, size, round(FURNITURE * size.prod() / 10))
-    # Pillars hide people: along the length, in turns left and right of the middle, where the ceiling cameras hang.
-    half = np.column_stack([rng.uniform(0.12, 0.22, (PILLARS, 2)), rng.uniform(*TALL, PILLARS) / 2])
-    along = (np.arange(PILLARS) + rng.uniform(0.3, 0.7, PILLARS)) / PILLARS
-    aside = 0.5 + rng.choice([-1, 1]) * (-1) ** np.arange(PILLARS) * rng.uniform(0.15, 0.3, PILLARS)
-    spots = np.column_stack([aside, along]) * size
-    for spot, sides in zip(spots, half, strict=True):
-        surface = Surface(as_colour(rng.uniform(0.3, 0.8, 3)), None)
-        furniture.append(Thing(boxes(np.array([[*spot, sides[2]]]), sides[None], np.zeros(1), [surface])))
-    obstacles = np.concatenate([low, np.column_stack([spots, np.hypot(half[:, 0], half[:, 1])])])
-    return RoomClip(rng, settings, seed, _both_kinds(rng, settings, size, ceiling), furniture, obstacles)
-
-
-def _both_kinds(
-    rng: np.random.Generator, settings: FloorClipSettings, size: FloatArray, ceiling: float
+def _cameras(
+    rng: np.random.Generator, settings: RoomSettings, ceiling: float, lens: OmnidirectionalLens
 ) -> list[AnyCamera]:
     """Cameras on the ceiling share its length; those on walls and in corners look across the middle."""
-    lens = ceiling_lens(None, settings.width, settings.height)
-    focal = settings.width / 2 / np.tan(WALL_FIELD / 2)
-    overhead = [k for k in OVERHEAD if k < settings.cameras]
-    stands = iter(STANDS)
-    cameras: list[AnyCamera] = []
-    for k in range(settings.cameras):
+    size, width, height = np.array(settings.size), settings.width, settings.height
+    count, overhead = CAMERAS, tuple(range(CAMERAS))
+    if isinstance(settings, FloorClipSettings):
+        count, overhead = settings.cameras, tuple(k for k in OVERHEAD if k < settings.cameras)
+    cameras, stands = list[AnyCamera](), iter(STANDS)
+    for k in range(count):
         if k in overhead:
-            share = (overhead.index(k) + 0.5) / len(overhead)
-            cameras.append(ceiling_camera(rng, lens, size, share, ceiling - 0.1))
-            continue
-        spot = AWAY + np.array(next(stands)) * (size - 2 * AWAY)
-        aim = size / 2 + rng.normal(0, 0.4, 2)
-        place, target = np.array([*spot, ceiling - AWAY]), np.array([*aim, AIM])
-        cameras.append(
-            PinholeCamera.look_at(place, target, focal, settings.width, settings.height, float(rng.normal(0, 0.01)))
-        )
+            # Turned anyhow and hung a little askew.
+            along = (overhead.index(k) + 0.5) / len(overhead) * size[1] + rng.normal(0, 0.2)
+            spot = np.array([size[0] / 2 + rng.normal(0, 0.3), along, ceiling - 0.1])
+            turned = looking_down(float(rng.uniform(0, 2 * np.pi)), *rng.normal(0, 0.02, 2))
+            cameras.append(OmnidirectionalCamera(lens, turned, spot))
+        else:
+            place = np.array([*(AWAY + np.array(next(stands)) * (size - 2 * AWAY)), ceiling - AWAY])
+            aim, focal = np.array([*(size / 2 + rng.normal(0, 0.4, 2)), AIM]), width / 2 / np.tan(WALL_FIELD / 2)
+            cameras.append(PinholeCamera.look_at(place, aim, focal, width, height, float(rng.normal(0, 0.01))))
     return cameras
-
-
-def ceiling_camera(
-    rng: np.random.Generator, lens: OmnidirectionalLens, size: FloatArray, share: float, height: float
-) -> OmnidirectionalCamera:
-    """A camera that looks down, turned anyhow and hung a little askew, at about this share of the room's length."""
-    along = share * size[1] + rng.normal(0, 0.2)
-    spot = np.array([size[0] / 2 + rng.normal(0, 0.3), along, height])
-    return OmnidirectionalCamera(lens, looking_down(float(rng.uniform(0, 2 * np.pi)), *rng.normal(0, 0.02, 2)), spot)
 
 
 def looking_down(turn: float, tilt_x: float = 0.0, tilt_y: float = 0.0) -> FloatArray:

@@ -172,12 +172,12 @@ def fisheye(
         repeated: share of people who wear the clothes of another, or nearly.
         calibration: lens of the cameras, enlarged to fill the images; by default an equidistant one.
     """
-    from tsuiseki.datamodules.scenes.room_clip import SIZES, RoomSettings, plan_room
+    from tsuiseki.datamodules.scenes.room_clip import SIZES, RoomClip, RoomSettings
     from tsuiseki.tracking.cameras.lens_files import read_lens
 
     settings = RoomSettings(**asdict(clip), size=SIZES[room], people=people, repeated=repeated)
     lens = None if calibration is None else read_lens(calibration)
-    return _make(output, clip, partial(plan_room, settings, output.seed, lens))
+    return _make(output, clip, partial(RoomClip, settings, output.seed, lens))
 
 
 def floor(
@@ -195,10 +195,10 @@ def floor(
         people: who wander about, at times behind pillars.
         look_alikes: share of people who wear the clothes of another, or nearly.
     """
-    from tsuiseki.datamodules.scenes.room_clip import FloorClipSettings, plan_floor
+    from tsuiseki.datamodules.scenes.room_clip import FloorClipSettings, RoomClip
 
     settings = FloorClipSettings(**asdict(clip), people=people, repeated=look_alikes, cameras=cameras)
-    return _make(output, clip, partial(plan_floor, settings, output.seed), f" of {cameras} cameras")
+    return _make(output, clip, partial(RoomClip, settings, output.seed), f" of {cameras} cameras")
 
 
 def goldfish(

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import FrameTruth, ground_truth
-from tsuiseki.datamodules.scenes.room_clip import CAMERAS, SIZES, Room, RoomClip, RoomSettings, plan_room
+from tsuiseki.datamodules.scenes.room_clip import CAMERAS, SIZES, Room, RoomClip, RoomSettings
 from tsuiseki.tracking.cameras.lens_files import read_lens
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.cameras.person_model import build_table
@@ -104,7 +104,7 @@ class CeilingClip:
     camera: int
     calibration: Path | None
 
-    def plan(self) -> RoomClip[OmnidirectionalCamera]:
+    def plan(self) -> RoomClip:
         """The room; its people walk alike at every rate."""
         people = PEOPLE[self.room]
         settings = RoomSettings(
@@ -113,7 +113,7 @@ class CeilingClip:
             frame_rate=float(RATE),
             people=people[self.seed % len(people)],
         )
-        return plan_room(settings, 10_000 + self.seed, read_lens(self.calibration) if self.calibration else None)
+        return RoomClip(settings, 10_000 + self.seed, read_lens(self.calibration) if self.calibration else None)
 
     def pictures(self) -> Iterator[tuple[int, ImageArray, FrameTruth]]:
         """Frame number in the room, picture ``(H, W, 3)`` uint8 RGB as a camera's JPEG has it, and truth."""
@@ -175,6 +175,7 @@ def observe(clip: CeilingClip, detector_file: Path, appearance_file: Path) -> Ob
     """What the networks of two files make of the pictures of a sequence."""
     room = clip.plan()
     camera = room.cameras[clip.camera]
+    assert isinstance(camera, OmnidirectionalCamera)
     appearance = Appearance(appearance_file, threads=1)
     table = build_table(camera, room.floor)
     views = {crops: CeilingView(table, appearance, crops) for crops in CROPS}

@@ -12,7 +12,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.room_clip import FloorClipSettings, plan_floor
+from tsuiseki.datamodules.scenes.room_clip import FloorClipSettings, RoomClip
 from tsuiseki.tracking.cameras.multicamera import (
     FloorFolder,
     PlacedTruth,
@@ -92,7 +92,7 @@ def reproduce(
         ),
     ]
     settings = FloorClipSettings(frames=FRAMES, people=PEOPLE, cameras=CAMERAS)
-    clips = [store.made("clip", study.write_planned, plan_floor, settings, seed + n) for n in range(places)]
+    clips = [store.made("clip", study.write_planned, RoomClip, settings, seed + n) for n in range(places)]
     if places:
         tables.append(_of_places(Study({"generated places": place_scores}, clips, "places").run(store)))
     lines = [

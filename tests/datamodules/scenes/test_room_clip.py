@@ -9,10 +9,10 @@ import pytest
 
 from tsuiseki.datamodules.scenes.people.walkers import dressed
 from tsuiseki.datamodules.scenes.room_clip import (
+    RoomClip,
     RoomSettings,
     ceiling_lens,
     looking_down,
-    plan_room,
 )
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalLens
 from tsuiseki.tracking.cameras.person_model import PersonModel, build_table
@@ -23,7 +23,7 @@ SMALL = RoomSettings(size=(4.0, 9.0), frames=30, frame_rate=5.0, people=4, width
 
 @pytest.fixture(scope="module")
 def drawn():
-    clip = plan_room(SMALL, 3)
+    clip = RoomClip(SMALL, 3)
     view = clip.view(0)
     return clip, view, clip.draw_frame(view, 12)
 
@@ -53,7 +53,7 @@ def test_the_table_finds_people_where_they_stand(drawn):
 
 
 def test_people_stay_in_the_room_and_keep_apart():
-    clip = plan_room(replace(SMALL, frames=200), 5)
+    clip = RoomClip(replace(SMALL, frames=200), 5)
     ways = np.array([w.positions for w in clip.walkers])
     assert ways.min() >= 0.29
     assert (ways.max(axis=(0, 1)) <= np.array(SMALL.size) - 0.29).all()
@@ -63,7 +63,7 @@ def test_people_stay_in_the_room_and_keep_apart():
 
 def test_the_same_seed_gives_the_same_picture(drawn):
     _, _, (image, truth) = drawn
-    again = plan_room(SMALL, 3)
+    again = RoomClip(SMALL, 3)
     second, labels = again.draw_frame(again.view(0), 12)
     assert np.array_equal(image, second)
     assert np.array_equal(truth.boxes, labels.boxes)
