@@ -150,7 +150,7 @@ def panorama_picture(
         # Mostly a rendered person is shown in the place of the drawn one.
         if sprites is not None and rng.random() < RENDERED:
             sprite = dressed(rng, sprites.near(rng, tilt_of(camera, spot), pose))
-            room.people[k] = replace(room.people[k], cutout=Standing(sprite, spot))
+            room.people[k] = Standing(sprite, spot, room.people[k].solids, room.people[k].outfit)
     light = lamps(rng)
     # Walls have few edges: one ray a pixel will do.
     walls, direct = rooms.draw_shell(rooms.random_shell(rng, size), camera, light, [], 1)

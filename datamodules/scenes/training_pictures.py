@@ -180,7 +180,7 @@ def random_training_scene(
                 # The drawn one, whose shadow is seen, does the same.
                 facing = np.arctan2(*(spot - camera.position[:2])[::-1]) + sprite.heading
                 people[-1] = person_thing(person, sprite.pose, spot, float(facing))
-            people[-1] = replace(people[-1], cutout=Standing(sprite, spot))
+            people[-1] = Standing(sprite, spot, people[-1].solids, person.outfit)
     view = None
     if photographs is not None:
         ground, view = _photographed(of_photographs, ground, camera, photographs, settings.photographs)
@@ -199,8 +199,8 @@ def random_training_scene(
     if settings.boxes == "steady":
         for k, thing in enumerate(people):
             # Those of rendered people have the sides of the whole walk.
-            if (found := sightings[k]) is not None and isinstance(thing.cutout, Standing):
-                left, right = thing.cutout.steady_sides(camera)
+            if (found := sightings[k]) is not None and isinstance(thing, Standing):
+                left, right = thing.steady_sides(camera)
                 sightings[k] = replace(found, box=np.array([left, found.box[1], right, found.box[3]]))
     truth, _ = people_in_view(sightings, (settings.width, settings.height), LEAST_VISIBLE, 0.0)
     return image, truth.boxes, truth.visibility

@@ -8,7 +8,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.types import Columns, FloatArray, ImageArray, IntArray
 
 Worn = IntEnum("Worn", "SKIN HAIR UPPER LOWER SHOES EXTRA BESIDE")
 """What a triangle belongs to; EXTRA is carried, or a hat; BESIDE is ridden or pushed, and outside the person's box."""
@@ -77,7 +77,7 @@ _SIDES = (1, 2, 3, 4, 6, 9, 14, 24, 48, 96, 200, 400)
 
 
 @dataclass(frozen=True)
-class Fragments:
+class Fragments(Columns):
     """Pixels that triangles cover, several of one pixel too.
 
     Attributes:
@@ -91,10 +91,6 @@ class Fragments:
     triangle: IntArray
     where: FloatArray
     depth: FloatArray
-
-    def chosen(self, kept: IntArray) -> Fragments:
-        """Those of the indices, or of the mask, ``kept``."""
-        return Fragments(self.pixel[kept], self.triangle[kept], self.where[kept], self.depth[kept])
 
 
 def joined(parts: list[Fragments]) -> Fragments:
@@ -148,4 +144,4 @@ def nearest(fragments: Fragments) -> Fragments:
     pixel = fragments.pixel[order]
     first = np.ones(len(pixel), dtype=np.bool_)
     first[1:] = pixel[1:] != pixel[:-1]
-    return fragments.chosen(order[first])
+    return fragments.select(order[first])

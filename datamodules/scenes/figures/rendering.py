@@ -209,14 +209,14 @@ def render_figure(
         pixels, depth = camera.project(points)
         part = rasterise(pixels[mesh.triangles], depth[mesh.triangles], camera.width, camera.height)
         if mesh.cutout:
-            part = part.chosen(np.flatnonzero(_texel(mesh, part.triangle, part.where)[:, 3] > 110))
+            part = part.select(np.flatnonzero(_texel(mesh, part.triangle, part.where)[:, 3] > 110))
         parts.append(replace(part, triangle=np.stack([np.full(len(part.pixel), k), part.triangle], axis=1)))
     visible = nearest(joined(parts))
     size = (camera.height, camera.width)
     albedo, normal = np.zeros((*size, 3), np.uint8), np.zeros((*size, 3), np.int8)
     label = np.zeros(size, np.uint8)
     for k, (mesh, points) in enumerate(zip(meshes, vertices, strict=True)):
-        own = visible.chosen(np.flatnonzero(visible.triangle[:, 0] == k))
+        own = visible.select(np.flatnonzero(visible.triangle[:, 0] == k))
         triangle = own.triangle[:, 1]
         rows, columns = np.divmod(own.pixel, camera.width)
         albedo[rows, columns] = _texel(mesh, triangle, own.where)[:, :3]

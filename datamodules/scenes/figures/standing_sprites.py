@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -14,7 +14,7 @@ from tsuiseki.datamodules.scenes.people.posture import mirrored
 from tsuiseki.datamodules.scenes.render.composing import Thing
 from tsuiseki.datamodules.scenes.render.photographs import OPAQUE, Photographs
 from tsuiseki.datamodules.scenes.render.shading import Light
-from tsuiseki.datamodules.scenes.render.solids import Float32, Surface, boxes
+from tsuiseki.datamodules.scenes.render.solids import Float32, Solids, Surface, boxes
 from tsuiseki.datamodules.scenes.render.tracing import Layer, RayCamera
 from tsuiseki.datamodules.scenes.things.street_things import clutter_around
 from tsuiseki.tracking.cameras.camera_files import AnyCamera
@@ -25,8 +25,7 @@ _KEPT = 0.3
 _GREY = 12.0
 
 
-@dataclass(frozen=True)
-class Standing:
+class Standing(Thing):
     """Somebody rendered who stands in a scene.
 
     Attributes:
@@ -34,8 +33,9 @@ class Standing:
         spot: ``(2,)`` metres, on the ground.
     """
 
-    sprite: Sprite
-    spot: FloatArray
+    def __init__(self, sprite: Sprite, spot: FloatArray, solids: Solids, outfit: Outfit | None = None) -> None:
+        super().__init__(solids, outfit)
+        self.sprite, self.spot = sprite, spot
 
     def trace(self, camera: RayCamera, samples: int) -> Layer | None:
         """Where the person is on a grid of ``samples`` by ``samples`` rays a pixel, with the sprite on that window.
@@ -96,8 +96,9 @@ class Standing:
         away = self.spot - camera.position[:2]
         return np.asarray(away / max(float(np.linalg.norm(away)), 1e-6))
 
-    def shade(self, layer: Layer, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
-        """See `composing.StandIn.shade`."""
+    def shade(self, layer: Layer, seen: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
+        """See `composing.Thing.shade`."""
+        del samples
         away, shown = self._away(camera), layer.shown
         axes = np.array([[away[0], -away[1], 0], [away[1], away[0], 0], [0, 0, 1]], dtype=np.float32)
         normal = shown.normal[seen].astype(np.float32) / np.float32(127) @ axes.T
@@ -190,6 +191,6 @@ def pictured_things(
         across = float(np.arctan2(away[1], away[0])) - np.pi / 2
         half = np.array([[0.5 * height * wide / tall, 0.05, 0.5 * height]])
         board = boxes(np.array([[*spot, half[0, 2]]]), half, np.array([across]), [Surface(MIDDLE[0])])
-        return Thing(board, cutout=Standing(sprite, board.start[0, :2].astype(np.float64)))
+        return Standing(sprite, board.start[0, :2].astype(np.float64), board)
 
     return clutter_around(rng, camera, count, taken, largest, upright)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import cv2
 import numpy as np
@@ -27,32 +27,20 @@ OCCLUSION = 0.3
 SOFTNESS = 1.0
 
 
-class StandIn(Protocol):
-    """A picture of a thing that stands in for its solids wherever the camera looks at it."""
+class Thing:
+    """Solids that belong together, a person's with an outfit. Subclasses show a picture; their solids cast shadows."""
+
+    def __init__(self, solids: Solids, outfit: Outfit | None = None) -> None:
+        self.solids, self.outfit = solids, outfit
 
     def trace(self, camera: RayCamera, samples: int) -> Layer | None:
         """The thing as the camera sees it alone; None where it is not seen."""
-        ...
-
-    def shade(self, layer: Layer, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
-        """Linear colours ``(n, 3)`` of the subpixels of its layer where ``seen`` is True, row by row."""
-        ...
-
-
-@dataclass(frozen=True)
-class Thing:
-    """Solids that belong together, a person's with an outfit. A ``cutout`` is shown instead; solids cast shadows."""
-
-    solids: Solids
-    outfit: Outfit | None = None
-    cutout: StandIn | None = None
-
-    def trace(self, camera: RayCamera, samples: int) -> Layer | None:
-        """See `StandIn.trace`."""
-        if self.cutout:
-            return self.cutout.trace(camera, samples)
         # Only of people it matters how much lies outside the image.
         return tracing.trace(self.solids, camera, samples, 0.0 if self.outfit is None else 1.0)
+
+    def shade(self, layer: Layer, seen: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
+        """Linear colours ``(n, 3)`` of the subpixels of its layer where ``seen`` is True, row by row."""
+        return shade(layer, seen, self.solids, camera, samples, light, self.outfit)
 
 
 @dataclass(frozen=True)
@@ -136,11 +124,7 @@ def _draw(
     if thing.outfit is None:
         seen, weight = _fewer(layer, seen, samples)
     rows, columns = np.nonzero(seen)
-    if thing.cutout is None:
-        values = shade(layer, seen, thing.solids, camera, samples, light, thing.outfit)
-    else:
-        values = thing.cutout.shade(layer, seen, camera, light)
-    values = values * weight[rows, columns][:, None]
+    values = thing.shade(layer, seen, camera, samples, light) * weight[rows, columns][:, None]
     rows, columns = (rows + layer.top) // samples, (columns + layer.left) // samples
     top, left = rows[0], columns.min()
     shape = (rows[-1] - top + 1, columns.max() - left + 1)

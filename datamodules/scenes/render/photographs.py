@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -139,8 +138,7 @@ _FINE = 48
 _LARGEST = 1024
 
 
-@dataclass(frozen=True)
-class Facade:
+class Facade(Thing):
     """A flat picture that stands upright on the ground.
 
     Attributes:
@@ -150,13 +148,14 @@ class Facade:
         picture: ``(h, w, 3)`` uint8 RGB.
     """
 
-    place: FloatArray
-    angle: float
-    size: tuple[float, float]
-    picture: ImageArray
+    def __init__(self, place: FloatArray, angle: float, size: tuple[float, float], picture: ImageArray) -> None:
+        wide, high = size
+        middle, half = np.array([[*place, high / 2]]), np.array([[wide / 2, 0.05, high / 2]])
+        super().__init__(boxes(middle, half, np.array([angle]), [Surface((0.5, 0.5, 0.5))]))
+        self.place, self.angle, self.size, self.picture = place, angle, size, picture
 
     def trace(self, camera: RayCamera, samples: int) -> Layer | None:
-        """See `composing.StandIn.trace`."""
+        """See `composing.Thing.trace`."""
         foot, aside, up = np.array([*self.place, 0.0]), along(self.angle), np.array([0.0, 0.0, self.size[1]])
         left, right = (foot + side * self.size[0] / 2 * aside for side in (-1, 1))
         corners, depth = camera.project(np.stack([left + up, right + up, right, left]))
@@ -183,8 +182,9 @@ class Facade:
             return None
         return Layer(x1, y1, distance, np.zeros(distance.shape, np.int16), shown)
 
-    def shade(self, layer: Layer, seen: BoolArray, camera: RayCamera, light: Light) -> Float32:
-        """See `composing.StandIn.shade`."""
+    def shade(self, layer: Layer, seen: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
+        """See `composing.Thing.shade`."""
+        del samples
         normal = across(self.angle)[:2]
         if normal @ (camera.position[:2] - self.place) < 0:
             normal = -normal
@@ -205,7 +205,7 @@ def random_facades(
         spots: kept clear.
         reach: metres to the farthest spot.
     """
-    things = []
+    things: list[Thing] = []
     for _ in range(count if photographs.paths["surfaces"] else 0):
         wall = rng.random() < 0.65
         distance = reach * float(rng.uniform(0.75, 1.7) if wall else rng.uniform(0.3, 1.1))
@@ -214,10 +214,7 @@ def random_facades(
         angle = float(rng.normal(0, 0.35)) if rng.random() < 0.75 else float(rng.uniform(0, np.pi))
         if len(spots) and np.linalg.norm(spots - place, axis=1).min() < 0.5 + 0.5 * min(wide, 4.0):
             continue
-        middle, half = np.array([[*place, high / 2]]), np.array([[wide / 2, 0.05, high / 2]])
-        block = boxes(middle, half, np.array([angle]), [Surface((0.5, 0.5, 0.5))])
-        facade = Facade(place, angle, (wide, high), _picture(rng, photographs, wide, high))
-        things.append(Thing(block, None, facade))
+        things.append(Facade(place, angle, (wide, high), _picture(rng, photographs, wide, high)))
     return things
 
 

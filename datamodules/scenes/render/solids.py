@@ -15,7 +15,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import Columns, FloatArray
 
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
@@ -49,7 +49,7 @@ def pattern_of(rng: np.random.Generator, *among: int) -> int:
 
 
 @dataclass(frozen=True)
-class Solids:
+class Solids(Columns):
     """K solids with their surfaces, as arrays.
 
     Attributes:
@@ -82,18 +82,11 @@ class Solids:
     detail: Int32
     phase: Float32
 
-    def __len__(self) -> int:
-        return len(self.length)
-
     def ends(self) -> tuple[FloatArray, FloatArray]:
         """Axes ``(K, 3, 3)`` in the world, as columns, and both ends ``(K, 2, 3)`` of each solid along the last."""
         axes = np.linalg.inv(self.to_local.astype(np.float64))
         last = np.stack([np.zeros_like(axes[:, :, 2]), axes[:, :, 2] * self.length[:, None]], axis=1)
         return axes, self.start[:, None].astype(np.float64) + last
-
-    def select(self, which: NDArray[np.bool_] | Int32) -> Solids:
-        """The solids at a mask or at indices."""
-        return Solids(*(getattr(self, f.name)[which] for f in fields(self)))
 
 
 def join(groups: list[Solids]) -> Solids:

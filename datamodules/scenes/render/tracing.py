@@ -122,7 +122,7 @@ class Layer:
         top: row of it.
         distance: ``(h, w)`` metres along the ray, infinite where the thing is not.
         solid: ``(h, w)`` index of the solid that is seen there; -1 for what stands beside a person.
-        shown: what the `composing.StandIn` that is seen needs to be shaded.
+        shown: the picture that is seen, of a thing that shows one.
     """
 
     left: int

@@ -21,6 +21,7 @@ from tsuiseki.datamodules.scenes.people.person import view_from
 from tsuiseki.datamodules.scenes.people.poses import draw_pose
 from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton
 from tsuiseki.datamodules.scenes.render.shading import Light
+from tsuiseki.datamodules.scenes.render.solids import Surface, boxes
 from tsuiseki.datamodules.scenes.render.tracing import silhouette_box, tight
 from tsuiseki.datamodules.scenes.training_pictures import (
     TrainingSettings,
@@ -35,6 +36,7 @@ from tsuiseki.tracking.formats.mot import read_ground_truth
 
 TILTS = SpriteSettings().tilts
 CAMERA = PinholeCamera.look_at(np.array([0, 0, 3.0]), np.array([0, 12.0, 0.5]), 500, 320, 240)
+BODY = boxes(np.zeros((1, 3)), np.ones((1, 3)), np.zeros(1), [Surface((0.5, 0.5, 0.5))])
 
 
 def block(height: int = 40, width: int = 16) -> Sprite:
@@ -108,7 +110,7 @@ def test_steady_sides_stand_where_the_person_does() -> None:
     ends, _ = CAMERA.project(np.array([[*spot, 0.0], [*spot, 1.75]]))
     scale = np.linalg.norm(ends[1] - ends[0]) / 40
     middle = ends[:, 0].mean()
-    left, right = Standing(sprite, spot).steady_sides(CAMERA)
+    left, right = Standing(sprite, spot, BODY).steady_sides(CAMERA)
     assert (left, right) == pytest.approx((middle - 12 * scale, middle + 4 * scale), abs=0.2)
     np.testing.assert_allclose(smaller(sprite, 0.5).steady, [-2, 6])
 
@@ -145,7 +147,7 @@ def test_smaller_keeps_colour_and_shape() -> None:
 def test_a_sprite_stands_where_a_person_of_its_height_is_seen() -> None:
     spot = np.array([1.0, 14.0])
     ends, _ = CAMERA.project(np.array([[*spot, 0.0], [*spot, 1.75]]))
-    traced = Standing(block(), spot).trace(CAMERA, 2)
+    traced = Standing(block(), spot, BODY).trace(CAMERA, 2)
     assert traced is not None
     x1, y1, x2, y2 = silhouette_box(traced, 2)
     assert (y1, y2) == pytest.approx((ends[1, 1], ends[0, 1]), abs=1)
@@ -154,18 +156,18 @@ def test_a_sprite_stands_where_a_person_of_its_height_is_seen() -> None:
 
 
 def test_nobody_is_seen_behind_the_camera() -> None:
-    assert Standing(block(), np.array([0.0, -5.0])).trace(CAMERA, 2) is None
+    assert Standing(block(), np.array([0.0, -5.0]), BODY).trace(CAMERA, 2) is None
 
 
 def test_light_falls_on_the_side_it_comes_from() -> None:
-    standing = Standing(block(), np.array([0.0, 14.0]))
+    standing = Standing(block(), np.array([0.0, 14.0]), BODY)
     traced = standing.trace(CAMERA, 1)
     assert traced is not None
     layer = traced
     nothing, sun = np.zeros(3, np.float32), np.ones(3, np.float32)
     for direction, brightness in (([0, -1, 0], 1.0), ([0, 1, 0], 0.0), ([1, 0, 0], 0.0)):
         light = Light(np.array(direction, np.float32), sun, nothing, nothing)
-        colours = standing.shade(layer, layer.mask, CAMERA, light)
+        colours = standing.shade(layer, layer.mask, CAMERA, 1, light)
         np.testing.assert_allclose(colours, brightness * (128 / 255) ** 2, atol=0.01)
 
 
@@ -317,7 +319,7 @@ def test_boxes_go_round_people_and_not_what_they_ride_or_push(
     larger = []
     for seed in range(4):
         (sprite,) = random_sprites(np.random.default_rng(seed), assets, 1, 96, (0.1, 0.2), 1.0)
-        traced = Standing(dressed(np.random.default_rng(seed), sprite), np.array([0.0, 14.0])).trace(CAMERA, 2)
+        traced = Standing(dressed(np.random.default_rng(seed), sprite), np.array([0.0, 14.0]), BODY).trace(CAMERA, 2)
         assert traced is not None
         layer = traced
         whole, box = tight(layer.mask), silhouette_box(layer, 2) * 2 - [layer.left, layer.top] * 2
@@ -334,7 +336,7 @@ def test_who_is_seen_from_above_is_placed_by_the_middle(posed: SpriteLibrary, sp
         sprite, place = posed.sprite(number), np.array(spot)
         scale = 300 / (6.0 - sprite.middle) * sprite.height / 64
         for shown in (sprite, *(dressed(np.random.default_rng(n), sprite) for n in range(3))):
-            traced = Standing(shown, place).trace(camera, 1)
+            traced = Standing(shown, place, BODY).trace(camera, 1)
             assert traced is not None
             box = silhouette_box(traced, 1)
             middle = camera.project(np.array([[*place, sprite.middle]]))[0][0]

@@ -43,7 +43,7 @@ def test_light_from_behind_a_wall_does_not_reach_its_front() -> None:
     sun, nothing = np.ones(3, np.float32), np.zeros(3, np.float32)
     for y, brightness in ((-1, 1.0), (1, 0.0)):
         light = Light(np.array([0, y, 0], np.float32), sun, nothing, nothing)
-        np.testing.assert_allclose(facade.shade(traced, traced.mask, CAMERA, light), brightness)
+        np.testing.assert_allclose(facade.shade(traced, traced.mask, CAMERA, 1, light), brightness)
 
 
 def test_a_wall_that_reaches_behind_the_camera_is_left_out() -> None:
@@ -56,6 +56,6 @@ def test_random_walls_keep_clear_of_people(tmp_path: Path) -> None:
     spots = np.array([[0.0, 10.0], [3.0, 15.0]])
     for seed in range(8):
         for thing in random_facades(np.random.default_rng(seed), Photographs(tmp_path), 5, spots, 15.0):
-            assert isinstance(thing.cutout, Facade)
-            assert np.linalg.norm(spots - thing.cutout.place, axis=1).min() > 0.5
-            assert thing.cutout.picture.max() > 0
+            assert isinstance(thing, Facade)
+            assert np.linalg.norm(spots - thing.place, axis=1).min() > 0.5
+            assert thing.picture.max() > 0

@@ -109,4 +109,4 @@ def test_shadow_lies_where_the_sun_throws_it() -> None:
 def test_join_keeps_all_rows() -> None:
     both = join([ball(0, 0).solids, slab(1, 0, 1).solids])
     assert both.box.tolist() == [False, True]
-    assert both.select(np.array([1], dtype=np.int32)).box.tolist() == [True]
+    assert both.select(np.array([1])).box.tolist() == [True]
