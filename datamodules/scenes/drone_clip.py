@@ -17,7 +17,7 @@ from tsuiseki.datamodules.scenes.people.gathering import Gathering, Performer, f
 from tsuiseki.datamodules.scenes.people.person import person_thing
 from tsuiseki.datamodules.scenes.people.posture import PersonSkeleton
 from tsuiseki.datamodules.scenes.render.composing import Thing, draw_things
-from tsuiseki.datamodules.scenes.render.degrade import grains, level_tone, photographed, random_degradation
+from tsuiseki.datamodules.scenes.render.degrade import grains, photographed, random_degradation, tone
 from tsuiseki.datamodules.scenes.render.ground import Ground, GroundMap, ground_homography, look_down
 from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_light
 from tsuiseki.datamodules.scenes.things.street_things import bush, crate, reach_of
@@ -162,7 +162,7 @@ class DroneClip(clip.Clip[clip.FrameTruth]):
         gain = np.float32(0.8 * float(np.exp(rng.normal(0, 0.2))) / up.mean())
         self.light = Light(light.direction, light.sun * gain, light.sky * gain, light.ground * gain)
         self.ground = GroundMap(Ground(rng), self.cameras, self.light)
-        self.tone = level_tone(random_degradation(rng, 0.6))
+        self.tone = tone(random_degradation(rng, 0.6))
         self.grains = grains(rng, NOISE, settings.width, settings.height)
 
     @property

@@ -68,7 +68,11 @@ class FlowPair:
                 _move(flow, sprite, place, after)
         goal = grid + flow
         self.inside = (goal >= 0).all(axis=2) & (goal <= np.array([width - 1, height - 1])).all(axis=2)
-        self.first, self.second, self.flow = _seen(rng, first, noise), _seen(rng, second, noise), flow
+        # What the sensor makes of both.
+        grains = (noise * sensor_noise(rng, height, width) if noise else 0 for _ in range(2))
+        seen = (image + grain + 0.5 for image, grain in zip((first, second), grains, strict=True))
+        self.first, self.second = (np.clip(image, 0, 255).astype(np.uint8) for image in seen)
+        self.flow = flow
 
 
 def _paste(image: Float32, sprite: ImageArray, place: FloatArray) -> None:
@@ -90,11 +94,6 @@ def _move(flow: Float32, sprite: ImageArray, before: FloatArray, after: FloatArr
         points = np.stack([columns, rows], axis=1).astype(np.float64)
         moved = cv2.perspectiveTransform(points.reshape(-1, 1, 2), after @ np.linalg.inv(before)).reshape(-1, 2)
         flow[rows, columns] = moved - points
-
-
-def _seen(rng: np.random.Generator, image: Float32, noise: float) -> ImageArray:
-    grain = noise * sensor_noise(rng, *image.shape[:2]) if noise else 0
-    return np.clip(image + grain + 0.5, 0, 255).astype(np.uint8)
 
 
 def end_point_error(flow: Float32, pair: FlowPair) -> float:

@@ -124,7 +124,7 @@ class RoomClip(clip.Clip[list[clip.FrameTruth]]):
         self.cameras = _cameras(rng, settings, ceiling, ceiling_lens(lens, settings.width, settings.height))
         people = dressed(rng, settings.people, settings.repeated)
         self.walkers = wander(rng, people, settings, size, obstacles)
-        self.tone = degrade.level_tone(degrade.random_degradation(rng, 0.5))
+        self.tone = degrade.tone(degrade.random_degradation(rng, 0.5))
         self.light = lamps(rng)
 
     @property

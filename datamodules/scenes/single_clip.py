@@ -90,15 +90,6 @@ def _walkers(rng: np.random.Generator, settings: SingleClipSettings) -> tuple[li
     return walkers, growth ** np.linspace(0, 1, settings.frames)
 
 
-def _camera(rng: np.random.Generator, path: FloatArray, settings: SingleClipSettings) -> FloatArray:
-    """Top left corners ``(T, 2)`` of the view: behind the person, with shakes and jerks."""
-    follow = np.stack(list(itertools.accumulate(path, lambda behind, place: behind + 0.08 * (place - behind))))
-    jump = np.where(rng.random(len(path)) < JERK, 10.0, 1.0)[:, None]
-    shakes = np.cumsum(jump * rng.normal(0, SHAKE, path.shape), axis=0)
-    size = np.array([settings.width, settings.height])
-    return np.asarray(follow + np.clip(shakes, -0.25 * size, 0.25 * size) - size / 2)
-
-
 class SingleClip:
     """A random clip; the same generator state gives the same clip.
 
@@ -110,8 +101,12 @@ class SingleClip:
 
     def __init__(self, rng: np.random.Generator, settings: SingleClipSettings = USUAL) -> None:
         walkers, sizes = _walkers(rng, settings)
-        sprites, path = walkers[0]
-        corners = np.round(_camera(rng, path, settings)).astype(int)
+        (sprites, path), reach = walkers[0], np.array([settings.width, settings.height])
+        # The view's top left corner is that of one behind the person, with shakes and jerks.
+        follow = np.stack(list(itertools.accumulate(path, lambda behind, place: behind + 0.08 * (place - behind))))
+        jump = np.where(rng.random(len(path)) < JERK, 10.0, 1.0)[:, None]
+        shakes = np.cumsum(jump * rng.normal(0, SHAKE, path.shape), axis=0)
+        corners = np.round(follow + np.clip(shakes, -0.25 * reach, 0.25 * reach) - reach / 2).astype(int)
         # Left, top and picture ``(h, w, 4)`` of things that stand on the path.
         obstacles, height = list[tuple[int, int, ImageArray]](), sprites[0].shape[0]
         for _ in range(settings.obstacles):
@@ -121,7 +116,6 @@ class SingleClip:
             picture[..., :3] = np.clip(random_backdrop(rng, tall, max(width, 2)), 0, 255)
             side = where[0] - width / 2 + float(rng.normal(0, 0.3 * height))
             obstacles.append((round(side), round(where[1] + 0.55 * height - tall), picture))
-        reach = np.array([settings.width, settings.height])
         low, high = corners.min(axis=0), corners.max(axis=0) + reach
         world = np.clip(random_backdrop(rng, int(high[1] - low[1]), int(high[0] - low[0])), 0, 255)
         images, boxes, visibility = [], [], []

@@ -174,12 +174,9 @@ def read_texture(path: Path) -> ImageArray:
     image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
     if image is None:
         raise RequestError(f"expected a picture at {path}, got something that cannot be decoded; unpack it again")
-    if image.ndim == 2:
-        image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-    image = shrunk(image, _LARGEST_TEXTURE / image.shape[1])
-    opaque = np.full(image.shape[:2], 255, dtype=np.uint8)
-    alpha = image[..., 3] if image.shape[2] == 4 else opaque
-    return np.dstack([image[..., 2::-1], alpha])
+    codes = {1: cv2.COLOR_GRAY2RGBA, 3: cv2.COLOR_BGR2RGBA, 4: cv2.COLOR_BGRA2RGBA}
+    small = shrunk(image, _LARGEST_TEXTURE / image.shape[1])
+    return np.asarray(cv2.cvtColor(small, codes[np.atleast_3d(small).shape[2]]), np.uint8)
 
 
 def _axes(points: FloatArray) -> FloatArray:

@@ -68,7 +68,9 @@ def _wheel(centre: FloatArray | list[float], radius: float, thick: float, spokes
     rim = np.asarray(centre) + radius * np.concatenate([np.cos(angle), 0 * angle, np.sin(angle)], axis=1)
     parts = [_tube(rim[k], rim[(k + 1) % _AROUND], thick) for k in range(_AROUND)]
     parts += [_tube(centre, rim[k * _AROUND // spokes], 0.3 * thick) for k in range(spokes)]
-    return _joined(parts)
+    starts = np.cumsum([0, *(len(vertices) for vertices, _ in parts)])
+    triangles = [triangles + start for (_, triangles), start in zip(parts, starts, strict=False)]
+    return np.concatenate([vertices for vertices, _ in parts]), np.concatenate(triangles)
 
 
 def _dome(top: FloatArray, radius: float, height: float, opening: FloatArray | None = None) -> Shell:
@@ -80,12 +82,6 @@ def _dome(top: FloatArray, radius: float, height: float, opening: FloatArray | N
     if opening is not None:
         kept &= middle @ opening < 0.3 * radius
     return vertices, triangles[kept]
-
-
-def _joined(shells: list[Shell]) -> Shell:
-    starts = np.cumsum([0, *(len(vertices) for vertices, _ in shells)])
-    triangles = [triangles + start for (_, triangles), start in zip(shells, starts, strict=False)]
-    return np.concatenate([vertices for vertices, _ in shells]), np.concatenate(triangles)
 
 
 def _by(*moved: float) -> FloatArray:

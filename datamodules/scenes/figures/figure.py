@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.figures.assets import BONES, Assets, BaseBody, Garment
-from tsuiseki.datamodules.scenes.figures.mesh import Mesh, Worn, compact, ellipsoid, triangles_of_quads, vertex_normals
+from tsuiseki.datamodules.scenes.figures.mesh import Mesh, Worn, ellipsoid, triangles_of_quads, vertex_normals
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 SUITS = {
@@ -73,7 +73,12 @@ class Figure:
         if rng.random() < 0.12:
             meshes.append(_cap(rng, shape, body, self.joints))
         self.tips = {bone: shape[at].mean(axis=0) for bone, at in body.tips.items()}
-        self.meshes = [compact(mesh) for mesh in meshes]
+        self.meshes = []
+        for mesh in meshes:
+            # Vertices that no triangle has are left out.
+            used, rows = np.unique(mesh.triangles, return_inverse=True)
+            vertices, weights = mesh.vertices[used], mesh.weights[used]
+            self.meshes.append(replace(mesh, vertices=vertices, weights=weights, triangles=rows.reshape(-1, 3)))
 
 
 def _shape(rng: np.random.Generator, assets: Assets, sex: str, age: str) -> tuple[FloatArray, float]:

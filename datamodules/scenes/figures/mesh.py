@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from enum import IntEnum
 
 import numpy as np
@@ -43,13 +43,6 @@ def vertex_normals(vertices: FloatArray, triangles: IntArray) -> FloatArray:
     shares = np.repeat(np.cross(b - a, c - a), 3, axis=0)
     total = np.stack([np.bincount(triangles.ravel(), share, minlength=len(vertices)) for share in shares.T], axis=1)
     return np.asarray(total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12))
-
-
-def compact(mesh: Mesh) -> Mesh:
-    """The mesh without vertices that no triangle has."""
-    used, triangles = np.unique(mesh.triangles, return_inverse=True)
-    triangles = triangles.reshape(-1, 3)
-    return replace(mesh, vertices=mesh.vertices[used], weights=mesh.weights[used], triangles=triangles)
 
 
 def triangles_of_quads(quads: IntArray) -> IntArray:

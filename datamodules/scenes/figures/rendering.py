@@ -180,14 +180,11 @@ def steady_sides(
         return sprite.steady
     thin = copy.copy(figure)
     thin.meshes = [replace(m, vertices=m.vertices[::_EVERY], weights=m.weights[::_EVERY]) for m in figure.meshes]
-    moved = np.mean([_sides(thin, other, camera) for other in walk], axis=0) - _sides(thin, skeleton, camera)
-    return np.asarray(sprite.steady + moved)
-
-
-def _sides(figure: Figure, skeleton: PersonSkeleton, camera: PinholeCamera) -> FloatArray:
-    """``(2,)`` columns of the left and right end of ``figure`` in a pose."""
-    columns = camera.project(np.concatenate(posed(figure, skeleton)))[0][:, 0]
-    return np.array([columns.min(), columns.max()])
+    sides = []
+    for each in (skeleton, *walk):
+        columns = camera.project(np.concatenate(posed(thin, each)))[0][:, 0]
+        sides.append([columns.min(), columns.max()])
+    return np.asarray(sprite.steady + (np.mean(sides[1:], axis=0) - sides[0]))
 
 
 def render_figure(

@@ -64,12 +64,6 @@ class Performer:
         self.seat: PlacedProp | None = None
         self.states: list[Performer] = []
 
-    @property
-    def free(self) -> bool:
-        """Whether it can do something with others."""
-        fetched = self.prop is not None and self.prop.ahead
-        return self.errand is None and self.activity.act is None and self.seat is None and not fetched
-
 
 def facing(angle: float) -> FloatArray:
     """``(2,)`` unit vector."""
@@ -189,9 +183,11 @@ class Gathering:
     def _meet(self, index: int, activity: Activity, frame: int, at_once: bool) -> bool:
         """Arrange a meeting with the nearest free person; at once it begins there and then."""
         actor = self.performers[index]
-        others = [i for i, a in enumerate(self.performers) if a is not actor and a.free and activity != a.activity]
-        if at_once:
-            others = [i for i in others if self.performers[i].until == 0]
+        others = []
+        for i, a in enumerate(self.performers):
+            busy = a.errand or a.activity.act or a.seat or (a.prop and a.prop.ahead) or activity == a.activity
+            if a is not actor and not busy and not (at_once and a.until):
+                others.append(i)
         if not others:
             return False
         other = min(others, key=lambda i: float(np.linalg.norm(self.performers[i].position - actor.position)))

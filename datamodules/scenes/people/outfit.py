@@ -115,14 +115,9 @@ class Outfit:
 
 def random_build(rng: np.random.Generator) -> Build:
     """One grown person's proportions."""
-    return Build(
-        height=float(np.clip(rng.normal(1.71, 0.09), 1.48, 1.98)),
-        girth=float(np.clip(rng.normal(1.0, 0.11), 0.8, 1.4)),
-        shoulders=float(np.clip(rng.normal(1.0, 0.06), 0.86, 1.15)),
-        hips=float(np.clip(rng.normal(1.0, 0.06), 0.86, 1.15)),
-        legs=float(np.clip(rng.normal(1.0, 0.025), 0.94, 1.06)),
-        head=float(np.clip(rng.normal(1.0, 0.04), 0.92, 1.1)),
-    )
+    drawn = rng.normal((1.71, 1.0, 1.0, 1.0, 1.0, 1.0), (0.09, 0.11, 0.06, 0.06, 0.025, 0.04))
+    least, most = (1.48, 0.8, 0.86, 0.86, 0.94, 0.92), (1.98, 1.4, 1.15, 1.15, 1.06, 1.1)
+    return Build(*np.clip(drawn, least, most).tolist())
 
 
 def similar_outfit(rng: np.random.Generator, outfit: Outfit) -> Outfit:

@@ -107,12 +107,6 @@ def lying(rng: np.random.Generator, build: Build) -> Pose:
     )  # fmt: skip
 
 
-def _flat(hip: Pair, knee: Pair) -> Pair:
-    """Bends of ankles that put the feet flat on the ground, as far as ankles go."""
-    left, right = (min(k - h, _ANKLE) for h, k in zip(hip, knee, strict=True))
-    return left, right
-
-
 def _sitting(rng: np.random.Generator, _: Build) -> Pose:
     pose = replace(sitting(rng, on_ground=False), straddle=_both(rng, 0.02, 0.4), knee=_both(rng, 0.9, 1.8))
     lean = _between(rng, -0.3, 0.6)
@@ -127,8 +121,9 @@ def _on_the_ground(rng: np.random.Generator, _: Build) -> Pose:
 def _crouching(rng: np.random.Generator, build: Build) -> Pose:
     knee, pitch = _both(rng, 1.5, 2.5), _between(rng, 0.0, 0.5)
     hip = pair(np.array(knee) - _between(rng, 0.2, 0.7) + pitch)
-    lean = _between(rng, 0.1, 0.8)
-    pose = Pose(lean=lean, nod=-0.3 * lean, hip=hip, knee=knee, ankle=_flat(hip, knee), straddle=_both(rng, 0.05, 0.5))
+    # Feet are flat on the ground, as far as ankles go.
+    lean, ankle = _between(rng, 0.1, 0.8), pair(np.minimum(np.subtract(knee, hip), _ANKLE))
+    pose = Pose(lean=lean, nod=-0.3 * lean, hip=hip, knee=knee, ankle=ankle, straddle=_both(rng, 0.05, 0.5))
     return balanced(build, _arms(rng, pose, lean))
 
 

@@ -69,7 +69,7 @@ def degrade(linear: Float32, how: Degradation, rng: np.random.Generator) -> Imag
     """``(H, W, 3)`` linear light to a uint8 RGB image."""
     factors = np.float32(how.exposure) * np.array(how.cast, dtype=np.float32)
     image = np.sqrt(np.clip(linear * factors, 0, 1))
-    image = np.ascontiguousarray(cv2.transform(image, 255 * _tone(how)), dtype=np.float32)
+    image = np.ascontiguousarray(cv2.transform(image, 255 * tone(how, 1.0)), dtype=np.float32)
     height, width = image.shape[:2]
     if how.blur > 0.2:
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), how.blur), dtype=np.float32)
@@ -89,12 +89,12 @@ def degrade(linear: Float32, how: Degradation, rng: np.random.Generator) -> Imag
     return np.asarray(result, dtype=np.uint8)
 
 
-def _tone(how: Degradation) -> FloatArray:
-    """``(3, 4)`` affine map of colours in [0, 1] that is saturation, contrast and haze."""
+def tone(how: Degradation, white: float = 255.0) -> FloatArray:
+    """``(3, 4)`` affine map of colours in [0, ``white``] that is the saturation, contrast and haze of ``how``."""
     mixing = how.saturation * np.eye(3) + (1 - how.saturation) / 3
     gain = how.contrast * (1 - how.haze)
     offset = 0.45 * (1 - how.haze) + 0.75 * how.haze - 0.45 * gain
-    return np.concatenate([gain * mixing, np.full((3, 1), offset)], axis=1)
+    return np.concatenate([gain * mixing, np.full((3, 1), white * offset)], axis=1)
 
 
 def sensor_noise(rng: np.random.Generator, height: int, width: int) -> Float32:
@@ -114,19 +114,12 @@ def grains(rng: np.random.Generator, noise: float, width: int, height: int) -> l
     return [(noise * sensor_noise(rng, *shape)).astype(np.int16) for _ in range(_NOISES)] if noise > 0 else []
 
 
-def level_tone(how: Degradation) -> FloatArray:
-    """``(3, 4)`` affine map of colours in [0, 255] that is the saturation, contrast and haze of ``how``."""
-    colours = _tone(how)
-    colours[:, 3] *= 255
-    return colours
-
-
 def photographed(
-    image: ImageArray, tone: FloatArray, blur: float, noises: list[NDArray[np.int16]], rng: np.random.Generator
+    image: ImageArray, colours: FloatArray, blur: float, noises: list[NDArray[np.int16]], rng: np.random.Generator
 ) -> ImageArray:
-    """``image`` ``(H, W, 3)`` uint8 with the tone, blur (pixels) and noise of a camera; faster than `degrade`."""
+    """``image`` ``(H, W, 3)`` uint8 with the `tone`, blur (pixels) and noise of a camera; faster than `degrade`."""
     height, width = image.shape[:2]
-    image = np.asarray(cv2.transform(image, tone), dtype=np.uint8)
+    image = np.asarray(cv2.transform(image, colours), dtype=np.uint8)
     if blur > 0.2:
         image = np.asarray(cv2.GaussianBlur(image, (0, 0), blur), dtype=np.uint8)
     if noises:
