@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import cv2
@@ -66,7 +65,11 @@ class GoldfishClip(BodyClip):
         scales = stage.uniform(1 - settings.size_spread, 1 + settings.size_spread, settings.fish)
         self._fish = [FishAppearance(scale * LENGTH, scale * WIDTH, scale * TAIL, stage) for scale in scales.tolist()]
         self._floor = gravel(settings.width, settings.height, stage)
-        self._ripples = random_ripples(settings.width, settings.height, stage)
+        # Waves that drift against each other: two layers of light on the floor, one of facets that may mirror the lamp.
+        size = (settings.width, settings.height)
+        self._waves = [_periodic_noise(*size, *waves, stage) for waves in ((9, 1.0), (14, 1.0), (60, 3.5))]
+        angle = stage.uniform(0, 2 * np.pi) + np.array([0.0, np.pi / 2, np.pi])
+        self._drift = 45.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
         self._grain(NOISE, stage)
 
     def _picture(self, frame: int) -> tuple[Float32, list[Drawn]]:
@@ -86,6 +89,18 @@ class GoldfishClip(BodyClip):
         glinting = glints > 0
         image[glinting] += glints[glinting, None] * (250.0 - image[glinting])
         return image, drawn
+
+    def _ripples(self, time: float) -> tuple[Float32, Float32]:
+        """The brightness factor ``(H, W)`` and the glints' opacity ``(H, W)`` in [0, 1] at a time in seconds."""
+        a, b, facets = (
+            np.roll(layer, np.round(time * shift[::-1]).astype(int).tolist(), axis=(0, 1))
+            for layer, shift in zip(self._waves, self._drift, strict=True)
+        )
+        crest = (a + b) * np.float32(np.sqrt(0.5))
+        brightness = 1.0 + RIPPLES * np.clip(1.2 - 2.4 * np.abs(crest), -0.5, 1.2)
+        slope = (facets + crest) * np.float32(np.sqrt(0.5))
+        # The wanted share of a normal distribution of unit deviation lies above this level.
+        return brightness, np.clip((slope - ndtri(1.0 - GLINTS)) * 5.0, 0.0, 1.0)
 
 
 def _mirror(image: Float32, fish: FishAppearance, state: FloatArray) -> None:
@@ -109,30 +124,6 @@ def _mirror(image: Float32, fish: FishAppearance, state: FloatArray) -> None:
 
 GRAVEL = np.array([[150, 158, 150], [120, 132, 132], [172, 170, 158], [96, 110, 114], [140, 128, 112]], np.float32)
 WATER = np.array([60, 118, 122], np.float32)
-
-
-def random_ripples(width: int, height: int, rng: np.random.Generator) -> Callable[[float], tuple[Float32, Float32]]:
-    """Light and glints over a tank: layers of waves that drift against each other and repeat at their borders.
-
-    Returns the brightness factor ``(H, W)`` and the glints' opacity ``(H, W)`` in [0, 1] at a time in seconds.
-    """
-    # Two of light on the floor, one of facets that may mirror the lamp.
-    layers = [_periodic_noise(width, height, *waves, rng) for waves in ((9, 1.0), (14, 1.0), (60, 3.5))]
-    angle = rng.uniform(0, 2 * np.pi) + np.array([0.0, np.pi / 2, np.pi])
-    drift = 45.0 * np.stack([np.cos(angle), np.sin(angle)], axis=1).astype(np.float32)
-
-    def at(time: float) -> tuple[Float32, Float32]:
-        a, b, facets = (
-            np.roll(layer, np.round(time * shift[::-1]).astype(int).tolist(), axis=(0, 1))
-            for layer, shift in zip(layers, drift, strict=True)
-        )
-        crest = (a + b) * np.float32(np.sqrt(0.5))
-        brightness = 1.0 + RIPPLES * np.clip(1.2 - 2.4 * np.abs(crest), -0.5, 1.2)
-        slope = (facets + crest) * np.float32(np.sqrt(0.5))
-        # The wanted share of a normal distribution of unit deviation lies above this level.
-        return brightness, np.clip((slope - ndtri(1.0 - GLINTS)) * 5.0, 0.0, 1.0)
-
-    return at
 
 
 def gravel(width: int, height: int, rng: np.random.Generator) -> Float32:

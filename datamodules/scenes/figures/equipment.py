@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -20,14 +20,6 @@ _WHEEL, _AXLE = 0.34, 0.28
 _AROUND, _SECTORS = 28, 8
 
 
-class _Limbs(NamedTuple):
-    """Where somebody is who faces x: the pelvis' height, hands ``(2, 3)`` and ankles ``(2, 3)``, metres."""
-
-    pelvis: float
-    hands: FloatArray
-    ankles: FloatArray
-
-
 def equipment(rng: np.random.Generator, name: str, skeleton: PersonSkeleton) -> list[Mesh]:
     """Meshes in the world of what the pose ``name`` needs, or none; they may reach below the person's feet.
 
@@ -40,8 +32,8 @@ def equipment(rng: np.random.Generator, name: str, skeleton: PersonSkeleton) -> 
         return []
     axes = skeleton.pelvis_axes
     # Made before somebody who faces x, with the pelvis above the origin.
-    root = np.array([skeleton.pelvis[0], skeleton.pelvis[1], 0.0])
-    limbs = _Limbs(skeleton.pelvis[2], (skeleton.fingers - root) @ axes, (skeleton.ankle - root) @ axes)
+    root, limbs = np.array([skeleton.pelvis[0], skeleton.pelvis[1], 0.0]), copy.copy(skeleton)
+    limbs.fingers, limbs.ankle = (skeleton.fingers - root) @ axes, (skeleton.ankle - root) @ axes
     shells = _MADE[name](rng, limbs)
     cloth = fabric(rng)
     made = [covered(shell, cloth, Worn.BESIDE) for shell in shells]
@@ -75,7 +67,7 @@ def _wheel(centre: FloatArray | list[float], radius: float, thick: float, spokes
 
 def _dome(top: FloatArray, radius: float, height: float, opening: FloatArray | None = None) -> Shell:
     """The upper half of an ellipsoid; with an ``opening`` direction, only the half away from it."""
-    centre = top - _by(0, 0, height)
+    centre = top - [0, 0, height]
     vertices, triangles = ellipsoid(centre, np.array([radius, radius, height]))
     middle = vertices[triangles].mean(axis=1) - centre
     kept = middle[:, 2] > 0
@@ -84,16 +76,12 @@ def _dome(top: FloatArray, radius: float, height: float, opening: FloatArray | N
     return vertices, triangles[kept]
 
 
-def _by(*moved: float) -> FloatArray:
-    return np.array(moved, np.float64)
-
-
-def _bicycle(rng: np.random.Generator, limbs: _Limbs) -> list[Shell]:
-    axle = np.array([limbs.ankles[:, 0].mean(), 0.0, limbs.ankles[:, 2].mean() - 0.06])
+def _bicycle(rng: np.random.Generator, limbs: PersonSkeleton) -> list[Shell]:
+    axle = np.array([limbs.ankle[:, 0].mean(), 0.0, limbs.ankle[:, 2].mean() - 0.06])
     ground = axle[2] - _AXLE
     rear, front = (np.array([axle[0] + x, 0.0, ground + _WHEEL]) for x in (-0.45, rng.uniform(0.58, 0.68)))
-    saddle = np.array([-0.04, 0.0, limbs.pelvis - 0.11])
-    bar = np.array([limbs.hands[:, 0].mean(), 0.0, limbs.hands[:, 2].mean() - 0.02])
+    saddle = np.array([-0.04, 0.0, limbs.pelvis[2] - 0.11])
+    bar = np.array([limbs.fingers[:, 0].mean(), 0.0, limbs.fingers[:, 2].mean() - 0.02])
     neck = front + 0.85 * (bar - front)
     thick = float(rng.uniform(0.014, 0.024))
     ends = [(rear, axle), (rear, saddle), (axle, saddle), (axle, neck), (front, bar), (saddle, neck)]
@@ -101,24 +89,24 @@ def _bicycle(rng: np.random.Generator, limbs: _Limbs) -> list[Shell]:
         # A frame to step through has no upper tube.
         ends.pop()
     shells = [_tube(*end, thick) for end in ends]
-    shells.append(_tube(bar + _by(0, 0.28, 0), bar - _by(0, 0.28, 0), thick))
-    shells += [_tube(axle, ankle - _by(0, 0, 0.06), 0.012) for ankle in limbs.ankles]
+    shells.append(_tube(bar + np.r_[0, 0.28, 0], bar - [0, 0.28, 0], thick))
+    shells += [_tube(axle, ankle - [0, 0, 0.06], 0.012) for ankle in limbs.ankle]
     shells += [_wheel(wheel, _WHEEL, 0.02, 10) for wheel in (rear, front)]
     shells.append(ellipsoid(saddle, np.array([0.13, 0.07, 0.035])))
     if rng.random() < 0.35:
-        shells.append(ellipsoid(bar + _by(0.14, 0, -0.08), np.array([0.15, 0.19, 0.12]), 0.5))
+        shells.append(ellipsoid(bar + np.r_[0.14, 0, -0.08], np.array([0.15, 0.19, 0.12]), 0.5))
     return shells
 
 
-def _wheelchair(rng: np.random.Generator, limbs: _Limbs) -> list[Shell]:
-    seat = limbs.pelvis - 0.1
-    ground = min(seat - 0.46, float(limbs.ankles[:, 2].min()) - 0.12)
+def _wheelchair(rng: np.random.Generator, limbs: PersonSkeleton) -> list[Shell]:
+    seat = limbs.pelvis[2] - 0.1
+    ground = min(seat - 0.46, float(limbs.ankle[:, 2].min()) - 0.12)
     large, wide = float(rng.uniform(0.28, 0.32)), float(rng.uniform(0.26, 0.31))
     shells = [
         ellipsoid(np.array([0.08, 0, seat]), np.array([0.24, wide, 0.03]), 0.3),
         ellipsoid(np.array([-0.16, 0, seat + 0.22]), np.array([0.025, wide, 0.24]), 0.3),
     ]
-    for side, ankle in zip((1, -1), limbs.ankles, strict=True):
+    for side, ankle in zip((1, -1), limbs.ankle, strict=True):
         y = side * wide
         shells.append(_wheel([-0.02, y + 0.04 * side, ground + large], large, 0.018, 8))
         shells.append(_wheel([0.36, y, ground + 0.08], 0.08, 0.02, 4))
@@ -127,34 +115,34 @@ def _wheelchair(rng: np.random.Generator, limbs: _Limbs) -> list[Shell]:
             _tube([-0.16, y, seat + 0.2], [0.2, y, seat + 0.22], 0.022),
             _tube([0.3, y, seat], [ankle[0], ankle[1], ankle[2] - 0.08], 0.014),
             _tube([0.32, y, seat], [0.36, y, ground + 0.08], 0.014),
-            ellipsoid(ankle + _by(0.08, 0, -0.09), np.array([0.11, 0.07, 0.012]), 0.3),
+            ellipsoid(ankle + np.r_[0.08, 0, -0.09], np.array([0.11, 0.07, 0.012]), 0.3),
         ]
     return shells
 
 
-def _pram(rng: np.random.Generator, limbs: _Limbs) -> list[Shell]:
-    handle = np.array([limbs.hands[:, 0].mean() + 0.03, 0.0, limbs.hands[:, 2].mean()])
+def _pram(rng: np.random.Generator, limbs: PersonSkeleton) -> list[Shell]:
+    handle = np.array([limbs.fingers[:, 0].mean() + 0.03, 0.0, limbs.fingers[:, 2].mean()])
     middle = np.array([handle[0] + rng.uniform(0.35, 0.5), 0.0, rng.uniform(0.55, 0.7)])
     half = np.array([rng.uniform(0.3, 0.42), rng.uniform(0.19, 0.26), 0.14])
     towards = np.array([-1.0, 0.0, 0.0]) * rng.choice([-1.0, 1.0])
-    hood = _dome(middle + _by(-0.4 * half[0] * towards[0], 0, 0.45), half[1] * 1.15, 0.35, towards)
+    hood = _dome(middle + np.r_[-0.4 * half[0] * towards[0], 0, 0.45], half[1] * 1.15, 0.35, towards)
     radius = float(rng.uniform(0.09, 0.15))
-    shells = [ellipsoid(middle, half, 0.4), hood, _tube(handle - _by(0, 0.25, 0), handle + _by(0, 0.25, 0), 0.016)]
+    shells = [ellipsoid(middle, half, 0.4), hood, _tube(handle - [0, 0.25, 0], handle + np.r_[0, 0.25, 0], 0.016)]
     for left in (half[1], -half[1]):
-        shells.append(_tube(handle + _by(0, left, 0), middle + _by(0.3, left, -0.35), 0.014))
+        shells.append(_tube(handle + np.r_[0, left, 0], middle + np.r_[0.3, left, -0.35], 0.014))
         for along in (-0.8, 0.8):
             hub = np.array([middle[0] + along * half[0], left, radius])
-            shells += [_wheel(hub, radius, 0.022, 5), _tube(hub, middle + _by(0.2 * along, left, -0.1), 0.012)]
+            shells += [_wheel(hub, radius, 0.022, 5), _tube(hub, middle + np.r_[0.2 * along, left, -0.1], 0.012)]
     return shells
 
 
-def _umbrella(rng: np.random.Generator, limbs: _Limbs) -> list[Shell]:
-    hand = limbs.hands[int(limbs.hands[:, 2].argmax())]
-    top = hand + _by(rng.normal(0, 0.06), rng.normal(0, 0.06), rng.uniform(0.62, 0.75))
+def _umbrella(rng: np.random.Generator, limbs: PersonSkeleton) -> list[Shell]:
+    hand = limbs.fingers[int(limbs.fingers[:, 2].argmax())]
+    top = hand + np.r_[rng.normal(0, 0.06), rng.normal(0, 0.06), rng.uniform(0.62, 0.75)]
     radius = float(rng.uniform(0.45, 0.62))
-    return [_tube(hand - _by(0, 0, 0.1), top, 0.01), _dome(top, radius, float(rng.uniform(0.18, 0.3)))]
+    return [_tube(hand - [0, 0, 0.1], top, 0.01), _dome(top, radius, float(rng.uniform(0.18, 0.3)))]
 
 
-_MADE: dict[str, Callable[[np.random.Generator, _Limbs], list[Shell]]] = {
+_MADE: dict[str, Callable[[np.random.Generator, PersonSkeleton], list[Shell]]] = {
     "cycling": _bicycle, "in a wheelchair": _wheelchair, "pushing a pram": _pram, "under an umbrella": _umbrella,
 }  # fmt: skip

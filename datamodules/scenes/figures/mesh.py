@@ -134,7 +134,4 @@ def rasterise(corners: FloatArray, depth: FloatArray, width: int, height: int) -
 def nearest(fragments: Fragments) -> Fragments:
     """The fragment in front of the others of each pixel, by pixel."""
     order = np.lexsort((fragments.depth, fragments.pixel))
-    pixel = fragments.pixel[order]
-    first = np.ones(len(pixel), dtype=np.bool_)
-    first[1:] = pixel[1:] != pixel[:-1]
-    return fragments.select(order[first])
+    return fragments.select(order[np.unique(fragments.pixel[order], return_index=True)[1]])

@@ -67,28 +67,25 @@ class Prop:
 
 def in_hand(prop: Prop, skeleton: PersonSkeleton, hand: int) -> Thing:
     """A book, phone or bottle where the hands of ``skeleton`` hold it."""
-    palms = 0.5 * (skeleton.wrist + skeleton.fingers)
+    palms, ahead, up = 0.5 * (skeleton.wrist + skeleton.fingers), skeleton.trunk_axes[:, 0], skeleton.head_axes[:, 2]
+    palm, parts = palms[hand], Parts(yaw=float(np.arctan2(ahead[1], ahead[0])))
     if prop.kind == "book":
-        ahead, left = skeleton.trunk_axes[:, 0], skeleton.trunk_axes[:, 1] * 0.13 * prop.size
         middle, size = palms.mean(axis=0) + 0.05 * ahead, np.array([0.16, 0.12, 0.02]) * prop.size
-        parts = Parts(yaw=float(np.arctan2(ahead[1], ahead[0])))
+        left = skeleton.trunk_axes[:, 1] * 0.13 * prop.size
         parts.box(middle + left, size, Surface(prop.colour, relief=0.05))
         parts.box(middle - left, size, Surface(prop.second, relief=0.02))
-        return Thing(parts.solids())
-    palm, parts = palms[hand], Parts()
-    if prop.kind == "phone":
-        up = skeleton.head_axes[:, 2]
+    elif prop.kind == "phone":
         parts.cone(palm - 0.05 * up, palm + 0.06 * up, (0.035, 0.035), Surface(prop.colour, relief=0.02))
-        return Thing(parts.solids())
-    towards = skeleton.head - palm
-    towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
-    # A bottle stands in a low hand and tips towards the mouth in a raised one.
-    raised = float(np.clip((palm[2] - skeleton.chest[2]) / 0.15 + 0.5, 0, 1))
-    axis = (1 - raised) * UP + raised * (towards + np.array([0, 0, -0.15]))
-    axis = axis / np.linalg.norm(axis)
-    foot, neck = palm - 0.12 * prop.size * axis, palm + 0.1 * prop.size * axis
-    parts.cone(foot, neck, (0.05, 0.045), Surface(prop.colour, relief=0.05))
-    parts.cone(neck, neck + 0.06 * axis, (0.025, 0.02), Surface(prop.second, relief=0.05))
+    else:
+        towards = skeleton.head - palm
+        towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
+        # A bottle stands in a low hand and tips towards the mouth in a raised one.
+        raised = float(np.clip((palm[2] - skeleton.chest[2]) / 0.15 + 0.5, 0, 1))
+        axis = (1 - raised) * UP + raised * (towards + np.array([0, 0, -0.15]))
+        axis = axis / np.linalg.norm(axis)
+        foot, neck = palm - 0.12 * prop.size * axis, palm + 0.1 * prop.size * axis
+        parts.cone(foot, neck, (0.05, 0.045), Surface(prop.colour, relief=0.05))
+        parts.cone(neck, neck + 0.06 * axis, (0.025, 0.02), Surface(prop.second, relief=0.05))
     return Thing(parts.solids())
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from functools import partial
 from typing import Any
 
@@ -48,17 +49,13 @@ def colour_of(
     return as_colour(np.clip(base + rng.normal(0, spread, 3), 0.02, brightest))
 
 
-def any_colour(rng: np.random.Generator) -> Colour:
-    """Dark, middling, light or bright."""
-    return colour_of(rng, (DARK, MIDDLE, LIGHT, BRIGHT)[int(rng.choice(4, p=(0.3, 0.3, 0.2, 0.2)))])
+def any_colour(rng: np.random.Generator, shares: Sequence[float] = (0.3, 0.3, 0.2, 0.2), **near: float) -> Colour:
+    """Dark, middling, light or bright by their ``shares``; ``near`` are options of `colour_of`."""
+    return colour_of(rng, (DARK, MIDDLE, LIGHT, BRIGHT)[int(rng.choice(4, p=shares))], **near)
 
 
 # Of what people wear.
-_pick = partial(colour_of, spread=0.025, brightest=0.97)
-
-
-def _garment(rng: np.random.Generator, weights: tuple[float, float, float, float]) -> Colour:
-    return _pick(rng, (DARK, MIDDLE, LIGHT, BRIGHT)[int(rng.choice(4, p=weights))])
+_pick, _garment = (partial(draw, spread=0.025, brightest=0.97) for draw in (colour_of, any_colour))
 
 
 def _towards(a: Colour, b: Colour, part: float) -> Colour:

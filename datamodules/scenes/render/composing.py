@@ -251,7 +251,7 @@ def draw_things(
         image: ``(H, W, 3)`` uint8, light after gamma 2; changed in place.
         things: to be drawn.
         camera: of the picture.
-        light: of the
+        light: of the scene.
         samples: rays along each side of a pixel.
     """
     up = light.direction[2] * light.sun
@@ -287,7 +287,7 @@ def draw_clusters(
         things: to be drawn.
         rects: ``(N, 4)`` pixels that hold each of them; NaN for what is not drawn.
         camera: of the picture.
-        light: of the
+        light: of the scene.
         below: gives what is behind the things in rows and columns of the picture.
         exposure: factor from the scene's light to that of the image.
     """

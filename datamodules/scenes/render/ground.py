@@ -215,7 +215,7 @@ def _cut(ground: GroundMap, level: int, camera: PinholeCamera, rows: slice | Non
     to_metres = np.array([[cell, 0, ground.corner[0] + cell / 2], [0, cell, ground.corner[1] + cell / 2], [0, 0, 1]])
     top, bottom = (0, camera.height) if rows is None else (rows.start, rows.stop)
     shift = np.array([[1, 0, -0.5], [0, 1, -0.5 - top], [0, 0, 1.0]])
-    matrix = shift @ ground_to_pixels(camera) @ to_metres
+    matrix = shift @ camera.matrix[:, [0, 1, 3]] @ to_metres
     size = camera.width, bottom - top
     cut = cv2.warpPerspective(ground.levels[level], matrix, size, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(cut, dtype=np.uint8)
@@ -223,10 +223,6 @@ def _cut(ground: GroundMap, level: int, camera: PinholeCamera, rows: slice | Non
 
 def ground_homography(before: PinholeCamera, after: PinholeCamera) -> FloatArray:
     """``(3, 3)``: takes pixels of the ground in the image of ``before`` to those of ``after``."""
-    matrix = ground_to_pixels(after) @ np.linalg.inv(ground_to_pixels(before))
+    # From homogeneous metres x, y, 1 of the ground to homogeneous pixels.
+    matrix = after.matrix[:, [0, 1, 3]] @ np.linalg.inv(before.matrix[:, [0, 1, 3]])
     return np.asarray(matrix / matrix[2, 2])
-
-
-def ground_to_pixels(camera: PinholeCamera) -> FloatArray:
-    """``(3, 3)``: takes homogeneous metres x, y, 1 of the ground to homogeneous pixels."""
-    return camera.matrix[:, [0, 1, 3]]
