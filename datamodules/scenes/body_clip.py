@@ -148,8 +148,9 @@ class BouncingBallSettings(ClipSettings):
     balls: int = 1
 
     def __post_init__(self) -> None:
-        few = 1 <= self.balls <= MOST_BODIES
-        self.expect("ball", 4 * int(DIAMETER), (few, f"1 to {MOST_BODIES} balls", self.balls))
+        self.expect(
+            "ball", 4 * int(DIAMETER), (1 <= self.balls <= MOST_BODIES, f"1 to {MOST_BODIES} balls", self.balls)
+        )
 
 
 class BouncingClip(BodyClip):

@@ -13,7 +13,7 @@ from scipy.ndimage import gaussian_filter1d
 
 from tsuiseki.datamodules.scenes import clip
 from tsuiseki.datamodules.scenes.people.activities import CRATE_HEIGHT, in_hand, standing_prop
-from tsuiseki.datamodules.scenes.people.gathering import Gathering, Performer, facing
+from tsuiseki.datamodules.scenes.people.gathering import Gathering, facing
 from tsuiseki.datamodules.scenes.people.person import person_thing
 from tsuiseki.datamodules.scenes.people.posture import PersonSkeleton
 from tsuiseki.datamodules.scenes.render.composing import Thing, draw_things
@@ -175,7 +175,14 @@ class DroneClip(clip.Clip[clip.FrameTruth]):
         camera, settings = self.cameras[frame], self.settings
         states = [performer.states[frame] for performer in self.gathering.performers]
         people = [person_thing(m.person, m.pose, m.position, m.heading) for m in states]
-        others = [held for m in states for held in _held(m)]
+        others = list[Thing]()
+        for m in states:
+            if m.prop is not None and m.prop.ahead:
+                lift, place = CRATE_HEIGHT - 0.1, m.position + m.prop.ahead * facing(m.heading)
+                others.append(standing_prop(m.prop, place, m.heading, lift if m.prop.kind == "crate" else 0.0))
+            elif m.prop is not None:
+                skeleton = PersonSkeleton(m.person.build, m.pose, m.position, m.heading)
+                others.append(in_hand(m.prop, skeleton, m.hand))
         others += [standing_prop(t.prop, t.position, t.yaw) for t in self.gathering.things if t.first <= frame < t.last]
         image = look_down(self.ground, camera)
         sightings = draw_things(image, people + others + self.static, camera, self.light, settings.samples)
@@ -243,18 +250,6 @@ def _wander(rng: np.random.Generator, frames: int, frame_rate: float, seconds: f
     noise = gaussian_filter1d(rng.standard_normal(frames + 2 * margin), sigma)[margin : margin + frames]
     # Of white noise so smoothed.
     return np.asarray(noise * math.sqrt(2 * sigma * math.sqrt(math.pi)))
-
-
-def _held(state: Performer) -> list[Thing]:
-    """What somebody has in hand, pushes, pulls or carries."""
-    prop = state.prop
-    if prop is None:
-        return []
-    if not prop.ahead:
-        skeleton = PersonSkeleton(state.person.build, state.pose, state.position, state.heading)
-        return [in_hand(prop, skeleton, state.hand)]
-    lift = CRATE_HEIGHT - 0.1 if prop.kind == "crate" else 0.0
-    return [standing_prop(prop, state.position + prop.ahead * facing(state.heading), state.heading, lift)]
 
 
 def _smeared(image: ImageArray, cameras: list[PinholeCamera], frame: int) -> ImageArray:

@@ -48,7 +48,7 @@ class FlowPair:
         common = motion * rng.uniform(0.3, 0.8) * np.array([math.cos(angle), math.sin(angle)])
         moved = corners + common + rng.uniform(-0.2, 0.2, (4, 2)) * motion
         away = np.asarray(cv2.getPerspectiveTransform(corners, moved.astype(np.float32)))
-        flow = np.asarray(cv2.perspectiveTransform(grid.reshape(-1, 1, 2), away)).reshape(grid.shape) - grid
+        self.flow = np.asarray(cv2.perspectiveTransform(grid.reshape(-1, 1, 2), away)).reshape(grid.shape) - grid
         first = ground[margin : margin + height, margin : margin + width].copy()
         shift = np.array([[1, 0, -margin], [0, 1, -margin], [0, 0, 1.0]])
         second = np.asarray(cv2.warpPerspective(ground, away @ shift, size, flags=cv2.INTER_CUBIC), dtype=np.float32)
@@ -65,14 +65,13 @@ class FlowPair:
             _paste(first, sprite, place)
             if motion:
                 _paste(second, sprite, after)
-                _move(flow, sprite, place, after)
-        goal = grid + flow
+                _move(self.flow, sprite, place, after)
+        goal = grid + self.flow
         self.inside = (goal >= 0).all(axis=2) & (goal <= np.array([width - 1, height - 1])).all(axis=2)
         # What the sensor makes of both.
         grains = (noise * sensor_noise(rng, height, width) if noise else 0 for _ in range(2))
         seen = (image + grain + 0.5 for image, grain in zip((first, second), grains, strict=True))
         self.first, self.second = (np.clip(image, 0, 255).astype(np.uint8) for image in seen)
-        self.flow = flow
 
 
 def _paste(image: Float32, sprite: ImageArray, place: FloatArray) -> None:

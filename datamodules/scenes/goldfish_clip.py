@@ -43,8 +43,7 @@ class GoldfishSettings(ClipSettings):
     size_spread: float = 0.06
 
     def __post_init__(self) -> None:
-        few = 1 <= self.fish <= MOST_BODIES
-        self.expect("goldfish", 4 * int(LENGTH), (few, f"1 to {MOST_BODIES} fish", self.fish))
+        self.expect("goldfish", 4 * int(LENGTH), (1 <= self.fish <= MOST_BODIES, f"1 to {MOST_BODIES} fish", self.fish))
 
 
 def goldfish_states(settings: GoldfishSettings, rng: np.random.Generator) -> FloatArray:

@@ -139,14 +139,10 @@ class RoomClip(clip.Clip[list[clip.FrameTruth]]):
 
     def frames(self) -> Iterator[clip.Moment[list[clip.FrameTruth]]]:
         """See `clip.Clip`."""
-        views = [self.view(number) for number in range(len(self.cameras))]
+        views = [RoomView(self, number) for number in range(len(self.cameras))]
         for frame in range(self.settings.frames):
             images, truths = zip(*(self.draw_frame(view, frame) for view in views), strict=True)
             yield images, list(truths)
-
-    def view(self, number: int) -> RoomView:
-        """What camera ``number`` sees of the empty room."""
-        return RoomView(self, number)
 
     def draw_frame(self, view: RoomView, frame: int) -> tuple[ImageArray, clip.FrameTruth]:
         """Frame ``frame`` as a camera sees it, ``(H, W, 3)`` uint8 RGB before JPEG, and what it shows.

@@ -51,9 +51,6 @@ class SingleClipSettings(ClipSettings):
     obstacles: int = 3
 
 
-USUAL = SingleClipSettings()
-
-
 # The pictures of a walk, and places ``(T, 2)``.
 _Walker = tuple[list[ImageArray], FloatArray]
 
@@ -99,7 +96,7 @@ class SingleClip:
         visibility: ``(T,)`` share of the person that nothing hides and that is in the image.
     """
 
-    def __init__(self, rng: np.random.Generator, settings: SingleClipSettings = USUAL) -> None:
+    def __init__(self, rng: np.random.Generator, settings: SingleClipSettings = SingleClipSettings()) -> None:
         walkers, sizes = _walkers(rng, settings)
         (sprites, path), reach = walkers[0], np.array([settings.width, settings.height])
         # The view's top left corner is that of one behind the person, with shakes and jerks.

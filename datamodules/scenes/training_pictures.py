@@ -163,6 +163,7 @@ def random_training_scene(
         RequestError: things are wanted, and there are no photographs of any.
     """
     camera, spots = _overhead(rng, settings) if settings.overhead else _camera_with_spots(rng, settings)
+    spots = _beside(rng, spots, settings.beside)
     # Generators of their own: the rest of a picture depends neither on what is not drawn nor on the sun.
     of_people, of_photographs, of_town, of_things, of_sun = rng.spawn(5)
     light, sunny = random_light(rng), of_sun.random() < settings.sun
@@ -264,8 +265,7 @@ def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> 
     # Few people are as near as the image is large: draw sizes evenly on a logarithmic scale.
     wanted = np.exp(rng.uniform(np.log(apparent[good].min()), np.log(apparent[good].max()), count))
     order = np.argsort(np.abs(np.log(apparent[good])[None] - np.log(wanted)[:, None]), axis=1)
-    chosen = spots[good[order[np.arange(count), rng.integers(0, 12, count)]]]
-    return camera, _beside(rng, chosen, settings.beside)
+    return camera, spots[good[order[np.arange(count), rng.integers(0, 12, count)]]]
 
 
 def _overhead(rng: np.random.Generator, settings: TrainingSettings) -> tuple[AnyCamera, FloatArray]:
@@ -275,8 +275,7 @@ def _overhead(rng: np.random.Generator, settings: TrainingSettings) -> tuple[Any
     turned = looking_down(float(rng.uniform(0, 2 * np.pi)), *rng.normal(0, 0.03, 2))
     camera = OmnidirectionalCamera(lens, turned, np.array([0.0, 0.0, up]))
     angle, away = rng.uniform(0, 2 * np.pi, count), up * np.exp(rng.uniform(np.log(0.1), np.log(3.0), count))
-    spots = away[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return camera, _beside(rng, spots, settings.beside)
+    return camera, away[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
 def _beside(rng: np.random.Generator, spots: FloatArray, share: float) -> FloatArray:

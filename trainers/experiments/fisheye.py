@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import FrameTruth, ground_truth
-from tsuiseki.datamodules.scenes.room_clip import CAMERAS, SIZES, Room, RoomClip, RoomSettings
+from tsuiseki.datamodules.scenes.room_clip import CAMERAS, SIZES, Room, RoomClip, RoomSettings, RoomView
 from tsuiseki.tracking.cameras.lens_files import read_lens
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.cameras.person_model import build_table
@@ -118,7 +118,7 @@ class CeilingClip:
     def pictures(self) -> Iterator[tuple[int, ImageArray, FrameTruth]]:
         """Frame number in the room, picture ``(H, W, 3)`` uint8 RGB as a camera's JPEG has it, and truth."""
         room = self.plan()
-        view = room.view(self.camera)
+        view = RoomView(room, self.camera)
         for frame in range(0, self.seconds * RATE, RATE // self.rate):
             drawn, truth = room.draw_frame(view, frame)
             jpeg = cv2.imencode(".jpg", drawn[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
@@ -565,7 +565,7 @@ def _strip(observed: Observed, spot: tuple[int, int], rows: Sequence[Sequence[Tr
     for tracks in rows:
         overlay, cells = Overlay(tracks, 1.0, trail_seconds=0.0), list[ImageArray]()
         for at in range(frame - 2, frame + 1):
-            image = room.draw_frame(room.view(observed.clip.camera), at * RATE)[0]
+            image = room.draw_frame(RoomView(room, observed.clip.camera), at * RATE)[0]
             drawn = overlay.draw(Frame(at, float(at), image))
             box = truth.boxes[(truth.frames == at) & (truth.ids == person)][0]
             centre = np.round((box[:2] + box[2:]) / 2).astype(int)

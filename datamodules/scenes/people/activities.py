@@ -25,6 +25,7 @@ from tsuiseki.datamodules.scenes.people.posture import (
     Pose,
     holding_before,
     reach,
+    unit,
 )
 from tsuiseki.datamodules.scenes.render.composing import Thing
 from tsuiseki.datamodules.scenes.render.solids import UP, Colour, Parts, Pattern, Surface, across
@@ -77,8 +78,7 @@ def in_hand(prop: Prop, skeleton: PersonSkeleton, hand: int) -> Thing:
     elif prop.kind == "phone":
         parts.cone(palm - 0.05 * up, palm + 0.06 * up, (0.035, 0.035), Surface(prop.colour, relief=0.02))
     else:
-        towards = skeleton.head - palm
-        towards = towards / max(float(np.linalg.norm(towards)), 1e-9)
+        towards = unit(skeleton.head - palm)
         # A bottle stands in a low hand and tips towards the mouth in a raised one.
         raised = float(np.clip((palm[2] - skeleton.chest[2]) / 0.15 + 0.5, 0, 1))
         axis = (1 - raised) * UP + raised * (towards + np.array([0, 0, -0.15]))

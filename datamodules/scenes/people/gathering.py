@@ -115,7 +115,7 @@ class Gathering:
         for index, actor in enumerate(self.performers):
             self.spent[actor.activity] += 1 / self.rate
             if actor.errand is not None:
-                self._pursue(index, frame)
+                self._pursue(index, actor.errand, frame)
             elif frame >= actor.until:
                 self.choose(index, frame)
         for actor in self.performers:
@@ -241,11 +241,9 @@ class Gathering:
                 return True
         return False
 
-    def _pursue(self, index: int, frame: int) -> None:
+    def _pursue(self, index: int, errand: Errand, frame: int) -> None:
         """Go on with an errand: walk there, wait for the partner, begin."""
         actor = self.performers[index]
-        errand = actor.errand
-        assert errand is not None
         partner = None if errand.partner is None else self.performers[errand.partner]
         if frame > errand.deadline or (partner is not None and partner.errand is None):
             self.begin(index, STAND, frame)
@@ -254,14 +252,13 @@ class Gathering:
             actor.target = errand.spot
             return
         actor.position, actor.heading = errand.spot.copy(), errand.heading
-        if partner is None:
+        if partner is None or errand.partner is None:
             actor.seat = errand.thing if errand.activity.posture == SITTING else None
             self.begin(index, errand.activity, frame, errand)
             return
         assert partner.errand is not None
         if np.linalg.norm(partner.position - partner.errand.spot) <= ARRIVED:
             partner.position, partner.heading = partner.errand.spot.copy(), partner.errand.heading
-            assert errand.partner is not None
             self._begin_together((index, errand.partner), errand.activity, frame)
         elif actor.activity.moving:
             self.begin(index, STAND, frame)

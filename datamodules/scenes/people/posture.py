@@ -212,16 +212,16 @@ def reach(
     upper, lower = UPPER_ARM * build.height, (FOREARM + 0.5 * HAND) * build.height
     aim = np.array(target, dtype=np.float64)
     distance = float(np.clip(np.linalg.norm(aim), abs(upper - lower) + 0.01, 0.999 * (upper + lower)))
-    forward = _unit(aim)
+    forward = unit(aim)
     # The elbow lies on a circle about the line to the target; it hangs down and out.
     down = np.array([-0.15, math.sin(swivel), -math.cos(swivel)])
-    side = _unit(down - (down @ forward) * forward)
+    side = unit(down - (down @ forward) * forward)
     along = (upper**2 + distance**2 - lower**2) / (2 * distance)
     elbow = along * forward + math.sqrt(max(upper**2 - along**2, 0.0)) * side
     # The angles forward and sideways of limbs that hang along these directions; see `hanging`.
     (raised, spread), (bent, turned) = (
         (math.atan2(x, -z), math.asin(float(np.clip(y, -1, 1))))
-        for x, y, z in (_unit(elbow), _unit(distance * forward - elbow))
+        for x, y, z in (unit(elbow), unit(distance * forward - elbow))
     )
     # Forward of straight up and back of straight down are half a turn apart: keep the elbow bending forward.
     bend = (bent - raised + math.pi) % (2 * math.pi) - math.pi
@@ -232,7 +232,8 @@ def reach(
     return replace(pose, **both)
 
 
-def _unit(vector: FloatArray) -> FloatArray:
+def unit(vector: FloatArray) -> FloatArray:
+    """The vector at length 1; nothing of one without a length."""
     return np.asarray(vector / max(float(np.linalg.norm(vector)), 1e-9))
 
 

@@ -194,7 +194,7 @@ def look_down(ground: GroundMap, camera: PinholeCamera) -> ImageArray:
     wanted = np.log2(np.maximum(covered.reshape(len(y), len(x)) / ground.cell, 1.0))
     first = int(np.clip(np.floor(wanted.min()), 0, len(ground.levels) - 1))
     last = int(np.clip(np.ceil(wanted.max() - 0.25), first, len(ground.levels) - 1))
-    frame = _cut(ground, first, camera)
+    frame = _cut(ground, first, camera, slice(0, camera.height))
     for level in range(first + 1, last + 1):
         share = np.clip(wanted - (level - 1), 0, 1).astype(np.float32)
         weight = cv2.resize(share, size, interpolation=cv2.INTER_LINEAR)
@@ -209,14 +209,13 @@ def look_down(ground: GroundMap, camera: PinholeCamera) -> ImageArray:
     return frame
 
 
-def _cut(ground: GroundMap, level: int, camera: PinholeCamera, rows: slice | None = None) -> ImageArray:
+def _cut(ground: GroundMap, level: int, camera: PinholeCamera, rows: slice) -> ImageArray:
     cell = ground.cell * 2**level
     # Pixel centres lie at .5, while OpenCV has them at whole numbers.
     to_metres = np.array([[cell, 0, ground.corner[0] + cell / 2], [0, cell, ground.corner[1] + cell / 2], [0, 0, 1]])
-    top, bottom = (0, camera.height) if rows is None else (rows.start, rows.stop)
-    shift = np.array([[1, 0, -0.5], [0, 1, -0.5 - top], [0, 0, 1.0]])
+    shift = np.array([[1, 0, -0.5], [0, 1, -0.5 - rows.start], [0, 0, 1.0]])
     matrix = shift @ camera.matrix[:, [0, 1, 3]] @ to_metres
-    size = camera.width, bottom - top
+    size = camera.width, rows.stop - rows.start
     cut = cv2.warpPerspective(ground.levels[level], matrix, size, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(cut, dtype=np.uint8)
 

@@ -52,8 +52,7 @@ def random_light(rng: np.random.Generator) -> Light:
     warm = rng.uniform(-0.06, 0.10)
     sun = clear * rng.uniform(0.6, 1.1) * np.array([1 + warm, 1, 1 - warm])
     sky = (1 - 0.6 * clear) * rng.uniform(0.75, 1.1) * np.array([1 - 0.4 * warm, 1, 1 + 0.6 * warm])
-    bounce = sky * rng.uniform(0.35, 0.65)
-    return _light(azimuth, elevation, sun, sky, bounce)
+    return _light(azimuth, elevation, sun, sky, sky * rng.uniform(0.35, 0.65))
 
 
 def hard_sun(rng: np.random.Generator) -> Light:
@@ -67,8 +66,7 @@ def hard_sun(rng: np.random.Generator) -> Light:
     warm, blue = rng.uniform(0, 0.1), rng.uniform(0, 0.25)
     sun = rng.uniform(0.9, 1.3) * np.array([1 + warm, 1, 1 - warm])
     sky = rng.uniform(0.12, 0.3) * height * np.array([1 - blue, 1, 1 + blue])
-    bounce = (sun * height + sky) * rng.uniform(0.1, 0.25)
-    return _light(azimuth, elevation, sun, sky, bounce)
+    return _light(azimuth, elevation, sun, sky, (sun * height + sky) * rng.uniform(0.1, 0.25))
 
 
 def _light(azimuth: float, elevation: float, sun: FloatArray, sky: FloatArray, ground: FloatArray) -> Light:

@@ -11,6 +11,7 @@ from tsuiseki.datamodules.scenes.people.walkers import dressed
 from tsuiseki.datamodules.scenes.room_clip import (
     RoomClip,
     RoomSettings,
+    RoomView,
     ceiling_lens,
     looking_down,
 )
@@ -24,7 +25,7 @@ SMALL = RoomSettings(size=(4.0, 9.0), frames=30, frame_rate=5.0, people=4, width
 @pytest.fixture(scope="module")
 def drawn():
     clip = RoomClip(SMALL, 3)
-    view = clip.view(0)
+    view = RoomView(clip, 0)
     return clip, view, clip.draw_frame(view, 12)
 
 
@@ -64,14 +65,14 @@ def test_people_stay_in_the_room_and_keep_apart():
 def test_the_same_seed_gives_the_same_picture(drawn):
     _, _, (image, truth) = drawn
     again = RoomClip(SMALL, 3)
-    second, labels = again.draw_frame(again.view(0), 12)
+    second, labels = again.draw_frame(RoomView(again, 0), 12)
     assert np.array_equal(image, second)
     assert np.array_equal(truth.boxes, labels.boxes)
 
 
 def test_both_cameras_agree_on_ids_and_places(drawn):
     clip, _, (_, first) = drawn
-    second = clip.draw_frame(clip.view(1), 12)[1]
+    second = clip.draw_frame(RoomView(clip, 1), 12)[1]
     shared = set(first.ids.tolist()) & set(second.ids.tolist())
     assert shared
     for number in shared:
