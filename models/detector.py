@@ -5,7 +5,8 @@ Images in, class logits and box offsets of fixed anchors out. `tsuiseki.models.s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -36,8 +37,8 @@ class AnchorDetector(nn.Module):
     def __init__(
         self,
         features: nn.Module,
-        class_heads: Sequence[nn.Module],
-        box_heads: Sequence[nn.Module],
+        class_heads: Iterable[nn.Module],
+        box_heads: Iterable[nn.Module],
         anchors: Tensor,
         classes: int,
         size: tuple[int, int],
@@ -104,26 +105,74 @@ class TopDown(nn.Module):
         trunk: gives maps at strides 8, 16 and 32.
         width: channels of every map that comes out.
         levels: 3 for strides 8 to 32; 4 adds stride 64.
+        depth: convolutions on each map.
     """
 
-    def __init__(self, trunk: Trunk, width: int, levels: int) -> None:
+    def __init__(self, trunk: Trunk, width: int, levels: int, depth: int = 1) -> None:
         super().__init__()
         self.trunk = trunk
         self.lateral = nn.ModuleList(
             [Conv2dNormActivation(c, width, kernel_size=1, activation_layer=None) for c in trunk.channels]
         )
-        self.smooth = nn.ModuleList([separable(width, width) for _ in trunk.channels])
+        self.smooth = nn.ModuleList(
+            [nn.Sequential(*(x for _ in range(depth) for x in separable(width, width))) for _ in trunk.channels]
+        )
         self.coarser = nn.ModuleList([separable(width, width, stride=2) for _ in range(levels - len(trunk.channels))])
 
     def forward(self, images: Tensor) -> list[Tensor]:
         """``(B, 3, H, W)`` to maps ``(B, width, ceil(H / S), ceil(W / S))``, finest first."""
-        maps = [lateral(x) for lateral, x in zip(self.lateral, self.trunk(images), strict=True)]
+        return self.merged(self.trunk(images))
+
+    def merged(self, trunk_maps: Sequence[Tensor]) -> list[Tensor]:
+        """The same from the maps of the trunk."""
+        maps = [lateral(x) for lateral, x in zip(self.lateral, trunk_maps, strict=True)]
         for i in range(len(maps) - 1, 0, -1):
             maps[i - 1] = maps[i - 1] + functional.interpolate(maps[i], size=maps[i - 1].shape[-2:], mode="nearest")
         maps = [smooth(x) for smooth, x in zip(self.smooth, maps, strict=True)]
         for coarser in self.coarser:
             maps.append(coarser(maps[-1]))
         return maps
+
+
+class BranchedDetector(AnchorDetector):
+    """A trained detector, which stays as it is, and beside it one for boxes of other shapes, which learns.
+
+    Both see the first stage of one trunk; the branch has later stages of its own.
+
+    Args:
+        people: that stays.
+        branch: its trunk has the stages of that of ``people``, without the first.
+    """
+
+    features: TopDown
+
+    def __init__(self, people: AnchorDetector, branch: AnchorDetector) -> None:
+        anchors = torch.cat((people.anchors, branch.anchors))
+        super().__init__(people.features, people.class_heads, people.box_heads, anchors, people.classes, people.size)
+        self.requires_grad_(False)
+        self.branch = branch
+
+    def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
+        """As `AnchorDetector.forward`, the anchors of the branch last."""
+        maps = self.features.trunk(images)
+        own: Any = self.branch.features
+        beside = self.branch.heads(own.merged([maps[0], *own.trunk(maps[0])]))
+        logits, offsets = self.heads(self.features.merged(maps))
+        return torch.cat((logits, beside[0]), dim=1), torch.cat((offsets, beside[1]), dim=1)
+
+    def begin(self) -> None:
+        """Let the branch begin with the trunk's later stages, and the rest of it anew."""
+        for part in self.branch.modules():
+            if isinstance(part, nn.BatchNorm2d):
+                part.reset_parameters()
+        own: Any = self.branch.features
+        own.trunk.stages.load_state_dict(self.features.trunk.stages[1:].state_dict())
+
+    def train(self, mode: bool = True) -> BranchedDetector:
+        """Train the branch; all other normalisations keep their statistics."""
+        super().train(False)
+        self.branch.train(mode)
+        return self
 
 
 def people_detector(
@@ -147,12 +196,50 @@ def people_detector(
             f"expected anchors for 3 or 4 maps and an input whose sides divide by {strides[-1]}; "
             f"got anchors for {len(anchor_sizes)} maps and {size[1]}x{size[0]}"
         )
+    features = TopDown(trunk, width, len(anchor_sizes))
+    return _with_heads(features, size, strides, anchor_sizes, width, classes)
+
+
+def branched_detector(
+    trunks: tuple[Trunk, Trunk], size: tuple[int, int], anchor_sizes: AnchorSizes, width: int
+) -> BranchedDetector:
+    """A `people_detector` of three maps and 96 channels, and a branch beside it.
+
+    Args:
+        trunks: two alike, from scratch.
+        size: see `people_detector`.
+        anchor_sizes: those of the `people_detector` at strides 8, 16 and 32, and then those of the branch.
+        width: channels of the top-down path of the branch.
+
+    Raises:
+        ValueError: the anchors are not for six maps, or the size is no multiple of 32.
+    """
+    if len(anchor_sizes) != 6:
+        raise ValueError(
+            "expected anchors for 6 maps, 3 of the detector that stays and 3 of the branch; "
+            f"got them for {len(anchor_sizes)}"
+        )
+    people, whole = people_detector(trunks[0], size, anchor_sizes[:3]), trunks[1]
+    # The first map of the trunk of `people` is one of the branch's, too.
+    features = TopDown(whole, width, 3, depth=2)
+    features.trunk = Trunk(list(whole.stages[1:]), whole.channels[1:])
+    return BranchedDetector(people, _with_heads(features, size, [8, 16, 32], anchor_sizes[3:], width, 1))
+
+
+def _with_heads(
+    features: TopDown,
+    size: tuple[int, int],
+    strides: Sequence[int],
+    anchor_sizes: AnchorSizes,
+    width: int,
+    classes: int,
+) -> AnchorDetector:
     anchors = grid_anchors([(size[0] // s, size[1] // s) for s in strides], strides, anchor_sizes)
     class_heads = [_lite_head(width, len(shapes) * (classes + 1)) for shapes in anchor_sizes]
     box_heads = [_lite_head(width, len(shapes) * 4) for shapes in anchor_sizes]
     for head in class_heads:
         _set_prior(head[-1], classes)
-    return AnchorDetector(TopDown(trunk, width, len(anchor_sizes)), class_heads, box_heads, anchors, classes, size)
+    return AnchorDetector(features, class_heads, box_heads, anchors, classes, size)
 
 
 def separable(inputs: int, outputs: int, stride: int = 1) -> nn.Sequential:

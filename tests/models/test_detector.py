@@ -12,7 +12,7 @@ from torchvision.models.detection.ssdlite import ssdlite320_mobilenet_v3_large
 
 from tsuiseki.models.anchors import corners_from_centres, decode
 from tsuiseki.models.backbones import Trunk, build_trunk
-from tsuiseki.models.detector import people_detector
+from tsuiseki.models.detector import branched_detector, people_detector
 from tsuiseki.models.ssd import coco_person_detector, coco_start, ssd300, ssd512, ssdlite320
 
 ANCHORS = [[(9, 22), (13, 32)], [(25, 64)], [(52, 132)]]
@@ -64,6 +64,31 @@ def test_people_detector_says_what_does_not_fit(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         people_detector(tiny_trunk(), size, anchors)
+
+
+def test_a_branch_leaves_the_detector_beside_it_as_it_is() -> None:
+    torch.manual_seed(0)
+    people = people_detector(tiny_trunk(), (64, 96), ANCHORS).eval()
+    wide = [[(20, 20)], [(58, 28), (88, 42)], [(128, 60)]]
+    both = branched_detector((tiny_trunk(), tiny_trunk()), (64, 96), [*ANCHORS, *wide], 16)
+    both.load_state_dict(people.state_dict(), strict=False)
+    both.begin()
+    images, count = torch.randn(2, 3, 64, 96), len(people.anchors)
+    optimiser = torch.optim.SGD([p for p in both.parameters() if p.requires_grad], lr=0.1)
+    first = both.train()(images)
+    torch.stack([x.square().mean() for x in first]).sum().backward()
+    optimiser.step()
+    logits, offsets = both.eval()(images)
+    assert both.anchors.shape == (logits.shape[1], 4)
+    torch.testing.assert_close((logits[:, :count], offsets[:, :count]), people(images))
+    assert not torch.allclose(offsets[:, count:], first[1][:, count:])
+    own = both.branch.features.trunk.stages[0].weight
+    assert not torch.allclose(own, people.features.trunk.stages[1].weight)
+
+
+def test_a_branched_detector_takes_anchors_for_both() -> None:
+    with pytest.raises(ValueError, match=r"6 maps.*got them for 3"):
+        branched_detector((tiny_trunk(), tiny_trunk()), (64, 96), ANCHORS, 16)
 
 
 def test_ssd512_has_the_original_layout() -> None:

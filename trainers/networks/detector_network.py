@@ -12,7 +12,7 @@ from torch import Tensor
 
 from tsuiseki.models.anchors import VARIANCES
 from tsuiseki.models.backbones import TrunkName, build_trunk
-from tsuiseki.models.detector import AnchorDetector, people_detector
+from tsuiseki.models.detector import AnchorDetector, branched_detector, people_detector
 from tsuiseki.models.losses import SoftTargets, soft_targets
 from tsuiseki.models.ssd import coco_start, ssd300, ssd512, ssdlite320
 from tsuiseki.tracking.errors import RequestError
@@ -22,7 +22,7 @@ from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
 from tsuiseki.trainers.networks.modules import read_checkpoint
 
-Architecture = Literal["people", "ssdlite320", "ssd300", "ssd512"]
+Architecture = Literal["people", "branched", "ssdlite320", "ssd300", "ssd512"]
 Resize = Literal["letterbox", "stretch"]
 Normalisation = Literal["imagenet", "symmetric", "bytes"]
 
@@ -56,6 +56,10 @@ def build_detector(
         raise RequestError(f"{architecture} takes {side}x{side} images, got height {size[0]} and width {size[1]}")
     if weights == "coco" and architecture not in ("ssdlite320", "ssd300"):
         raise RequestError(f"weights coco exist for ssdlite320 and ssd300, not for {architecture}")
+    if architecture == "branched" and (classes > 1 or weights is not None):
+        raise RequestError(
+            "a branched detector is of people alone and starts from one; expected one class, no `weights`"
+        )
     if weights == "coco" and classes > 1:
         raise RequestError("weights coco start a detector of people alone; give `start` for other classes")
     try:
@@ -64,6 +68,8 @@ def build_detector(
         start: Literal["imagenet"] | None = "imagenet" if weights == "imagenet" else None
         if architecture == "people":
             return people_detector(build_trunk(trunk, start), size, anchors, channels, classes)
+        if architecture == "branched":
+            return branched_detector((build_trunk(trunk), build_trunk(trunk)), size, anchors, channels)
         if architecture == "ssd512":
             return ssd512(classes, trunk=build_trunk("vgg16", start))
         if architecture == "ssd300":

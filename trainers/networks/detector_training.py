@@ -16,6 +16,7 @@ from tsuiseki.datamodules.detection_data import PERSON_ALONE, DetectionBatch
 from tsuiseki.models import losses
 from tsuiseki.models.anchors import decode
 from tsuiseki.models.backbones import TrunkName
+from tsuiseki.models.detector import BranchedDetector
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import evaluate_classes
 from tsuiseki.tracking.onnx import ModelCard
@@ -70,8 +71,9 @@ class DetectorTraining(Tested):
 
     Args:
         classes: names of what is detected, as the labels call them.
-        architecture: ``people`` (stride 8, any input), ``ssdlite320``, ``ssd300`` or ``ssd512``.
-        trunk: of ``people``.
+        architecture: ``people`` (stride 8, any input), ``ssdlite320``, ``ssd300`` or ``ssd512``; or ``branched``: the
+            ``people`` detector of ``start``, which stays as it is, and a branch that learns boxes of other shapes.
+        trunk: of ``people`` and ``branched``.
         weights: start from torchvision's ``imagenet`` trunk, its ``coco`` detector, or null for scratch.
         start: checkpoint of another detector training, exported detector, or name of a shipped one, whose weights are
             taken over where their shapes fit.
@@ -80,8 +82,9 @@ class DetectorTraining(Tested):
         resize: how images are fitted into the input.
         normalisation: of the channels; null is what the starting weights were trained with.
         anchors: of ``people``: for strides 8, 16, 32 and maybe 64 the ``[width, height]`` of its anchors in input
-            pixels; `tsuiseki.models.anchors.propose_anchors` fits them to labels.
-        channels: of the top-down path of ``people``.
+            pixels; `tsuiseki.models.anchors.propose_anchors` fits them to labels. Of ``branched``: those of ``start``
+            at strides 8, 16 and 32, and then those of the branch.
+        channels: of the top-down path of ``people``, or of the branch.
         loss: ``multibox`` (smooth L1 on boxes, scores by hard negatives) or ``quality`` (complete IoU, scores that are
             to be the overlap).
         box_weight: of the box loss against the class loss; 2 suits complete IoU.
@@ -116,7 +119,7 @@ class DetectorTraining(Tested):
             file = shipped_or_file("detector", start)
             self._foreign_norms = file.suffix == ".onnx"
             take_over(self.network, file)
-        name = f"people-{trunk}" if architecture == "people" else architecture
+        name = f"{architecture}-{trunk}" if architecture in ("people", "branched") else architecture
         if normalisation is None:
             normalisation = COCO_NORMALISATIONS[architecture] if weights == "coco" else "imagenet"
         # A checkpoint is loaded without its starting weights, which must not change its normalisation.
@@ -144,6 +147,8 @@ class DetectorTraining(Tested):
         examples = [self.trainer.datamodule.training[n] for n in range(_NORM_EXAMPLES)]  # type: ignore[attr-defined]
         images = torch.stack([torch.from_numpy(e.image) for e in examples]).to(self.device)
         restore_normalisations(self.network, normalised(images, self.card))
+        if isinstance(self.network, BranchedDetector):
+            self.network.begin()
         self.network.train()
 
     def training_step(self, batch: DetectionBatch, batch_index: int) -> Tensor:

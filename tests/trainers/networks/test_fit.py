@@ -12,6 +12,7 @@ from typing import Literal
 import cv2
 import lightning
 import numpy as np
+import onnxruntime
 import pytest
 import torch
 import yaml
@@ -22,6 +23,9 @@ from tsuiseki.datamodules.training_images import TrainingSource
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.exporting.export import ModelFile
+from tsuiseki.trainers.exporting.export_networks import _trained as trained_detector
+from tsuiseki.trainers.exporting.export_networks import export_detector
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.networks.detector_network import detector_card
 from tsuiseki.trainers.networks.detector_training import DetectorOptimisation, DetectorTraining, detections
@@ -81,6 +85,33 @@ def test_a_training_that_began_from_an_exported_file_goes_on_with_its_own_normal
     assert len(learnt) > 50
     for name in learnt:
         torch.testing.assert_close(after[name], before[name], rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_branch_is_trained_and_exported_beside_a_shipped_detector(config: Path, tmp_path: Path) -> None:
+    start, wide = shipped("detector_street"), [[[20, 20]], [[44, 44]], [[92, 92]]]
+    layout = layout_of(start)
+    anchors = json.dumps([*layout.anchors, *wide])
+    changes = {"architecture": "branched", "start": start, "trunk": layout.trunk, "anchors": anchors, "width": 96}
+    best = fit_detector(["--config", str(config), *(f"--model.{name}={v}" for name, v in changes.items())])
+    out, images = tmp_path / "both.onnx", torch.randn(1, 3, 64, 96)
+    export_detector(ModelFile(out=out), checkpoint=best)
+    logits, offsets, given = onnxruntime.InferenceSession(out).run(None, {"images": images.numpy()})
+    people, _ = trained_detector(start, (64, 96))
+    count = len(people.anchors)
+    with torch.no_grad():
+        before = people(images)
+    torch.testing.assert_close(torch.tensor(logits[:, :count]), before[0], rtol=1e-3, atol=1e-3)
+    torch.testing.assert_close(torch.tensor(offsets[:, :count]), before[1], rtol=1e-3, atol=1e-3)
+    assert len(given) == logits.shape[1] == count + 8 * 12 + 4 * 6 + 2 * 3
+    with pytest.raises(RequestError, match="expected a detector of the architecture people"):
+        layout_of(out)
+
+
+@pytest.mark.parametrize("change", ["--model.weights=imagenet", "--model.classes=[person,car]"])
+def test_a_branched_detector_starts_from_one_of_people(change: str, config: Path) -> None:
+    with pytest.raises(RequestError, match="a branched detector is of people alone"):
+        fit_detector(["--config", str(config), "--model.architecture=branched", change])
 
 
 def test_training_leaves_checkpoints_and_logs_and_goes_on(
