@@ -26,7 +26,7 @@ from tsuiseki.datamodules.scenes.blob_clip import BlobClip, BlobSceneSettings, a
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.point_distances import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage
-from tsuiseki.tracking.filters.base import Births, Filter, Running, SetInfo
+from tsuiseki.tracking.filters.base import Filter, Running, SetInfo
 from tsuiseki.tracking.filters.finite_sets import point_model
 from tsuiseki.tracking.filters.finite_sets import region_likelihoods as likelihoods
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
@@ -124,17 +124,21 @@ def start_filter(method: str, settings: dict[str, Any], clutter: float, particle
     """
     model = scenario_model(settings, clutter)
     births = scenario_births(settings, particles)
+    # As many particles as (50) gives: so many times the expected number of births, wherever.
+    printed = (
+        replace(births, count=max(round(particles * float(np.mean(births.masses))), 1), sensor=None)
+        if isinstance(births, MixtureBirths)
+        else replace(births, limit=max(round(particles * BIRTHS_ANYWHERE), 1))
+    )
     filters: dict[str, Filter[Any, FloatArray, SetInfo]] = {
         "labelled": LabelledMultiBernoulliFilter(model, births, particles),
         "phd": PhdFilter(model, births, particles, extract=by_measurements),
         "phd-literal": PhdFilter(
-            model, printed_births(settings, particles), particles, smallest_cluster=0, extract=by_clusters,
-            identity=TrackIdentity(printed=True),
+            model, printed, particles, smallest_cluster=0, extract=by_clusters, identity=TrackIdentity(printed=True)
         ),
-    }  # fmt: skip
+    }
     columns = 4 if settings["kind"] == "linear" else 5
-    chosen = filters[method]
-    return Running(chosen, chosen.init(np.empty((0, columns))), np.random.default_rng(seed))
+    return Running(filters[method], filters[method].init(np.empty((0, columns))), np.random.default_rng(seed))
 
 
 def run_filter(running: PointFilter, measurements: Iterable[FloatArray]) -> tuple[PointTracks, FloatArray]:
@@ -210,12 +214,11 @@ def scenario_model(settings: dict[str, Any], clutter_rate: float) -> point_model
     sensor = scenario_sensor(settings)
     speed, turn = settings["sigma_v"], settings.get("sigma_turn")
     motion = constant_velocity(speed) if turn is None else coordinated_turn(speed, turn)
-    return point_model.PointModel(
-        motion, sensor, settings["P_S"], settings["P_D"], clutter_rate / volume, settings["T"]
-    )
+    chances = settings["P_S"], settings["P_D"]
+    return point_model.PointModel(motion, sensor, *chances, clutter_rate / volume, settings["T"])
 
 
-def scenario_births(settings: dict[str, Any], count: int) -> Births[FloatArray]:
+def scenario_births(settings: dict[str, Any], count: int) -> MixtureBirths | MeasurementBirths:
     """The scenario's places of birth; where it names none, births anywhere, driven by the measurements."""
     if "birth_m" in settings:
         masses, means, spread = (np.array(settings[f"birth_{name}"], dtype=np.float64) for name in ("w", "m", "sd"))
@@ -227,16 +230,6 @@ def scenario_births(settings: dict[str, Any], count: int) -> Births[FloatArray]:
     else:
         complete, columns = newborn(point_model.from_bearing_range, 2, speed, turn=0.05), 5
     return MeasurementBirths(BIRTHS_ANYWHERE / volume, scenario_sensor(settings), complete, columns, count // 5)
-
-
-def printed_births(settings: dict[str, Any], density: int) -> Births[FloatArray]:
-    """The same with as many particles as (50) gives: ``density`` times the expected number of births, wherever."""
-    births = scenario_births(settings, density)
-    if isinstance(births, MixtureBirths):
-        return replace(births, count=max(round(density * float(np.mean(births.masses))), 1), sensor=None)
-    if isinstance(births, MeasurementBirths):
-        return replace(births, limit=max(round(density * BIRTHS_ANYWHERE), 1))
-    return births
 
 
 OURS: Mapping[str, tuple[SetMethod, Lag]] = {
@@ -502,12 +495,12 @@ def equalisation(store: Store, seeds: int = 20, frames: int = 150, particles: in
     rows = {update: partial(run_update, update, scene, particles) for update in UPDATES}
     found = Study(rows, range(seeds), "clips").run(store)
     purity = np.sort(BlobClip(scene, 0).purity)
-
-    def one_more(gained: FloatArray, _: str) -> str:
-        return f"at least one on {100 * np.mean(gained >= 1):.0f} % of the clips"
-
+    kept = Column(
+        f"kept of {TARGETS}", lambda one: (one["lost"] >= frames).sum(),
+        gain=lambda gained, _: f"at least one on {100 * np.mean(gained >= 1):.0f} % of the clips",
+    )  # fmt: skip
     columns = [
-        Column(f"kept of {TARGETS}", lambda one: (one["lost"] >= frames).sum(), gain=one_more),
+        kept,
         *(Column(f"frames, purity {p:.2f}", f"lost.{k}", ".0f") for k, p in enumerate(purity)),
         Column("expected count at the end", lambda one: one["expected"][-1], ".3g"),
     ]
@@ -545,21 +538,17 @@ def run_update(name: str, scene: BlobSceneSettings, density: int, seed: int) -> 
             particles = np.column_stack([middles, before, np.repeat(boxes[:, 2:] - boxes[:, :2], density, axis=0)])
             state = chosen.init(particles, np.repeat(np.arange(1, len(boxes) + 1), density), float(len(boxes)))
         state, info = chosen.step(state, ColourImage.of(image, NAMED_COLOURS[scene.colour]), rng)
-        counts.append(_on_targets(state.particles, boxes))
+        # A particle is on the target whose middle is nearest, of those that its own middle is inside.
+        middle = centres(likelihoods.boxes_of(state.particles))
+        inside = np.all((middle[:, None] >= boxes[None, :, :2]) & (middle[:, None] <= boxes[None, :, 2:]), axis=2)
+        distance = np.where(inside, cdist(middle, centres(boxes)), np.inf)
+        nearest = np.argmin(distance, axis=1)[np.isfinite(distance.min(axis=1))]
+        counts.append(np.bincount(nearest, minlength=len(boxes)).astype(np.float64))
         expected.append(info.expected_count)
     particles = np.array(counts)[:, np.argsort(clip.purity)]
     few = np.concatenate([particles < LEAST * density, np.ones((LOST_AFTER, scene.objects), dtype=np.bool_)])
     lost = sliding_window_view(few, LOST_AFTER, axis=0).all(axis=-1).argmax(axis=0)
     return {"particles": particles, "expected": np.array(expected), "lost": lost.astype(np.float64)}
-
-
-def _on_targets(particles: FloatArray, boxes: FloatArray) -> FloatArray:
-    """Particles ``(K,)`` whose centre is nearest to each target and inside it."""
-    middle = centres(likelihoods.boxes_of(particles))
-    inside = np.all((middle[:, None] >= boxes[None, :, :2]) & (middle[:, None] <= boxes[None, :, 2:]), axis=2)
-    distance = np.where(inside, cdist(middle, centres(boxes)), np.inf)
-    nearest = np.argmin(distance, axis=1)
-    return np.bincount(nearest[np.isfinite(distance.min(axis=1))], minlength=len(boxes)).astype(np.float64)
 
 
 def plot_particles(found: Mapping[str, list[Weakened]], purity: FloatArray) -> Figure:

@@ -128,16 +128,9 @@ def reproduce(store: Store, seeds: int = 6) -> Outcome:
 
 def clips(store: Store, name: str, counts: Sequence[int]) -> list[Path]:
     """Folders of the clips ``NAME-01`` … of as many fish as ``counts`` says; each is made once."""
-    return [
-        store.made(
-            f"{name}-{n + 1:02d}",
-            study.write_planned,
-            GoldfishClip,
-            GoldfishSettings(fish=fish),
-            FIRST_SEEDS[name] + n,
-        )
-        for n, fish in enumerate(counts)
-    ]
+    plans = [(GoldfishSettings(fish=fish), FIRST_SEEDS[name] + n) for n, fish in enumerate(counts)]
+    draw = study.write_planned
+    return [store.made(f"{name}-{n:02d}", draw, GoldfishClip, *plan) for n, plan in enumerate(plans, start=1)]
 
 
 def learn(store: Store, folders: Sequence[Path]) -> tuple[LearntMotion, int, int]:
@@ -160,9 +153,8 @@ def write_learning_tracks(path: Path, clip: Path, particles: int) -> None:
     """
     settings = replace(TRACKER, particles=particles)
     found = follow_fish(prepare_clip(clip), RandomWalk(wide_noise(BODY)), settings, seed=0)
-    tracking: Status = "tracking"
-    lost: Status = "lost"
-    right = [replace(t, statuses=(tracking,) * n + (lost,) * (len(t) - n)) for t, n in found]
+    said: tuple[Status, Status] = "tracking", "lost"
+    right = [replace(t, statuses=said[:1] * n + said[1:] * (len(t) - n)) for t, n in found]
     write_states(path, right, BODY.fields)
 
 
@@ -289,9 +281,9 @@ def plot_success(counts: Counts, fish: Sequence[int]) -> Figure:
 def plot_particles(folder: Path, learnt: LearntMotion) -> Figure:
     """Ten particles of the first and of the third arm as they are drawn in a sudden turn, side by side: Figs. 8 and 9.
 
-    Both arms follow a fish from its exact state three frames before it has turned.
+    Both arms follow a fish from its exact state three frames before it has turned; states are drawn for that frame from
+    the particles of the frame before.
     """
-
     clip = prepare_clip(folder)
     frames = [(n, np.flatnonzero(sudden_turns(one.states))) for n, one in enumerate(clip.fish)]
     turns = [(n, int(turned[turned > 3][0])) for n, turned in frames if (turned > 3).any()]
@@ -302,7 +294,14 @@ def plot_particles(folder: Path, learnt: LearntMotion) -> Figure:
     figure = Figure(figsize=(10, 5.2), dpi=120, layout="constrained")
     for axes, arm in zip(figure.subplots(1, 2), "AC", strict=True):
         axes.imshow(image)
-        for contour in BODY.contour(predicted(clip, ARMS[arm][1](learnt), fish, frame)):
+        rng, motion = np.random.default_rng(1), ARMS[arm][1](learnt)
+        tracker = DeformableTracker(BODY, motion, None, TRACKER, clip.fish[fish].states[frame - 3 : frame - 2], seed=1)
+        for index in range(frame - 3, frame):
+            tracker.update_edges(index, clip.edges[index])
+        state = tracker.targets[0].particles
+        drawn = state.particles[systematic(probabilities(state.log_weights), DRAWN, rng)]
+        chosen = rng.choice(DRAWN, SHOWN, replace=False)
+        for contour in BODY.contour(motion(drawn, 1, rng)[chosen, : len(BODY.fields)]):
             for stroke in BODY.strokes:
                 points = contour[stroke.first : stroke.last]
                 axes.plot(*np.concatenate([points, points[: int(stroke.closed)]]).T, color="#3cff78", linewidth=0.8)
@@ -327,16 +326,3 @@ def sudden_turns(centres: FloatArray) -> BoolArray:
         change = np.abs(np.angle(np.exp(1j * (direction[lag:] - direction[:-lag]))))
         turned[1 + lag :] |= (change > SUDDEN_ANGLE) & moving[lag:] & moving[:-lag]
     return turned
-
-
-def predicted(clip: FishClip, motion: BodyMotion, fish: int, frame: int) -> FloatArray:
-    """States ``(10, D)`` drawn for ``frame`` from the particles of the frame before."""
-    rng = np.random.default_rng(1)
-    first = frame - 3
-    tracker = DeformableTracker(BODY, motion, None, TRACKER, clip.fish[fish].states[first : first + 1], seed=1)
-    for index in range(first, frame):
-        tracker.update_edges(index, clip.edges[index])
-    state = tracker.targets[0].particles
-    drawn = state.particles[systematic(probabilities(state.log_weights), DRAWN, rng)]
-    chosen = rng.choice(DRAWN, SHOWN, replace=False)
-    return np.asarray(motion(drawn, 1, rng)[chosen, : len(BODY.fields)])

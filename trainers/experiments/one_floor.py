@@ -42,10 +42,7 @@ RECALL, PRECISION, DEVIATION = 0.95, 0.94, 0.2
 NEAREST, SIDE = 1.0, 1.5
 """Metres within which the baseline groups detections, and the side of the squares that SORT follows."""
 SHELF_NEAR = 0.3
-PUBLISHED = (
-    ("MCBLT, from pictures", "95.6", ""),
-    ("MVTrajecter, from pictures", "", "94.3"),
-)
+PUBLISHED = (("MCBLT, from pictures", "95.6", ""), ("MVTrajecter, from pictures", "", "94.3"))
 Method: TypeAlias = Literal["flow", "nearest and SORT", "floor detections"]
 
 
@@ -109,13 +106,11 @@ def reproduce(
 
 
 def _of_places(found: Mapping[str, Sequence[dict[str, float]]]) -> Table:
-    columns = [
-        Column(name, key, ".1f", 100, study.with_interval)
-        for name, key in (
-            ("IDF1", "idf1"), ("MOTA", "mota"), ("IDF1, mean of each camera alone", "idf1_alone"),
-            ("MOTA, mean of each alone", "mota_alone"), ("gain of IDF1", "gain"), ("ids kept, %", "kept"),
-        )
-    ]  # fmt: skip
+    named = {
+        "IDF1": "idf1", "MOTA": "mota", "IDF1, mean of each camera alone": "idf1_alone",
+        "MOTA, mean of each alone": "mota_alone", "gain of IDF1": "gain", "ids kept, %": "kept",
+    }  # fmt: skip
+    columns = [Column(name, key, ".1f", 100, study.with_interval) for name, key in named.items()]
     title = f"Generated places with pictures: {CAMERAS} cameras, {PEOPLE} people, {FRAMES} frames"
     return tabulated(found, [*columns, Column("changes of view", "changes", ".0f")], title=title)
 
@@ -174,10 +169,8 @@ def floor_detections(known: FloorFolder, rng: np.random.Generator) -> FloorPosit
     times = np.concatenate([truth.times[hit], rng.choice(moments, false)])
     places = np.concatenate([truth.places[hit] + noise, rng.uniform(floor[:2], floor[2:], (false, 2))])
     order = np.argsort(times, kind="stable")
-    count = len(times)
-    return FloorPositions(
-        Path("floor detections"), times[order], places[order], np.full(count, DEVIATION), np.full(count, -1)
-    )
+    rest = np.full(len(times), DEVIATION), np.full(len(times), -1)
+    return FloorPositions(Path("floor detections"), times[order], places[order], *rest)
 
 
 def _by_sort(measured: MeasuredFloor) -> PlacedTruth:
@@ -193,8 +186,7 @@ def _by_sort(measured: MeasuredFloor) -> PlacedTruth:
                 groups[int(away.argmin())].append(k)
             else:
                 groups.append([k])
-        several = [points.places[group].mean(axis=0) for group in groups if len(group) > 1]
-        means = np.array(several).reshape(-1, 2)
+        means = np.array([points.places[group].mean(axis=0) for group in groups if len(group) > 1]).reshape(-1, 2)
         frames.append(Detections(np.concatenate([means - SIDE / 2, means + SIDE / 2], axis=1), np.ones(len(means))))
     tracks = run_tracker(frames, Sort())
     people = [(t.frames, np.full(len(t), t.id), centres(t.boxes)) for t in tracks]
@@ -243,12 +235,11 @@ def place_scores(folder: Path) -> dict[str, float]:
         evaluate_on_floor(truth, _followed(measured_floor([feed], [], plan, FootNoise(), None))) for feed in whole.feeds
     ]
     kept, changes = kept_ids(truth, together, _in_view(views, truth))
-    every, each = evaluate_on_floor(truth, together), {}
-    for name in ("idf1", "mota"):
-        each[f"{name}_alone"] = float(np.mean([getattr(one, name) for one in alone]))
+    every = evaluate_on_floor(truth, together)
+    idf1, mota = np.mean([(one.idf1, one.mota) for one in alone], axis=0).tolist()
     return {
-        "idf1": every.idf1, "mota": every.mota, **each, "gain": every.idf1 - each["idf1_alone"], "changes": changes,
-        "kept": kept / max(changes, 1),
+        "idf1": every.idf1, "mota": every.mota, "idf1_alone": idf1, "mota_alone": mota, "gain": every.idf1 - idf1,
+        "changes": changes, "kept": kept / max(changes, 1),
     }  # fmt: skip
 
 

@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from operator import itemgetter
+from operator import call, itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -47,10 +47,8 @@ TargetClip: TypeAlias = Callable[[], Loaded]
 """Loads a clip when it is needed, since all together would fill the memory."""
 
 
-@lru_cache(maxsize=4)
-def loaded(clip: TargetClip) -> Loaded:
-    """A clip, kept for the next tracker on it."""
-    return clip()
+loaded: Callable[[TargetClip], Loaded] = lru_cache(maxsize=4)(call)
+"""Loads a clip, which is kept for the next tracker on it."""
 
 
 def read_clip(sequence: SingleSequence) -> Loaded:
@@ -301,7 +299,7 @@ def lost_status(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[i
         found |= {(f"generated clips {low + 1} to {high}", name): of[low:high] for name, of in drawn.items()}
     columns = [
         Column("AUC [%]", lambda one: one["auc_21"].mean(), ".1f", gain=study.with_bootstrap),
-        Column("losses noticed within 10 frames", itemgetter("noticed", "losses"), "d", show=_of),
+        Column("losses noticed within 10 frames", itemgetter("noticed", "losses"), show=_of),
         Column("called lost while followed [% of frames]", itemgetter("alarms", "followed"), ".1f", 1, share_of_all),
     ]
     table = tabulated(found, columns, ("clips", "tracker"), "Status lost", lambda name: (name[0], next(iter(STATUS))))
@@ -315,9 +313,8 @@ def lost_status(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[i
     return Outcome({"status": values}, [table])
 
 
-def _of(values: FloatArray, form: str) -> str:
-    part, whole = values.reshape(-1, 2).sum(axis=0).astype(int)
-    return f"{part:{form}} of {whole:{form}}"
+def _of(values: FloatArray, _: str) -> str:
+    return "{:.0f} of {:.0f}".format(*values.reshape(-1, 2).sum(axis=0))
 
 
 def sweeps(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int]) -> Outcome:
@@ -470,8 +467,7 @@ def searches(clip: TargetClip, settings: KcfParticleSettings, seed: int) -> list
     At each start of a search, KCF and a box that stands still go on from the same state beside the particles.
     """
     tracker, (truth, images) = KcfParticle(settings, seed), loaded(clip)
-    during: dict[str, list[float]] = {way: [] for way in WAYS}
-    after: dict[str, list[float]] = {way: [] for way in WAYS}
+    parts: list[dict[str, list[float]]] = [{way: [] for way in WAYS} for _ in range(2)]
     tracker.start(images[0], truth[0])
     boxes, searching, states = [truth[0]], [False], [tracker.target]
     for image in images[1:]:
@@ -491,10 +487,10 @@ def searches(clip: TargetClip, settings: KcfParticleSettings, seed: int) -> list
         )
         labelled: BoolArray = np.asarray(np.isfinite(truth[begin:last]).all(axis=1))
         for way, path in zip(WAYS, found, strict=True):
-            overlaps = iou_pairs(truth[begin:last], np.array(path))
-            during[way] += overlaps[: end - begin][labelled[: end - begin]].tolist()
-            after[way] += overlaps[end - begin :][labelled[end - begin :]].tolist()
-    return [during, after]
+            overlaps = np.where(labelled, iou_pairs(truth[begin:last], np.array(path)), np.nan)
+            for part, own in zip(parts, np.split(overlaps, [end - begin]), strict=True):
+                part[way] += own[~np.isnan(own)].tolist()
+    return parts
 
 
 def _kcf_boxes(
