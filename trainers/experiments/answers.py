@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache, partial
-from itertools import pairwise
+from operator import call
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +14,14 @@ import numpy as np
 from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 from tsuiseki.tracking.answers.counting import count
 from tsuiseki.tracking.answers.scene import Scene, SceneLine, SceneZone
+from tsuiseki.tracking.association.detection_tables import rows_of
+from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 from tsuiseki.trainers.experiments import association, study
 from tsuiseki.trainers.experiments.association import GivenSequence
 from tsuiseki.trainers.experiments.peers import Peer, find_peer, skipped
-from tsuiseki.trainers.experiments.study import Column, Outcome, Store, Study, tabulated
+from tsuiseki.trainers.experiments.study import Column, Outcome, Store, tabulated
 
 FIRST_SEED = 1000
 """Of the streets; smaller seeds, and those from 1100 on, fitted the intervals."""
@@ -84,7 +86,7 @@ def reproduce(
     given = [partial(labelled, one) for some in sets for one in some]
     videos["mot17"] = ("MOT17 val-half, given detections", given)
     notes = [] if given else ["MOT17 val-half: not in the data, passed over"]
-    found = {name: Study(rows, units, title).run(store) for name, (title, units) in videos.items() if units}
+    found = {name: store.study(rows, units, title) for name, (title, units) in videos.items() if units}
     tables = [tabulated(of, COLUMNS, ("counted by",), videos[name][0]) for name, of in found.items()]
     notes += [] if environment else [skipped("counts")]
     return Outcome({name: study.values_of(of) for name, of in found.items()}, tables, notes=notes)
@@ -159,20 +161,16 @@ def dithering(seed: int) -> Case:
         boxes = np.column_stack([x - half, y - height, x + half, y])
         true.append(Track(number + 1, np.arange(frames), boxes, np.ones(frames)))
     found = [Detections(np.array([t.boxes[k] for t in true]), np.ones(people)) for k in range(frames)]
-    return _case(true, found, 25.0, size, true)
+    return _case(true, found, 25.0, size, tracked=False)
 
 
-def _case(
-    true: list[Track], found: list[Detections], rate: float, size: tuple[int, int], ours: list[Track] | None = None
-) -> Case:
-    scene = scene_in(size)
-    tracks = association.tracks_over(found, rate, size) if ours is None else ours
+def _case(true: list[Track], found: list[Detections], rate: float, size: tuple[int, int], tracked: bool = True) -> Case:
+    scene, tracks = scene_in(size), association.tracks_over(found, rate, size) if tracked else true
     return Case(found, tracks, scene, true_answers(true, scene, len(found), rate), rate)
 
 
-@lru_cache(maxsize=1)
-def _made(unit: Unit) -> Case:
-    return unit()
+made: Callable[[Unit], Case] = lru_cache(maxsize=1)(call)
+"""Makes a case, which is kept for the next row on it."""
 
 
 def measure(unit: Unit, peer: Peer | None = None, own_tracks: bool = False, corners: bool = False) -> dict[str, Any]:
@@ -191,7 +189,7 @@ def measure(unit: Unit, peer: Peer | None = None, own_tracks: bool = False, corn
         mean absolute error over frames, people; ``people``, the mean true one; ``dwell``, absolute error of the mean
         stay, seconds.
     """
-    case = _made(unit)
+    case = made(unit)
     scene, truth, length = case.scene, case.truth, len(case.detections)
     true, n = [float(number) for number in truth["crossings"]], np.array(truth["occupancy"])
     if peer is None:
@@ -212,15 +210,10 @@ def measure(unit: Unit, peer: Peer | None = None, own_tracks: bool = False, corn
         occupancy, dwell, covered = reply["occupancy"], reply["dwell"], [float("nan")] * len(true)
         seconds, means = [float("nan")], [float("nan")] * 2
     return {
-        "errors": [abs(a - b) for a, b in zip(numbers, true, strict=True)],
-        "true": true,
-        "covered": covered,
-        "seconds": seconds,
-        "means": means,
-        "occupancy": float(np.abs(np.asarray(occupancy) - n).mean()),
-        "people": float(n.mean()),
-        "dwell": abs(dwell - truth["dwell"]),
-    }
+        "errors": [abs(a - b) for a, b in zip(numbers, true, strict=True)], "true": true, "covered": covered,
+        "seconds": seconds, "means": means, "occupancy": float(np.abs(np.asarray(occupancy) - n).mean()),
+        "people": float(n.mean()), "dwell": abs(dwell - truth["dwell"]),
+    }  # fmt: skip
 
 
 def _held(low: Sequence[float], true: Iterable[float], high: Sequence[float]) -> list[float]:
@@ -233,16 +226,12 @@ def _mean(values: Sequence[float]) -> float:
 
 
 def _job(case: Case, own_tracks: bool) -> dict[str, Any]:
+    rows = np.column_stack(boxes_of_tracks(case.tracks)[:4])
     if own_tracks:
-        parts = [
-            np.column_stack([np.full(len(d), frame), np.full(len(d), -1), d.boxes, d.scores])
-            for frame, d in enumerate(case.detections)
-        ]
-    else:
-        parts = [np.column_stack([t.frames, np.full(len(t), t.id), t.boxes, t.scores]) for t in case.tracks]
-    rows = np.concatenate([np.empty((0, 7)), *parts])
+        found = rows_of(case.detections, 0, 0)
+        rows = np.column_stack([found.frames, np.full(len(found.frames), -1), found.boxes, found.scores])
     return {
-        "rows": rows[np.argsort(rows[:, 0], kind="stable")].tolist(),
+        "rows": rows.tolist(),
         "track": own_tracks,
         "lines": [line.ends.tolist() for line in case.scene.lines],
         "zone": case.scene.zones[0].corners.tolist(),
@@ -302,21 +291,16 @@ def simulated_boxes(
     frames = np.append(frames, np.repeat(np.arange(length), count))
     boxes, scores = np.vstack([boxes, moved]), np.append(scores, rng.uniform(0.1, 0.6, len(some)))
     order = np.argsort(frames, kind="stable")
-    edges = np.searchsorted(frames[order], np.arange(length + 1))
-    good = (boxes[:, 2] > boxes[:, 0] + 1) & (boxes[:, 3] > boxes[:, 1] + 1)
-    parts = [order[a:b][good[order[a:b]]] for a, b in pairwise(edges)]
+    order = order[(boxes[order, 2:] > boxes[order, :2] + 1).all(axis=1)]
+    parts = np.split(order, np.searchsorted(frames[order], np.arange(1, length)))
     return [Detections(boxes[part], scores[part]) for part in parts]
 
 
 def scene_in(size: tuple[int, int]) -> Scene:
     """Two lines and a zone, the same shares of every picture: they are not tuned on the counts."""
-    w, h = size
-
-    def at(*places: tuple[float, float]) -> FloatArray:
-        return np.array(places) * [w, h]
-
-    lines = [SceneLine("upright", at((0.4, 0.2), (0.4, 1.0))), SceneLine("level", at((0.05, 0.65), (0.95, 0.65)))]
-    return Scene(lines, [SceneZone("middle", at((0.45, 0.4), (0.85, 0.4), (0.85, 0.9), (0.45, 0.9)))], size)
+    upright, level = np.array([[(0.4, 0.2), (0.4, 1.0)], [(0.05, 0.65), (0.95, 0.65)]]) * size
+    middle = np.array([(0.45, 0.4), (0.85, 0.4), (0.85, 0.9), (0.45, 0.9)]) * size
+    return Scene([SceneLine("upright", upright), SceneLine("level", level)], [SceneZone("middle", middle)], size)
 
 
 def true_answers(tracks: list[Track], scene: Scene, length: int, frame_rate: float) -> dict[str, Any]:

@@ -18,6 +18,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.people.walkers import Motion
 from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
+from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import owners_of
@@ -35,7 +36,7 @@ from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.experiments.peer_programs import LINKERS
 from tsuiseki.trainers.experiments.peers import Peer, find_peer, skipped
-from tsuiseki.trainers.experiments.study import Outcome, Store, Study, Table, some_of
+from tsuiseki.trainers.experiments.study import Outcome, Store, Table, some_of
 
 SAMPLES = 2000
 
@@ -131,9 +132,19 @@ def find_given(data: Path, one: DataSet) -> list[GivenSequence]:
     Raises:
         RequestError: a sequence has no labels or no detections.
     """
-    home = data / one.folder
-    names = one.names or tuple(sorted(path.name for path in home.iterdir() if path.is_dir()) if home.is_dir() else ())
-    return [_given(home / name, one) for name in names if (home / name).is_dir()]
+    found, home = list[GivenSequence](), data / one.folder
+    for folder in [home / name for name in one.names] or sorted(home.glob("*")):
+        if not folder.is_dir():
+            continue
+        sequence = read_sequence(folder)
+        paths = sequence.detections_path, sequence.ground_truth_path
+        if missing := [path.relative_to(folder) for path in paths if not path.is_file()]:
+            raise RequestError(f"{folder}: expected {missing[0]} of a sequence with detections, found none")
+        last = sequence.length or int(max(np.loadtxt(p, delimiter=",", usecols=0, ndmin=1).max() for p in paths))
+        size, pictures = (sequence.width, sequence.height), folder if sequence.images else None
+        known = sequence.name, *paths, last, sequence.frame_rate, size
+        found.append(GivenSequence(*known, one.frames, pictures=pictures))
+    return found
 
 
 def find_sets(store: Store, data: Path, keys: Iterable[str]) -> dict[DataSet, list[GivenSequence]]:
@@ -150,18 +161,6 @@ def find_sets(store: Store, data: Path, keys: Iterable[str]) -> dict[DataSet, li
         if one.drawn is not None:
             found[one] = find_given(store.made(one.folder, write_streets, 10, *one.drawn).parent, one)
     return {one: sequences for one, sequences in found.items() if sequences}
-
-
-def _given(folder: Path, one: DataSet) -> GivenSequence:
-    sequence = read_sequence(folder)
-    paths = sequence.detections_path, sequence.ground_truth_path
-    for path in paths:
-        if not path.is_file():
-            name = path.relative_to(folder)
-            raise RequestError(f"{folder}: expected {name} of a sequence with detections, found none")
-    last = sequence.length or int(max(np.loadtxt(path, delimiter=",", usecols=0, ndmin=1).max() for path in paths))
-    size, pictures = (sequence.width, sequence.height), folder if sequence.images else None
-    return GivenSequence(sequence.name, *paths, last, sequence.frame_rate, size, one.frames, pictures=pictures)
 
 
 def given_detections(given: GivenSequence) -> list[Detections]:
@@ -230,15 +229,13 @@ def right_links(detections: Sequence[Detections], truth: GroundTruth, longest: f
         truth: the labels, their frames counted as those of the detections.
         longest: most frames from one detection to the next of the same track; 1 allows no gap.
     """
-    frames = np.repeat(np.arange(len(detections)), [len(found) for found in detections])
-    boxes = np.concatenate([np.empty((0, 4)), *(d.boxes for d in detections)])
-    scores = np.concatenate([np.empty(0), *(d.scores for d in detections)])
-    owners = owners_of(frames, boxes, truth)
+    every = rows_of(detections, 0, 0)
+    owners, frames = owners_of(every.frames, every.boxes, truth), every.frames
     tracks: list[Track] = []
     for identity in np.unique(owners[owners >= 0]):
         mine = np.flatnonzero(owners == identity)
         for part in np.split(mine, np.flatnonzero(np.diff(frames[mine]) > longest) + 1):
-            tracks.append(Track(len(tracks) + 1, frames[part], boxes[part], scores[part]))
+            tracks.append(Track(len(tracks) + 1, frames[part], every.boxes[part], every.scores[part]))
     return tracks
 
 
@@ -362,23 +359,21 @@ def reproduce(
         for way in (False, True):
             limit = sums_of(store, right_sums, [(one, GAP, way) for one in sequences])
             rows[f"right links up to {GAP:g} s{', filled' if way else ''}"] = limit
-        values[one.key] = {name: _values(sequences, sums) for name, sums in rows.items()}
+        values[one.key] = {
+            name: combined_scores(sums)
+            | {"sequences": {g.name: combined_scores(own[None]) for g, own in zip(sequences, sums, strict=True)}}
+            for name, sums in rows.items()
+        }
         if "methods" in parts:
             tables.append(score_table(one.title, rows, FLOW))
         for title, own, ways, base in _more(one, sequences, parts):
-            found = Study(ways, own, title).run(store)
+            found = store.study(ways, own, title)
             tables.append(score_table(title, _scored(store, own, found), base))
     missing = [one for one in DATA_SETS if one.key in sets and one not in there]
     notes = [f"{one.title}: no {one.folder} in the data, passed over" for one in missing]
     notes += [] if environment else [skipped("links")]
     version = environment.version if environment else None
     return Outcome({"peer": version, "sets": values}, tables, notes=notes)
-
-
-def _values(sequences: Sequence[GivenSequence], sums: FloatArray) -> dict[str, Any]:
-    """The scores of a row, and those of each sequence."""
-    each = {given.name: combined_scores(own[None]) for given, own in zip(sequences, sums, strict=True)}
-    return {**combined_scores(sums), "sequences": each}
 
 
 def _more(
@@ -423,15 +418,13 @@ def peer_tracks(peer: Peer, given: GivenSequence, logistic: bool) -> dict[str, l
         given: the sequence.
         logistic: scores are logits and become probabilities first.
     """
-    boxes = [
-        [frame, *box, 1 / (1 + np.exp(-score)) if logistic else score]
-        for frame, found in enumerate(given_detections(given))
-        for box, score in zip(found.boxes.tolist(), found.scores.tolist(), strict=True)
-    ]
+    rows = rows_of(given_detections(given), 0, 0)
+    scores = 1 / (1 + np.exp(-rows.scores)) if logistic else rows.scores
+    boxes = np.column_stack([rows.frames, rows.boxes, scores]).tolist()
     answer = peer.answer({"boxes": boxes, "length": len(given.kept), "rate": given.rate})
     tracks = {}
-    for name, rows in answer.items():
-        table = np.array(rows, dtype=np.float64).reshape(-1, 7)
+    for name, found in answer.items():
+        table = np.array(found, dtype=np.float64).reshape(-1, 7)
         table = table[(table[:, 4] > table[:, 2]) & (table[:, 5] > table[:, 3])]
         parts = [table[table[:, 1] == number] for number in np.unique(table[:, 1])]
         tracks[name] = as_written([Track(int(p[0, 1]), p[:, 0].astype(int), p[:, 2:6], p[:, 6]) for p in parts])
@@ -445,7 +438,7 @@ def _tracks(
     ways = {str(method): partial(linked, method) for method in METHODS}
     if any(given.pictures for given in sequences):
         ways[BOXES_ALONE] = partial(linked, "flow", pictures=False)
-    tracks = Study(ways, sequences, one.title).run(store)
+    tracks = store.study(ways, sequences, one.title)
     tracks[UNFILLED] = [
         [Track(t.id, t.frames[k], t.boxes[k], t.scores[k]) for t in each for k in [t.observed] if k.any()]
         for each in tracks[FLOW]
@@ -462,5 +455,4 @@ def _scored(
     store: Store, sequences: Sequence[GivenSequence], tracks: Mapping[Any, Sequence[Sequence[Track]]]
 ) -> dict[str, FloatArray]:
     """``(S, 83)`` sums of every row."""
-    sums = track_sums
-    return {n: sums_of(store, sums, list(zip(sequences, t, strict=True))) for n, t in tracks.items()}
+    return {name: sums_of(store, track_sums, list(zip(sequences, own, strict=True))) for name, own in tracks.items()}

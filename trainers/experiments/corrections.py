@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -46,25 +45,22 @@ def reproduce(store: Store, data: Path = Path("../shared/data"), answers: int = 
     sets = association.find_sets(store, data, ("pets", "tud", "mot17", STREETS.key))
     sequences = [one for key, every in sets.items() for one in every[: streets if key == STREETS else None]]
     courses = store.each(reviewed, [(given, answers) for given in sequences], "corrections")
-    found = {given.name: [course] for given, course in zip(sequences, courses, strict=True)}
+    marks, names = (0, 10, 20, 40, answers), [given.name for given in sequences]
+    reached = [{**course, "at": {str(n): course["idf1"][: n + 1][-1] for n in marks}} for course in courses]
+    found = {name: [course] for name, course in zip(names, reached, strict=True)}
     early = {name: sum(course["found"][name] for course in courses) for name in RANKINGS}
     total = max(sum(course["errors"] for course in courses), 1)
     shares = ", ".join(f"{name} {count / total:.0%}" for name, count in early.items())
     columns = [
         Column("errors", "errors", ".0f"),
         *(Column(name, f"found.{name}", ".0f") for name in RANKINGS),
-        *(Column(f"IDF1 at {n}", partial(_idf1_at, n), ".3f") for n in (0, 10, 20, 40, answers)),
+        *(Column(f"IDF1 at {n}", f"at.{n}", ".3f") for n in marks),
         Column("allowed", "allowed", ".3f"),
         Column(f"answers to {REACHED}", _needed, show=lambda n, _: "–" if np.isnan(n[0]) else f"{n[0]:.0f}"),
         Column("clicks by hand", "by_hand", ".0f"),
     ]
     note = f"Errors within the first {FIRST:.0%} of decisions, by ranking: {shares}."
-    values = dict(zip(found, courses, strict=True))
-    return Outcome(values, [tabulated(found, columns, ("sequence",))], notes=[note])
-
-
-def _idf1_at(n: int, course: Mapping[str, Any]) -> float:
-    return float(course["idf1"][: n + 1][-1])
+    return Outcome(dict(zip(names, courses, strict=True)), [tabulated(found, columns, ("sequence",))], notes=[note])
 
 
 def _needed(course: Mapping[str, Any]) -> float:

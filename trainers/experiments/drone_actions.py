@@ -48,7 +48,7 @@ from tsuiseki.tracking.people.printed_flow import ITERATIONS, PrintedFlow
 from tsuiseki.tracking.people.sort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.processes import on_all_cores
-from tsuiseki.tracking.types import FloatArray, IntArray, Track
+from tsuiseki.tracking.types import IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import ActingTrack
 from tsuiseki.tracking.video.source import open_source
@@ -235,31 +235,23 @@ def flow(
     if rounds is not None:
         costs = replace(costs, rounds=replace(costs.rounds, rounds=rounds))
     settings = replace(chosen, flow=replace(chosen.flow, costs=costs))
-    return _people(clip, settings, acting=method != "flow", compensate=compensate)
+    return _people(clip, settings, method != "flow", compensate)
 
 
-def printed(
-    trees: str, times: int, clip: ObservedClip, *, compensate: bool = False, rounds: int | None = None
-) -> list[ActingTrack]:
+def printed(trees: str, times: int, clip: ObservedClip, *, rounds: int | None = None, **_: bool) -> list[ActingTrack]:
     """The same by the shipped ``trees`` as printed, solved so many times; the camera's motion stays in."""
-    del compensate
     pairs = Affinity(shipped(f"affinity_printed_drone{trees}"), 1)
     costs = PrintedFlow(pairs, times if rounds is None else rounds + 1)
-    return _people(clip, None, costs, acting=pairs.acting)
+    return _people(clip, None, pairs.acting, False, costs)
 
 
 def _people(
-    clip: ObservedClip,
-    settings: DroneSettings | None,
-    costs: PrintedFlow | None = None,
-    *,
-    acting: bool,
-    compensate: bool = False,
+    clip: ObservedClip, settings: DroneSettings | None, acting: bool, compensate: bool, costs: PrintedFlow | None = None
 ) -> list[ActingTrack]:
     sequence = read_sequence(clip.folder)
     tracker = DroneTracker(settings, sequence.frame_rate, (sequence.width, sequence.height), costs)
     for one in clip.detected:
-        actions = streams_mean(one, STREAMS) if acting and one.actions is not None else None
+        actions = averaged(one.actions) if acting and one.actions is not None else None
         tracker.update(replace(one.detections, actions=actions), one.motion if compensate else None)
     return tracker.people()
 
@@ -321,25 +313,20 @@ def people_row(pairs: Sequence[SequencePair]) -> dict[str, float]:
     return {**shares, "id_switches": float(total.id_switches), "motp_as_printed": 100 * (1 - total.motp)}
 
 
-def streams_mean(one: Observation, streams: Sequence[StreamName]) -> FloatArray:
-    """``(N, A)`` mean probabilities of some streams, in the order of `STREAMS` in the observation."""
-    assert one.actions is not None
-    return averaged(one.actions[[STREAMS.index(name) for name in streams]])
-
-
 def recognition(clips: Sequence[ObservedClip]) -> dict[str, ActionScores]:
     """Table 5.5: single or multi frame, local or local and global crops, tracks given."""
-    scores = {}
-    for kind, name in (("single", "Single frame"), ("multi", "Multi frames")):
-        for streams, crops in ((LOCAL_STREAMS, "local"), (STREAMS, "local+global")):
-            scores[f"{name} ({crops})"] = action_scores(clips, [_given_people(clip, streams) for clip in clips], kind)
-    return scores
+    return {
+        f"{name} ({crops})": action_scores(clips, [_given_people(clip, streams) for clip in clips], kind)
+        for kind, name in (("single", "Single frame"), ("multi", "Multi frames"))
+        for streams, crops in ((LOCAL_STREAMS, "local"), (STREAMS, "local+global"))
+    }
 
 
 def _given_people(clip: ObservedClip, streams: Sequence[StreamName]) -> list[ActingTrack]:
-    """The labelled people, with the actions by some of the streams."""
+    """The labelled people, with the mean of their actions by some of the streams."""
+    which = [STREAMS.index(name) for name in streams]
     rows = rows_of([one.detections for one in clip.given], clip.given[0].frame, 0)
-    actions = np.concatenate([streams_mean(one, streams) for one in clip.given])
+    actions = np.concatenate([averaged(one.actions[which]) for one in clip.given if one.actions is not None])
     half = round(DroneSettings().window / 2 * read_sequence(clip.folder).frame_rate)
     return [
         acting_track(Track(n, rows.frames[p], rows.boxes[p], np.ones(len(p))), actions[p], half)

@@ -21,14 +21,8 @@ from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
 from tsuiseki.trainers.association.training import AssociationTraining
 from tsuiseki.trainers.association.windows import RandomWindows, affordable
 from tsuiseki.trainers.experiments import association
-from tsuiseki.trainers.experiments.association import (
-    STREETS,
-    DataSet,
-    GivenSequence,
-    given_detections,
-    sums_of,
-)
-from tsuiseki.trainers.experiments.study import Outcome, Store, Study, Table, some_of
+from tsuiseki.trainers.experiments.association import STREETS, DataSet, GivenSequence, given_detections, sums_of
+from tsuiseki.trainers.experiments.study import Outcome, Store, Table, some_of
 from tsuiseki.trainers.exporting.export_costs import export_association
 from tsuiseki.trainers.networks.modules import WarmupCosine
 
@@ -106,8 +100,12 @@ def reproduce(
     given = association.find_sets(store, data, [key for key in FOLDS if key in sets]) if "given" in parts else {}
     streets = association.find_sets(store, data, [STREETS.key])[STREETS] if unseen else []
     found = {(one, ""): given_rows(store, one, sequences) for one, sequences in given.items()}
-    new = _unseen_rows(store, streets, unseen)
-    found |= {(one, ", learnt on generated streets"): rows for one, rows in new.items()}
+    every = tuple(given for sequences in unseen.values() for given in sequences)
+    learnt = iter(store.recall(fold_sums, LOSSES[BOTH], UNSEEN_STEPS, (tuple(streets), every)) if unseen else ())
+    for one, sequences in unseen.items():
+        default, pairs = (sums_of(store, flow_sums, [(g, trees) for g in sequences]) for trees in (None, PAIRS))
+        rows = {DEFAULT: default, "trees of pairs that ship": pairs, BOTH: np.array([next(learnt) for _ in sequences])}
+        found[one, ", learnt on generated streets"] = rows
     tables, values = list[Table](), dict[str, Any]({"unseen": {}} if unseen else {})
     for (one, how), rows in found.items():
         scores = {name: association.combined_scores(sums) for name, sums in rows.items()}
@@ -140,25 +138,11 @@ def given_rows(
     groups = [tuple(sequences[group::count]) for group in range(count)]
     folds = [(tuple(s for s in sequences if s not in tests), tests) for tests in groups]
     rows = {DEFAULT: sums_of(store, flow_sums, [(given,) for given in sequences])}
-    for name, by_fold in Study(fits, folds, f"{one.title}, groups").run(store).items():
+    for name, by_fold in store.study(fits, folds, f"{one.title}, groups").items():
         rows[name] = np.empty_like(rows[DEFAULT])
         for group, part in enumerate(by_fold):
             rows[name][group::count] = part
     rows["right links"] = sums_of(store, association.right_sums, [(given, GAP, True) for given in sequences])
-    return rows
-
-
-def _unseen_rows(
-    store: Store, streets: Sequence[GivenSequence], sets: Mapping[DataSet, list[GivenSequence]]
-) -> dict[DataSet, dict[str, FloatArray]]:
-    """The rows of each set: the default, the costs of pairs that ship, and costs learnt on streets."""
-    every = tuple(given for sequences in sets.values() for given in sequences)
-    learnt = iter(store.recall(fold_sums, LOSSES[BOTH], UNSEEN_STEPS, (tuple(streets), every)) if sets else ())
-    rows = {}
-    for one, sequences in sets.items():
-        default, pairs = (sums_of(store, flow_sums, [(g, trees) for g in sequences]) for trees in (None, PAIRS))
-        ours = np.array([next(learnt) for _ in sequences])
-        rows[one] = {DEFAULT: default, "trees of pairs that ship": pairs, BOTH: ours}
     return rows
 
 

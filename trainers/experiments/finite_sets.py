@@ -45,7 +45,7 @@ from tsuiseki.tracking.types import Detections, FloatArray, Frame, measurements
 from tsuiseki.tracking.types.measurements import Scan, SensingModel
 from tsuiseki.trainers.experiments import study
 from tsuiseki.trainers.experiments.peers import Peer, find_peer
-from tsuiseki.trainers.experiments.study import Column, Name, Outcome, Store, Study, tabulated, values_of, with_interval
+from tsuiseki.trainers.experiments.study import Column, Name, Outcome, Store, tabulated, values_of, with_interval
 
 PointFilter = Running[Any, FloatArray, SetInfo]
 METHODS = ("phd-literal", "phd", "labelled")
@@ -88,7 +88,7 @@ def reproduce(store: Store, data: Path = Path("../shared/data"), particles: int 
             (scenario.name, f"{clutter[rate]:g}", method): partial(run_scenario, scenario, rate, method, particles)
             for rate, method in product(range(len(clutter)), METHODS)
         }
-        found |= Study(rows, range(min(runs, scenario.settings["runs"])), scenario.name).run(store)
+        found |= store.study(rows, range(min(runs, scenario.settings["runs"])), scenario.name)
         for name, rate in product(METHODS, clutter):
             known = YARDSTICKS.get((scenario.settings.get("seed", 0), name), {}).get(rate)
             peers |= {} if known is None else {(scenario.name, f"{rate:g}", name): known}
@@ -321,7 +321,7 @@ def unseen(
     ways: dict[str, Follow] = {name: partial(our_rows, *way, particles) for name, way in OURS.items()}
     ways |= {name: partial(peer_rows, environment, name) for name in PEERS} if environment else {}
     rows = {(kind, name): partial(run_sensed, KINDS[kind], way) for kind in KINDS for name, way in ways.items()}
-    found = Study(rows, range(seed, seed + seeds), "scenarios").run(store)
+    found = store.study(rows, range(seed, seed + seeds), "scenarios")
     fields = {"OSPA(2)": "ospa_tracks", "missed a scan": "missed", "false a scan": "false", "switches": "switches"}
     columns = [
         Column("OSPA p=1", "ospa1", show=study.with_error, gain=with_interval),
@@ -427,7 +427,7 @@ def blobs(store: Store, seeds: int = 5, particles: int = 300) -> Outcome:
         particles: number of particles of each target.
     """
     rows = {(scene, name): partial(run_blobs, SCENES[scene], name, particles) for scene in SCENES for name in WAYS}
-    found = Study(rows, range(FIRST_SEED, FIRST_SEED + seeds), "clips").run(store)
+    found = store.study(rows, range(FIRST_SEED, FIRST_SEED + seeds), "clips")
     columns = [
         Column("OSPA p=1", "ospa1", ".1f", show=study.with_error),
         Column("missed a frame", "missed"),
@@ -493,7 +493,7 @@ def equalisation(store: Store, seeds: int = 20, frames: int = 150, particles: in
         speed=2.0,
     )  # fmt: skip
     rows = {update: partial(run_update, update, scene, particles) for update in UPDATES}
-    found = Study(rows, range(seeds), "clips").run(store)
+    found = store.study(rows, range(seeds), "clips")
     purity = np.sort(BlobClip(scene, 0).purity)
     kept = Column(
         f"kept of {TARGETS}", lambda one: (one["lost"] >= frames).sum(),

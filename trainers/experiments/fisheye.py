@@ -11,7 +11,6 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -45,7 +44,7 @@ from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import FloorDetections
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.experiments import study
-from tsuiseki.trainers.experiments.study import Column, Name, Outcome, Store, Study, Table, with_interval
+from tsuiseki.trainers.experiments.study import Column, Name, Outcome, Store, Table, with_interval
 
 ROOMS: tuple[Room, ...] = ("large", "small")
 VALIDATION_SEEDS = (900, 901)
@@ -124,19 +123,6 @@ class CeilingClip:
             yield frame, np.ascontiguousarray(image), truth
 
 
-class CpuTimes(StageTimes):
-    """Seconds of the processor instead of the clock, which other programs change."""
-
-    @contextmanager
-    def measure(self, stage: str) -> Iterator[None]:
-        """Add the processor's time inside the ``with`` block to ``stage``."""
-        start = time.process_time()
-        try:
-            yield
-        finally:
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + time.process_time() - start
-
-
 @dataclass(frozen=True)
 class Observed:
     """The observations of a sequence, and the truth of one frame in every second.
@@ -178,7 +164,11 @@ def observe(clip: CeilingClip, detector_file: Path, appearance_file: Path) -> Ob
     table = build_table(camera, room.floor)
     views = {crops: CeilingView(table, appearance, crops) for crops in CROPS}
     detector = ceiling_detector(Detector(detector_file, LEAST_SCORE, threads=1), camera, "unrolled")
-    times, found, truths = CpuTimes(dict.fromkeys(STAGES, 0.0)), list[FloorDetections](), list[FrameTruth]()
+    times, found, truths = (
+        StageTimes(dict.fromkeys(STAGES, 0.0), time.process_time),
+        list[FloorDetections](),
+        list[FrameTruth](),
+    )
     features: dict[str, list[FloatArray]] = {crops: [] for crops in CROPS}
     for frame, image, truth in clip.pictures():
         with times.measure("detect"):
@@ -420,7 +410,7 @@ def reproduce(
     results = list[FloorResults]()
     for kind in itertools.product((1, 15), ROOMS):
         own = [o for o in every if o.clip.seed in tested and (o.clip.rate, o.clip.room) == kind]
-        results += [FloorResults(own, Study(rows, own, "tracking").run(store))] if own else []
+        results += [FloorResults(own, store.study(rows, own, "tracking"))] if own else []
     values: dict[str, Any] = {
         "rooms": {"seeds": list(tested), "seconds": seconds, "fast_seeds": fast_seeds, "fast_seconds": fast_seconds},
         "chosen": {"least_score": least, "rows": {name: each._asdict() for name, each in chosen.items()}},

@@ -33,7 +33,7 @@ from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, IntArray
 from tsuiseki.trainers.experiments import study
-from tsuiseki.trainers.experiments.study import Column, Curve, Outcome, Store, Study, Table, tabulated
+from tsuiseki.trainers.experiments.study import Column, Curve, Outcome, Store, Table, tabulated
 
 MISSED, FALSE, NOISE = 0.3, 2.0, 0.05
 """Share of the labels' boxes, false ones a view and frame, and deviation of an edge of the height."""
@@ -71,7 +71,7 @@ def reproduce(
         "detections on the floor alone": partial(measure, folder, (), "floor detections"),
     }
     units = list(range(seed, seed + seeds))
-    found = Study(rows, units).run(store)
+    found = store.study(rows, units)
     columns = [
         *(Column(name, name.lower(), ".1f", 100, study.with_interval) for name in ("IDF1", "MOTA", "HOTA")),
         *(Column(name, name.lower(), ".1f", 100) for name in ("MODA", "MODP")),
@@ -91,7 +91,7 @@ def reproduce(
     settings = FloorClipSettings(frames=FRAMES, people=PEOPLE, cameras=CAMERAS)
     clips = [store.made("clip", study.write_planned, RoomClip, settings, seed + n) for n in range(places)]
     if places:
-        tables.append(_of_places(Study({"generated places": place_scores}, clips, "places").run(store)))
+        tables.append(_of_places(store.study({"generated places": place_scores}, clips, "places")))
     lines = [
         Curve(key.upper(), counts, [100 * float(np.mean([run[key] for run in found[name]])) for name in names])
         for key in ("idf1", "mota")
@@ -127,12 +127,10 @@ def measure(folder: Path, cameras: Sequence[int], method: Method, seed: int) -> 
     known = read_floor_folder(folder)
     rng = np.random.default_rng(seed)
     floor, length = known.cameras[0].floor, len(known.people[0])
-    if method == "floor detections":
-        measured = measured_floor([], [floor_detections(known, rng)], floor, FootNoise(), None)
-    else:
-        boxes = simulated(known, rng)
-        feeds = [CameraFeed(known.cameras[k], np.arange(length) / 2.0, boxes[k]) for k in cameras]
-        measured = measured_floor(feeds, [], floor, FootNoise(), None)
+    positions = [floor_detections(known, rng)] if method == "floor detections" else []
+    boxes = simulated(known, rng) if cameras else []
+    feeds = [CameraFeed(known.cameras[k], np.arange(length) / 2.0, boxes[k]) for k in cameras]
+    measured = measured_floor(feeds, positions, floor, FootNoise(), None)
     begin = time.process_time()
     found = _by_sort(measured) if method == "nearest and SORT" else _followed(measured)
     spent = 1000 * (time.process_time() - begin) / length
@@ -234,7 +232,13 @@ def place_scores(folder: Path) -> dict[str, float]:
     alone = [
         evaluate_on_floor(truth, _followed(measured_floor([feed], [], plan, FootNoise(), None))) for feed in whole.feeds
     ]
-    kept, changes = kept_ids(truth, together, _in_view(views, truth))
+    moments = len(np.unique(truth.times))
+    in_view = {int(who): np.zeros((moments, len(views)), dtype=np.bool_) for who in np.unique(truth.ids)}
+    for camera, view in enumerate(views):
+        rows = np.loadtxt(view / "gt" / "world.csv", delimiter=",", skiprows=1, ndmin=2)
+        for frame, who in rows[:, :2].astype(int):
+            in_view[who][frame - 1, camera] = True
+    kept, changes = kept_ids(truth, together, in_view)
     every = evaluate_on_floor(truth, together)
     idf1, mota = np.mean([(one.idf1, one.mota) for one in alone], axis=0).tolist()
     return {
@@ -253,19 +257,10 @@ def _followed(measured: MeasuredFloor) -> PlacedTruth:
     )
 
 
-def _in_view(views: list[Path], truth: PlacedTruth) -> dict[int, np.ndarray]:
-    """``(T, C)`` of each person: in which camera's labels the person is at each moment."""
-    count = len(np.unique(truth.times))
-    found = {int(who): np.zeros((count, len(views)), dtype=np.bool_) for who in np.unique(truth.ids)}
-    for camera, view in enumerate(views):
-        rows = np.loadtxt(view / "gt" / "world.csv", delimiter=",", skiprows=1, ndmin=2)
-        for frame, who in rows[:, :2].astype(int):
-            found[who][frame - 1, camera] = True
-    return found
-
-
 def kept_ids(truth: PlacedTruth, found: PlacedTruth, in_view: dict[int, np.ndarray]) -> tuple[int, int]:
     """Changes of view in which the person bears one id before and after, and all changes.
+
+    ``in_view`` is ``(T, C)`` of each person: in which camera's labels the person is at each moment.
 
     A change is a frame in which a person leaves a camera's view, and within `APART` seconds is in that of another. The
     id before is that of the nearest track within `NEAR` metres in the last frame in the view; after, likewise in the

@@ -249,10 +249,7 @@ def unseen(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int], 
         return Outcome(notes=["unseen: expected at least two sequences to choose settings on others"])
     values: dict[str, Any] = {}
     tables = []
-
-    def gain(gains: FloatArray, form: str) -> str:
-        return f"{study.with_bootstrap(gains, form)}, worst {gains.min():{form}}"
-
+    mean = Column("mean", form=".1f", gain=lambda g, form: f"{study.with_bootstrap(g, form)}, worst {g.min():{form}}")
     for name, (scales, rows, candidates) in GROUPS.items():
         rivals: dict[str, Entrant] = {"CSRT": Csrt(peer, scales)} if peer else {}
         found = {row: areas(of) for row, of in scored(store, clips, {**rows, **rivals}, seeds, name).items()}
@@ -263,7 +260,7 @@ def unseen(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int], 
             ours = zip(clips.values(), chosen, strict=True)
             found[OURS] = areas(clip_scores(store, clip, candidates[one], seeds) for clip, one in ours)
         title = f"Unseen, {name}: AUC [%], 21 thresholds; gain with 95 % over sequences"
-        tables.append(tabulated(found, [Column("mean", form=".1f", gain=gain)], ("tracker",), title, "KCF"))
+        tables.append(tabulated(found, [mean], ("tracker",), title, "KCF"))
         by_clip: dict[Name, list[dict[str, float]]] = {
             clip: [{row: float(one[k]) for row, one in found.items()}] for k, clip in enumerate(clips)
         }

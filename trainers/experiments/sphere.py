@@ -29,10 +29,10 @@ from tsuiseki.tracking.filters.resampling import Covering
 from tsuiseki.tracking.sphere import views
 from tsuiseki.tracking.sphere.points import track_sphere_points, triangulate
 from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
-from tsuiseki.tracking.sphere.tracker import SphereState, SphereTracker, TimedViews
+from tsuiseki.tracking.sphere.tracker import SphereTracker, TimedViews
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.trainers.experiments import study
-from tsuiseki.trainers.experiments.study import Column, Outcome, Store, Study, at_quantile, tabulated, with_interval
+from tsuiseki.trainers.experiments.study import Column, Outcome, Store, at_quantile, tabulated, with_interval
 
 RADIUS = 0.10
 """Of the ball, metres; seen from 4 m it is 35 pixels across."""
@@ -208,7 +208,16 @@ def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[FilmRow]) 
     """
     scene = SphereClip(settings, seed)
     empty = scene.backgrounds()
-    runs, points = [_started(way, scene, empty, seed) for way in ways], [list[FloatArray]() for _ in ways]
+    runs, points = [], [list[FloatArray]() for _ in ways]
+    for way in ways:
+        wrong, own = np.random.default_rng((seed, 5)), np.random.default_rng((seed, 4))
+        cameras = [turned(camera, way.camera_error, wrong) for camera in scene.cameras[: way.cameras]]
+        radius = scene.settings.radius * (1 + way.radius_error)
+        likelihood = LIKELIHOODS[way.likelihood](cameras, radius, empty[: way.cameras])
+        tracker = SphereTracker(likelihood, way.motion, Covering() if way.notices else None, stages=way.stages)
+        # The paper measures where the ball is at the start.
+        begin = scene.truth[0], OURS.spread, way.particles, way.cameras, own, float(scene.times[0])
+        runs.append((tracker, tracker.start_at(*begin), own))
     hidden = [range(FIRST_COVERED, FIRST_COVERED + way.covered) for way in ways]
     rng = np.random.default_rng((seed, 3))
     for index, (images, _) in enumerate(progress(scene.frames(), f"film {seed}", settings.frames)):
@@ -225,20 +234,6 @@ def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[FilmRow]) 
     along = [distance_to_path(path, scene.truth) for path in paths]
     both = zip(away, along, strict=True)
     return [{"to_position": distance_scores(a), "to_path": distance_scores(b)} for a, b in both]
-
-
-def _started(
-    way: FilmRow, scene: SphereClip, empty: Sequence[ImageArray], seed: int
-) -> tuple[SphereTracker, SphereState, np.random.Generator]:
-    """A tracker, its state before the film, and its random numbers."""
-    wrong, rng = np.random.default_rng((seed, 5)), np.random.default_rng((seed, 4))
-    cameras = [turned(camera, way.camera_error, wrong) for camera in scene.cameras[: way.cameras]]
-    radius = scene.settings.radius * (1 + way.radius_error)
-    likelihood = LIKELIHOODS[way.likelihood](cameras, radius, empty[: way.cameras])
-    tracker = SphereTracker(likelihood, way.motion, Covering() if way.notices else None, stages=way.stages)
-    # The paper measures where the ball is at the start.
-    begin = scene.truth[0], OURS.spread, way.particles, way.cameras, rng, float(scene.times[0])
-    return tracker, tracker.start_at(*begin), rng
 
 
 def turned(camera: PinholeCamera, pixels: float, rng: np.random.Generator) -> PinholeCamera:
@@ -323,9 +318,8 @@ def points(store: Store, seeds: int = 20, seed: int = 0) -> Outcome:
         seeds: throws.
         seed: of the first.
     """
-    found = Study(
-        {name: partial(run_throw, row) for name, row in ROWS.items()}, range(seed, seed + seeds), "throws"
-    ).run(store)
+    rows = {name: partial(run_throw, row) for name, row in ROWS.items()}
+    found = store.study(rows, range(seed, seed + seeds), "throws")
     note = (
         f"{seeds} throws of {FRAMES} frames at {RATE:g} frames/s, two cameras; pixels {PIXEL:g} px off, "
         f"{100 * MISSED:.0f} % missed, {100 * FALSE:.0f} % false; drag {DRAG:g} 1/m, top spin {-SPIN[0]:g} 1/s."

@@ -1,8 +1,8 @@
 """An experiment as data: rows × units, computed through the store, and the tables, numbers and plots of what came out.
 
-A `Study` names rows (what is compared), units (clips, sequences or seeds) and a function that measures one row on one
-unit. `tabulated` turns the measurements into a table with intervals over the units and the paper's values beside ours,
-`curves` into a plot. An experiment's module has a function ``reproduce(store, option, …) -> Outcome``; it neither
+`Store.study` takes rows (what is compared), units (clips, sequences or seeds) and a function that measures one row on
+one unit. `tabulated` turns the measurements into a table with intervals over the units and the paper's values beside
+ours, `curves` into a plot. An experiment's module has a function ``reproduce(store, option, …) -> Outcome``; it neither
 prints nor writes, as `tsuiseki reproduce` does that for all of them alike.
 
 What was computed is kept: a value is taken from disk where the same function was given the same arguments before. An
@@ -24,7 +24,7 @@ from dataclasses import dataclass, field, fields, is_dataclass
 from functools import cache, partial
 from importlib import resources
 from pathlib import Path
-from typing import Any, Concatenate, Generic, ParamSpec, TypeAlias, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeAlias, TypeVar
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -41,7 +41,6 @@ from tsuiseki.tracking.types import FloatArray
 
 P = ParamSpec("P")
 T = TypeVar("T")
-Found = TypeVar("Found")
 Name: TypeAlias = str | tuple[str, ...]
 """Of a row: the cells that begin its line in a table."""
 Show: TypeAlias = Callable[[FloatArray, str], str]
@@ -81,6 +80,23 @@ class Store:
     def each(self, compute: Callable[..., T], jobs: Sequence[Iterable[Any]], what: str) -> list[T]:
         """``compute(*job)`` of every job, as `recall`; ``what`` names them in the line of progress."""
         return [self.recall(compute, *job) for job in progress(jobs, what, len(jobs))]
+
+    def study(
+        self, rows: Mapping[Any, Callable[[Any], T]], units: Sequence[Any], what: str = "runs"
+    ) -> dict[Any, list[T]]:
+        """Measurements of each row, one a unit; each is kept at once, so that an interrupted study goes on.
+
+        Args:
+            rows: how each row measures a unit, by its name in the order of the table: a function of a module, or a
+                `partial` of one with the row's settings. It gives a number, or a dataclass or dictionary of numbers.
+            units: what every row is measured on.
+            what: names the runs in the line of progress.
+        """
+        found: dict[Any, list[T]] = {name: [] for name in rows}
+        jobs = [(unit, name) for unit in units for name in rows]
+        for unit, name in progress(jobs, what, len(jobs)):
+            found[name].append(self.recall(rows[name], unit))
+        return found
 
     def made(self, name: str, write: Callable[Concatenate[Path, P], Any], *args: P.args, **kwargs: P.kwargs) -> Path:
         """The file or folder ``name`` that ``write(path, *args, **kwargs)`` makes, from an earlier run if it is there.
@@ -151,30 +167,6 @@ def _content(path: Path) -> Any:
         return {p.relative_to(path).as_posix(): _content(p) for p in sorted(path.rglob("*")) if p.is_file()}
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-@dataclass(frozen=True)
-class Study(Generic[Found]):
-    """Rows × units.
-
-    Attributes:
-        rows: how each row measures a unit, by its name in the order of the table: a function of a module, or a
-            `partial` of one with the row's settings. It gives a number, or a dataclass or dictionary of numbers.
-        units: what every row is measured on.
-        what: names the runs in the line of progress.
-    """
-
-    rows: Mapping[Any, Callable[[Any], Found]]
-    units: Sequence[Any]
-    what: str = "runs"
-
-    def run(self, store: Store) -> dict[Any, list[Found]]:
-        """Measurements of each row, one a unit; each is kept at once, so that an interrupted study goes on."""
-        found: dict[Any, list[Found]] = {name: [] for name in self.rows}
-        jobs = [(unit, name) for unit in self.units for name in self.rows]
-        for unit, name in progress(jobs, self.what, len(jobs)):
-            found[name].append(store.recall(self.rows[name], unit))
-        return found
 
 
 def write_planned(folder: Path, plan: Callable[..., Clip[Any]], *args: Any) -> None:
@@ -342,10 +334,9 @@ def tabulated(
             cells.append(column.show(values, column.form))
             if column.paper:
                 cells.append(f"{column.paper[name]:{column.form}}" if name in column.paper else "")
-            if column.gain and (below is None or below == name):
-                cells.append("")
-            elif column.gain and below is not None:
-                cells.append(column.gain(values - column.values(found[below]), f"+{column.form}"))
+            if column.gain:
+                alone = below in (None, name)
+                cells.append("" if alone else column.gain(values - column.values(found[below]), f"+{column.form}"))
         lines.append(cells)
     return Table(title, headings, lines)
 

@@ -14,7 +14,6 @@ from tsuiseki.trainers.experiments.study import (
     Curve,
     Name,
     Store,
-    Study,
     bootstrap,
     curves,
     interval,
@@ -38,7 +37,8 @@ def measure(slope: float, unit: int) -> dict[str, float]:
 
 
 ROWS: dict[Name, float] = {"plain": 1.0, "steep": 3.0}
-STUDY = Study({name: partial(measure, slope) for name, slope in ROWS.items()}, (1, 2, 4))
+MEASURED = {name: partial(measure, slope) for name, slope in ROWS.items()}
+UNITS = (1, 2, 4)
 
 
 @pytest.fixture(autouse=True)
@@ -47,7 +47,7 @@ def no_calls() -> None:
 
 
 def test_means_gains_and_the_papers_values_stand_side_by_side(tmp_path: Path) -> None:
-    found = STUDY.run(Store(tmp_path))
+    found = Store(tmp_path).study(MEASURED, UNITS)
     columns = (
         Column("error", "error", ".1f", show=with_error, paper={"plain": 2.5}, gain=with_interval),
         Column("missed, %", lambda one: one["missed"], ".0f", 100),
@@ -64,14 +64,14 @@ def test_means_gains_and_the_papers_values_stand_side_by_side(tmp_path: Path) ->
 def test_an_interrupted_study_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(STOP, "after", 4)
     with pytest.raises(KeyboardInterrupt):
-        STUDY.run(Store(tmp_path))
+        Store(tmp_path).study(MEASURED, UNITS)
     assert len(CALLS) == 4
     monkeypatch.undo()
-    found = STUDY.run(Store(tmp_path))
+    found = Store(tmp_path).study(MEASURED, UNITS)
     assert len(CALLS) == len(set(CALLS)) == 6
     assert [one["error"] for one in found["steep"]] == [3.0, 6.0, 12.0]
     # One more row or unit costs its own runs alone.
-    Study({**STUDY.rows, "flat": partial(measure, 0.0)}, (1, 2, 4, 8)).run(Store(tmp_path))
+    Store(tmp_path).study({**MEASURED, "flat": partial(measure, 0.0)}, (*UNITS, 8))
     assert len(CALLS) == 6 + 2 + 4
 
 
