@@ -205,15 +205,33 @@ def measure(unit: Unit, peer: Peer | None = None, own_tracks: bool = False, corn
         both = {"people": float(n.mean()), "stay": truth["stay"]}
         means = [_held(zone[f"{name}_low"], [value], zone[f"{name}_high"])[0] for name, value in both.items()]
     else:
-        reply = peer.answer({**_job(case, own_tracks), "corners": corners})
+        rows = np.column_stack(boxes_of_tracks(case.tracks)[:4])
+        if own_tracks:
+            every = rows_of(case.detections, 0, 0)
+            rows = np.column_stack([every.frames, np.full(len(every.frames), -1), every.boxes, every.scores])
+        job = {
+            "rows": rows.tolist(),
+            "track": own_tracks,
+            "lines": [line.ends.tolist() for line in scene.lines],
+            "zone": scene.zones[0].corners.tolist(),
+            "length": length,
+            "rate": case.rate,
+            "corners": corners,
+        }
+        reply = peer.answer(job)
         numbers = [number for both in reply["crossings"] for number in both]
         occupancy, dwell, covered = reply["occupancy"], reply["dwell"], [float("nan")] * len(true)
         seconds, means = [float("nan")], [float("nan")] * 2
     return {
-        "errors": [abs(a - b) for a, b in zip(numbers, true, strict=True)], "true": true, "covered": covered,
-        "seconds": seconds, "means": means, "occupancy": float(np.abs(np.asarray(occupancy) - n).mean()),
-        "people": float(n.mean()), "dwell": abs(dwell - truth["dwell"]),
-    }  # fmt: skip
+        "errors": [abs(a - b) for a, b in zip(numbers, true, strict=True)],
+        "true": true,
+        "covered": covered,
+        "seconds": seconds,
+        "means": means,
+        "occupancy": float(np.abs(np.asarray(occupancy) - n).mean()),
+        "people": float(n.mean()),
+        "dwell": abs(dwell - truth["dwell"]),
+    }
 
 
 def _held(low: Sequence[float], true: Iterable[float], high: Sequence[float]) -> list[float]:
@@ -223,21 +241,6 @@ def _held(low: Sequence[float], true: Iterable[float], high: Sequence[float]) ->
 
 def _mean(values: Sequence[float]) -> float:
     return float(np.mean(values)) if values else 0.0
-
-
-def _job(case: Case, own_tracks: bool) -> dict[str, Any]:
-    rows = np.column_stack(boxes_of_tracks(case.tracks)[:4])
-    if own_tracks:
-        found = rows_of(case.detections, 0, 0)
-        rows = np.column_stack([found.frames, np.full(len(found.frames), -1), found.boxes, found.scores])
-    return {
-        "rows": rows.tolist(),
-        "track": own_tracks,
-        "lines": [line.ends.tolist() for line in case.scene.lines],
-        "zone": case.scene.zones[0].corners.tolist(),
-        "length": len(case.detections),
-        "rate": case.rate,
-    }
 
 
 def _visible(frames: IntArray, boxes: FloatArray) -> FloatArray:

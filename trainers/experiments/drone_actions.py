@@ -13,7 +13,6 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
 from tsuiseki.tracking.association.costs import ActionFeatures
@@ -161,17 +160,13 @@ def reproduce(
     flow = people["taken out"]["flow"]
     switches = 100 * flow["id_switches"] / (seeds * clips * frames)
     note = f"flow alone: {switches:.1f} switches in 100 frames at a recall of {flow['recall']:.1f} %"
-    return Outcome(values, tables(values), {"iterations": plot_iterations(rounds)}, notes=[note])
-
-
-def plot_iterations(rounds: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure:
-    """Fig. 5.8: recall, precision, switches and MOTA over the iterations of the alternation."""
     titles = {"recall": "recall, %", "precision": "precision, %", "id_switches": "switches", "mota": "MOTA, %"}
     panels = {
         title: [Curve(m, range(1, len(rows) + 1), [row[score] for row in rows]) for m, rows in rounds.items()]
         for score, title in titles.items()
     }
-    return curves(panels, ["iteration"] * len(panels), "", (3.6, 3.2))
+    figure = curves(panels, ["iteration"] * len(panels), "", (3.6, 3.2))
+    return Outcome(values, tables(values), {"iterations": figure}, notes=[note])
 
 
 def plans(name: str, scene: DroneSceneSettings, seeds: Sequence[int]) -> list[ClipPlan]:

@@ -164,11 +164,8 @@ def observe(clip: CeilingClip, detector_file: Path, appearance_file: Path) -> Ob
     table = build_table(camera, room.floor)
     views = {crops: CeilingView(table, appearance, crops) for crops in CROPS}
     detector = ceiling_detector(Detector(detector_file, LEAST_SCORE, threads=1), camera, "unrolled")
-    times, found, truths = (
-        StageTimes(dict.fromkeys(STAGES, 0.0), time.process_time),
-        list[FloorDetections](),
-        list[FrameTruth](),
-    )
+    times = StageTimes(dict.fromkeys(STAGES, 0.0), time.process_time)
+    found, truths = list[FloorDetections](), list[FrameTruth]()
     features: dict[str, list[FloatArray]] = {crops: [] for crops in CROPS}
     for frame, image, truth in clip.pictures():
         with times.measure("detect"):

@@ -112,14 +112,22 @@ def reproduce(store: Store, seeds: int = 6) -> Outcome:
         of = [Column(str(n), itemgetter(k), ".1f", show=_both) for k, n in enumerate(numbers)]
         tables.append(tabulated(found, of, ["fish followed: all / turning"]))
     tables.append(tabulated(claims, columns, title=title))
+    seconds, frames = (np.sum([one[name] for one in trials], axis=0) for name in ("seconds", "fish_frames"))
+    preparation = np.mean([one["preparation"] for one in trials])
     values = {
         "fish": len(turns),
         "turning": sum(turns),
         "learning_followed": learning_followed,
         "learning_fish": learning_fish,
         "claims": claims,
-        "runs": _values(counts, trials),
-    }
+        "runs": [
+            {
+                "arm": arm, "title": ARMS[arm][0], "particles": particles, "all": of[:, 0], "turning": of[:, 1],
+                "milliseconds": 1000 * spent, "frames_per_second": 1 / (preparation + spent),
+            }
+            for ((arm, particles), of), spent in zip(counts.items(), (seconds / frames).tolist(), strict=True)
+        ],
+    }  # fmt: skip
     plots = {"success": plot_success(counts, (len(turns), sum(turns))), "particles": plot_particles(test[0], learnt)}
     files = {"motion.json": motion_text(learnt)}
     note = f"learning run: {learning_followed} of {learning_fish} fish followed to the end"
@@ -238,19 +246,6 @@ def followed_counts(trials: Sequence[Trial]) -> FloatArray:
     followed = np.concatenate([trial["followed"] for trial in trials], axis=1)
     turning = np.concatenate([trial["turning"] for trial in trials])
     return np.stack([followed.sum(axis=1), followed[:, turning].sum(axis=1)], axis=1).astype(np.float64)
-
-
-def _values(counts: Counts, trials: Sequence[Trial]) -> list[dict[str, Any]]:
-    """The runs for results.json."""
-    seconds, frames = (np.sum([one[name] for one in trials], axis=0) for name in ("seconds", "fish_frames"))
-    preparation = np.mean([one["preparation"] for one in trials])
-    return [
-        {
-            "arm": arm, "title": ARMS[arm][0], "particles": particles, "all": of[:, 0], "turning": of[:, 1],
-            "milliseconds": 1000 * spent, "frames_per_second": 1 / (preparation + spent),
-        }
-        for ((arm, particles), of), spent in zip(counts.items(), (seconds / frames).tolist(), strict=True)
-    ]  # fmt: skip
 
 
 def _both(values: FloatArray, form: str) -> str:

@@ -19,13 +19,7 @@ PACKAGES = {
     "csrt": ("opencv-contrib-python-headless",),
 }
 """By program."""
-LINKERS = {
-    "ByteTrack": "ByteTrackTracker",
-    "C-BIoU": "CBIoUTracker",
-    "SORT": "SORTTracker",
-    "OC-SORT": "OCSORTTracker",
-    "ARC-SORT": "ARCTracker",
-}
+LINKERS = ("ByteTrack", "C-BIoU", "SORT", "OC-SORT", "ARC-SORT")
 TRANSITION = np.kron(np.eye(2), [[1.0, 1.0], [0.0, 1.0]])
 
 
@@ -51,9 +45,9 @@ def links(job):
     boxes = np.array(job["boxes"], dtype=float).reshape(-1, 6)
     frames = [boxes[boxes[:, 0] == frame, 1:] for frame in range(job["length"])]
     rows = {name: [] for name in LINKERS}
-    for name, attribute in LINKERS.items():
-        tracker = getattr(trackers, attribute)(frame_rate=job["rate"]) if attribute != "ARCTracker" else None
-        for frame, here in enumerate(frames if tracker else ()):
+    for name in LINKERS[:-1]:
+        tracker = getattr(trackers, f"{name.replace('-', '')}Tracker")(frame_rate=job["rate"])
+        for frame, here in enumerate(frames):
             found = tracker.update(detections(here[:, :4], here[:, 4]))
             if found.tracker_id is not None:
                 every = zip(found.xyxy, found.confidence, found.tracker_id, strict=True)

@@ -261,10 +261,8 @@ def unseen(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int], 
             found[OURS] = areas(clip_scores(store, clip, candidates[one], seeds) for clip, one in ours)
         title = f"Unseen, {name}: AUC [%], 21 thresholds; gain with 95 % over sequences"
         tables.append(tabulated(found, [mean], ("tracker",), title, "KCF"))
-        by_clip: dict[Name, list[dict[str, float]]] = {
-            clip: [{row: float(one[k]) for row, one in found.items()}] for k, clip in enumerate(clips)
-        }
-        columns = [Column(row, itemgetter(row), ".1f") for row in found]
+        by_clip = {clip: [k] for k, clip in enumerate(clips)}
+        columns = [Column(row, one.__getitem__, ".1f") for row, one in found.items()]
         tables.append(tabulated(by_clip, columns, ("sequence",), f"The same, {name}, by sequence"))
         values[name] = {"chosen": chosen, **{row: one.tolist() for row, one in found.items()}}
     return Outcome({"unseen": values}, tables)
