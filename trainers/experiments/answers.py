@@ -316,13 +316,13 @@ def true_answers(tracks: list[Track], scene: Scene, length: int, frame_rate: flo
     """
     counts = np.zeros((len(scene.lines), 2), dtype=np.int64)
     occupancy, stays = np.zeros(length, dtype=np.int64), list[list[float]]()
-    (x1, y1), (x2, y2) = scene.zones[0].corners.min(axis=0), scene.zones[0].corners.max(axis=0)
+    low, high = scene.zones[0].corners.min(axis=0), scene.zones[0].corners.max(axis=0)
     for track in tracks:
         feet = np.column_stack([0.5 * (track.boxes[:, 0] + track.boxes[:, 2]), track.boxes[:, 3]])
-        within = (feet[:, 0] > x1) & (feet[:, 0] < x2) & (feet[:, 1] > y1) & (feet[:, 1] < y2)
-        occupancy[track.frames[within]] += 1
+        depths = np.column_stack([feet - low, high - feet]).min(axis=1)
+        occupancy[track.frames[depths > 0]] += 1
         heights = track.boxes[:, 3] - track.boxes[:, 1]
-        here = true_stays(np.column_stack([feet - [x1, y1], [x2, y2] - feet]).min(axis=1), heights)
+        here = true_stays(depths, heights)
         stays += [[(last - first + 1) / frame_rate for first, last in here]] if here else []
         for line, own in zip(scene.lines, counts, strict=True):
             for _, side in true_crossings(feet, heights, line.ends):

@@ -133,17 +133,14 @@ def find_given(data: Path, one: DataSet) -> list[GivenSequence]:
         RequestError: a sequence has no labels or no detections.
     """
     found, home = list[GivenSequence](), data / one.folder
-    for folder in [home / name for name in one.names] or sorted(home.glob("*")):
-        if not folder.is_dir():
-            continue
-        sequence = read_sequence(folder)
-        paths = sequence.detections_path, sequence.ground_truth_path
+    for folder in filter(Path.is_dir, [home / name for name in one.names] or sorted(home.glob("*"))):
+        known = read_sequence(folder)
+        paths = known.detections_path, known.ground_truth_path
         if missing := [path.relative_to(folder) for path in paths if not path.is_file()]:
             raise RequestError(f"{folder}: expected {missing[0]} of a sequence with detections, found none")
-        last = sequence.length or int(max(np.loadtxt(p, delimiter=",", usecols=0, ndmin=1).max() for p in paths))
-        size, pictures = (sequence.width, sequence.height), folder if sequence.images else None
-        known = sequence.name, *paths, last, sequence.frame_rate, size
-        found.append(GivenSequence(*known, one.frames, pictures=pictures))
+        end = known.length or int(max(np.loadtxt(p, delimiter=",", usecols=0, ndmin=1).max() for p in paths))
+        size, pictures = (known.width, known.height), folder if known.images else None
+        found.append(GivenSequence(known.name, *paths, end, known.frame_rate, size, one.frames, pictures=pictures))
     return found
 
 
@@ -173,8 +170,7 @@ def given_labels(given: GivenSequence) -> GroundTruth:
     """The labels of the frames that are kept, numbered from 0 as the tracks are."""
     (truth,) = read_truths(given.labels, parse_frames(given.frames).within(given.length))
     moved = truth.labels.frames - given.kept.start
-    labels = replace(truth.labels, frames=moved // given.every)
-    return labels.select((moved >= 0) & (moved % given.every == 0))
+    return replace(truth.labels, frames=moved // given.every).select((moved >= 0) & (moved % given.every == 0))
 
 
 def as_written(tracks: Sequence[Track]) -> list[Track]:
@@ -372,8 +368,7 @@ def reproduce(
     missing = [one for one in DATA_SETS if one.key in sets and one not in there]
     notes = [f"{one.title}: no {one.folder} in the data, passed over" for one in missing]
     notes += [] if environment else [skipped("links")]
-    version = environment.version if environment else None
-    return Outcome({"peer": version, "sets": values}, tables, notes=notes)
+    return Outcome({"peer": environment and environment.version, "sets": values}, tables, notes=notes)
 
 
 def _more(
@@ -421,9 +416,8 @@ def peer_tracks(peer: Peer, given: GivenSequence, logistic: bool) -> dict[str, l
     rows = rows_of(given_detections(given), 0, 0)
     scores = 1 / (1 + np.exp(-rows.scores)) if logistic else rows.scores
     boxes = np.column_stack([rows.frames, rows.boxes, scores]).tolist()
-    answer = peer.answer({"boxes": boxes, "length": len(given.kept), "rate": given.rate})
     tracks = {}
-    for name, found in answer.items():
+    for name, found in peer.answer({"boxes": boxes, "length": len(given.kept), "rate": given.rate}).items():
         table = np.array(found, dtype=np.float64).reshape(-1, 7)
         table = table[(table[:, 4] > table[:, 2]) & (table[:, 5] > table[:, 3])]
         parts = [table[table[:, 1] == number] for number in np.unique(table[:, 1])]

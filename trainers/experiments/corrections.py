@@ -7,7 +7,7 @@ the one that most detections around have, so that a single box between two peopl
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -46,8 +46,11 @@ def reproduce(store: Store, data: Path = Path("../shared/data"), answers: int = 
     sequences = [one for key, every in sets.items() for one in every[: streets if key == STREETS else None]]
     courses = store.each(reviewed, [(given, answers) for given in sequences], "corrections")
     marks, names = (0, 10, 20, 40, answers), [given.name for given in sequences]
-    reached = [{**course, "at": {str(n): course["idf1"][: n + 1][-1] for n in marks}} for course in courses]
-    found = {name: [course] for name, course in zip(names, reached, strict=True)}
+    found = dict[str, list[dict[str, Any]]]()
+    for name, course in zip(names, courses, strict=True):
+        # Answers until IDF1 is what is wanted; NaN if it never is.
+        needed = next((n for n, idf1 in enumerate(course["idf1"]) if idf1 >= REACHED * course["allowed"]), np.nan)
+        found[name] = [{**course, "at": {str(n): course["idf1"][: n + 1][-1] for n in marks}, "needed": needed}]
     early = {name: sum(course["found"][name] for course in courses) for name in RANKINGS}
     total = max(sum(course["errors"] for course in courses), 1)
     shares = ", ".join(f"{name} {count / total:.0%}" for name, count in early.items())
@@ -56,17 +59,11 @@ def reproduce(store: Store, data: Path = Path("../shared/data"), answers: int = 
         *(Column(name, f"found.{name}", ".0f") for name in RANKINGS),
         *(Column(f"IDF1 at {n}", f"at.{n}", ".3f") for n in marks),
         Column("allowed", "allowed", ".3f"),
-        Column(f"answers to {REACHED}", _needed, show=lambda n, _: "–" if np.isnan(n[0]) else f"{n[0]:.0f}"),
+        Column(f"answers to {REACHED}", "needed", show=lambda n, _: "–" if np.isnan(n[0]) else f"{n[0]:.0f}"),
         Column("clicks by hand", "by_hand", ".0f"),
     ]
     note = f"Errors within the first {FIRST:.0%} of decisions, by ranking: {shares}."
     return Outcome(dict(zip(names, courses, strict=True)), [tabulated(found, columns, ("sequence",))], notes=[note])
-
-
-def _needed(course: Mapping[str, Any]) -> float:
-    """Answers until IDF1 is what is wanted; NaN if it never is."""
-    good = np.flatnonzero(np.array(course["idf1"]) >= REACHED * course["allowed"])
-    return float(good[0]) if len(good) else np.nan
 
 
 def reviewed(given: GivenSequence, answers: int) -> dict[str, Any]:

@@ -229,15 +229,13 @@ def flow(
         costs = replace(costs, link=replace(costs.link, action=replace(costs.link.action, features=features)))
     if rounds is not None:
         costs = replace(costs, rounds=replace(costs.rounds, rounds=rounds))
-    settings = replace(chosen, flow=replace(chosen.flow, costs=costs))
-    return _people(clip, settings, method != "flow", compensate)
+    return _people(clip, replace(chosen, flow=replace(chosen.flow, costs=costs)), method != "flow", compensate)
 
 
 def printed(trees: str, times: int, clip: ObservedClip, *, rounds: int | None = None, **_: bool) -> list[ActingTrack]:
     """The same by the shipped ``trees`` as printed, solved so many times; the camera's motion stays in."""
     pairs = Affinity(shipped(f"affinity_printed_drone{trees}"), 1)
-    costs = PrintedFlow(pairs, times if rounds is None else rounds + 1)
-    return _people(clip, None, pairs.acting, False, costs)
+    return _people(clip, None, pairs.acting, False, PrintedFlow(pairs, times if rounds is None else rounds + 1))
 
 
 def _people(

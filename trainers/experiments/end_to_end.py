@@ -116,8 +116,7 @@ def reproduce(
 
 def fold_sums(loss: FlowLoss, steps: int, fold: Fold) -> list[FloatArray]:
     """``(83,)`` sums of each tested sequence, tracked by costs that so many windows of the others taught."""
-    every = [graphs_of_given(given) for given in fold[0]]
-    graphs = [one for one in every if len(one.detections) and len(one.detections.tail)]
+    graphs = [g for g in map(graphs_of_given, fold[0]) if len(g.detections) and len(g.detections.tail)]
     torch.manual_seed(0)
     module = fitted(AssociationTraining(loss=loss), graphs, steps)
     with tempfile.TemporaryDirectory() as folder:
@@ -153,8 +152,7 @@ def flow_sums(given: GivenSequence, trees: Path | None = None) -> FloatArray:
 
 
 def _sums(given: GivenSequence, **costs: Any) -> FloatArray:
-    tracks = association.flow_over(given, **costs).tracks()
-    return association.track_sums(given, association.as_written(tracks))
+    return association.track_sums(given, association.as_written(association.flow_over(given, **costs).tracks()))
 
 
 @lru_cache(maxsize=40)

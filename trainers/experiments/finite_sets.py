@@ -371,8 +371,8 @@ def run_sensed(settings: Scenarios, follow: Follow, seed: int) -> dict[str, floa
     _, first = np.unique(table[:, :2], axis=0, return_index=True)
     table = table[np.sort(first)]
     found = PointTracks(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:])
-    scores = asdict(evaluate_points(truth, found, settings.steps, CUT_OFF))
-    return {**scores, "milliseconds": float(np.median(milliseconds))}
+    scores = evaluate_points(truth, found, settings.steps, CUT_OFF)
+    return {**asdict(scores), "milliseconds": float(np.median(milliseconds))}
 
 
 def drawn_scenario(settings: Scenarios, seed: int) -> tuple[PointTracks, list[Scan]]:

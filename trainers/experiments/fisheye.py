@@ -149,8 +149,7 @@ class Observed:
             detections = each.detections.select(kept)
             if crops != "none":
                 wide = self.features[crops][frame][kept].astype(np.float64)
-                unit = wide / np.maximum(np.linalg.norm(wide, axis=1, keepdims=True), 1e-9)
-                detections = detections.with_features(unit)
+                detections = detections.with_features(wide / np.linalg.norm(wide, axis=1, keepdims=True).clip(1e-9))
             result.append(FloorDetections(detections, each.rotated[kept], each.places[kept]))
         return result
 
@@ -189,7 +188,6 @@ ANY_OVERLAP = 0.99
 PLACE_GATE = 0.5
 SHIPPED = FisheyeSettings()
 Choice = dict[str, float]
-Tracking = Callable[[Sequence[FloorDetections], float, Choice], list[Track]]
 
 
 class RoomRow(NamedTuple):
@@ -199,14 +197,12 @@ class RoomRow(NamedTuple):
         crops: what the appearance comes from: ``image``, ``upright`` or ``none``.
         track: detections of a sequence, its rate and a choice of settings to tracks.
         grid: what the settings are chosen from.
-        like: the row whose settings it takes instead of choosing; empty for its own.
         least_score: of its detections, where it is not the common one.
     """
 
     crops: str
-    track: Tracking
+    track: Callable[[Sequence[FloorDetections], float, Choice], list[Track]]
     grid: Mapping[str, Sequence[float]]
-    like: str = ""
     least_score: float | None = None
 
 
@@ -276,8 +272,7 @@ ROWS = {
     "rectification": RoomRow("upright", partial(_hungarian, True, False), GATES),
     "world": RoomRow("none", partial(_hungarian, False, True), WORLD),
     "both": RoomRow("upright", partial(_hungarian, True, True), {**GATES, **WORLD}),
-    GATED: RoomRow("upright", partial(_hungarian, True, True, place_feature_gate=PLACE_GATE), {**GATES, **WORLD},
-                   like="both"),
+    GATED: RoomRow("upright", partial(_hungarian, True, True, place_feature_gate=PLACE_GATE), {**GATES, **WORLD}),
     # As the command does it, whatever validation says.
     "track fisheye": RoomRow("upright", partial(_command, "hungarian"), {}, least_score=SHIPPED_SCORE),
     "track fisheye, flow": RoomRow("upright", partial(_command, "flow"), {}, least_score=SHIPPED_SCORE),
@@ -427,7 +422,7 @@ def _chosen(store: Store, every: Sequence[Observed]) -> tuple[dict[str, Graded],
     least, chosen = lowest_score(store, list(PAPER), validation), dict[str, Graded]()
     for name, row in progress(ROWS.items(), "settings", len(ROWS)):
         grade: Any = partial(store.recall, grades, name, validation, least)  # type: ignore[call-arg]
-        chosen[name] = chosen[row.like] if row.like else best_choice(row, grade)
+        chosen[name] = chosen["both"] if name == GATED else best_choice(row, grade)
     return chosen, least
 
 
@@ -509,8 +504,7 @@ def switch_pictures(found: FloorResults) -> dict[str, bytes]:
         spots = {"prevented.jpg": first_switch(theirs, ours), "remaining.jpg": first_switch(ours, None)}
         for name, spot in spots.items():
             if spot is not None and name not in pictures:
-                strip = _strip(observed, spot, rows)
-                pictures[name] = cv2.imencode(".jpg", strip[:, :, ::-1])[1].tobytes()
+                pictures[name] = cv2.imencode(".jpg", _strip(observed, spot, rows)[:, :, ::-1])[1].tobytes()
     return pictures
 
 

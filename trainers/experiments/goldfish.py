@@ -76,8 +76,6 @@ CLAIMS = (
 )
 Asked: TypeAlias = tuple[str, int]
 """An arm and a nominal number of particles."""
-Counts: TypeAlias = Mapping[Asked, FloatArray]
-"""``(S, 2)`` by seed: fish followed to the end, of all and of those that turn suddenly."""
 Trial: TypeAlias = Mapping[str, Any]
 """See `run_trial`."""
 
@@ -129,16 +127,14 @@ def reproduce(store: Store, seeds: int = 6) -> Outcome:
         ],
     }  # fmt: skip
     plots = {"success": plot_success(counts, (len(turns), sum(turns))), "particles": plot_particles(test[0], learnt)}
-    files = {"motion.json": motion_text(learnt)}
     note = f"learning run: {learning_followed} of {learning_fish} fish followed to the end"
-    return Outcome(values, tables, plots, files, [note])
+    return Outcome(values, tables, plots, {"motion.json": motion_text(learnt)}, [note])
 
 
 def clips(store: Store, name: str, counts: Sequence[int]) -> list[Path]:
     """Folders of the clips ``NAME-01`` … of as many fish as ``counts`` says; each is made once."""
     plans = [(GoldfishSettings(fish=fish), FIRST_SEEDS[name] + n) for n, fish in enumerate(counts)]
-    draw = study.write_planned
-    return [store.made(f"{name}-{n:02d}", draw, GoldfishClip, *plan) for n, plan in enumerate(plans, start=1)]
+    return [store.made(f"{name}-{n:02d}", study.write_planned, GoldfishClip, *plan) for n, plan in enumerate(plans, 1)]
 
 
 def learn(store: Store, folders: Sequence[Path]) -> tuple[LearntMotion, int, int]:
@@ -252,8 +248,9 @@ def _both(values: FloatArray, form: str) -> str:
     return " / ".join(f"{one:{form}}" for one in values.reshape(-1, 2).mean(axis=0))
 
 
-def plot_success(counts: Counts, fish: Sequence[int]) -> Figure:
-    """Figs. 6 and 7, and what is added: ``fish`` followed, of all and of those that turn, with intervals over seeds."""
+def plot_success(counts: Mapping[Asked, FloatArray], fish: Sequence[int]) -> Figure:
+    """Figs. 6 and 7, and what is added, with intervals over seeds: ``(S, 2)`` followed, of all and of those that turn,
+    and how many ``fish`` there are of each."""
     panels: dict[str, list[Curve]] = {}
     shown = (("Fig. 6: all fish", "arms", 0), ("Fig. 7: fish that turn suddenly", "arms", 1), ("all fish", "beyond", 0))
     for title, part, of in shown:

@@ -101,8 +101,8 @@ def reproduce(
         f"{units[0]} to {units[-1]}; [a, b] is the 95 % interval over them. The published values are from pictures, "
         "with appearance; here are labels' boxes with errors, and no appearance."
     )
-    values = {"wildtrack": dict(found), "shelf": shelf}
-    return Outcome(values, tables, {"cameras": study.curves({"WILDTRACK": lines}, ("cameras",), "%")}, notes=[note])
+    plots = {"cameras": study.curves({"WILDTRACK": lines}, ("cameras",), "%")}
+    return Outcome({"wildtrack": found, "shelf": shelf}, tables, plots, notes=[note])
 
 
 def _of_places(found: Mapping[str, Sequence[dict[str, float]]]) -> Table:
@@ -124,8 +124,7 @@ def measure(folder: Path, cameras: Sequence[int], method: Method, seed: int) -> 
         method: how people are followed.
         seed: of the draw.
     """
-    known = read_floor_folder(folder)
-    rng = np.random.default_rng(seed)
+    known, rng = read_floor_folder(folder), np.random.default_rng(seed)
     floor, length = known.cameras[0].floor, len(known.people[0])
     positions = [floor_detections(known, rng)] if method == "floor detections" else []
     boxes = simulated(known, rng) if cameras else []
@@ -195,9 +194,8 @@ def _by_sort(measured: MeasuredFloor) -> PlacedTruth:
 def shelf_scores(folder: Path) -> list[tuple[str, int, float, int]]:
     """Of each labelled person: name, frames, the share with a track near, and how many ids were nearest."""
     known = read_floor_folder(folder)
-    length = len(known.people[0])
     rate = known.cameras[0].frame_rate or 1.0
-    moments = np.arange(length) / rate
+    moments = np.arange(len(known.people[0])) / rate
     feeds = [CameraFeed(*each) for each in zip(known.cameras, repeat(moments), known.people, strict=False)]
     found = _followed(measured_floor(feeds, [], None, FootNoise(), None))
     rows = []

@@ -105,44 +105,30 @@ COMPARED: Mapping[str, Entrant] = {
 PAPER: Mapping[Name, float] = {"KCF, fixed size": 38.38, "combined, printed": 40.64}
 """Areas of Fig. 3.9 that the text gives, percent."""
 SEARCHES = {"printed": PRINTED, "robust": ROBUST}
-
-
-class Sweep(NamedTuple):
-    """One parameter, the others at the thesis's values, to the letter.
-
-    Attributes:
-        figure: of the thesis.
-        trackers: by value of the parameter.
-        paper: areas by value, where the text gives them, percent.
-    """
-
-    figure: str
-    trackers: Mapping[float, KcfParticleSettings]
-    paper: Mapping[float, float]
-
-
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
-SWEEPS: Mapping[str, Sweep] = {
-    "epsilon_2": Sweep(
+SWEEPS: Mapping[str, tuple[str, Mapping[float, KcfParticleSettings], Mapping[float, float]]] = {
+    "epsilon_2": (
         "Fig. 3.6",
         {v: replace(PRINTED, response_share=1.0, hypotheses=1, convergence=v)
          for v in (0.0, 0.01, 0.02, 0.03, 0.04, 0.05, 0.1)},
         {0.0: 32.84, 0.03: 37.73},
     ),
-    "alpha": Sweep(
+    "alpha": (
         "Fig. 3.7",
         {v: replace(PRINTED, hypotheses=1, response_share=v) for v in (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0)},
         {0.3: 38.60, 1.0: 37.73},
     ),
-    "M": Sweep(
+    "M": (
         "Fig. 3.8", {v: replace(PRINTED, hypotheses=v) for v in (1, 2, 5, 10, 20, 30, 40, 50)}, {1: 38.60, 20: 40.64}
     ),
-    "mu, uniform": Sweep(
+    "mu, uniform": (
         "Table 3.4", {v: replace(PRINTED, past_share=v) for v in SHARES},
         dict(zip(SHARES, (39.97, 39.28, 40.64, 38.95, 38.84), strict=True)),
     ),
-    "mu, score": Sweep("Table 3.4", {v: replace(PRINTED, past_by_score=True, past_share=v) for v in SHARES}, {}),
+    "mu, score": ("Table 3.4", {v: replace(PRINTED, past_by_score=True, past_share=v) for v in SHARES}, {}),
 }  # fmt: skip
+"""One parameter, the others at the thesis's values, to the letter: the figure of the thesis, trackers by value of the
+parameter, and areas by value, where the text gives them, percent."""
 FIXED = CombinedSettings(filter=RegularisedSettings(sizes=1))
 GROUPS: Mapping[str, tuple[int, Mapping[str, Entrant], Mapping[str, CombinedSettings]]] = {
     "scale search": (
@@ -206,10 +192,9 @@ def reproduce(
         clips |= {s.name: partial(read_clip, s) for s in find_single_sequences(folder) if s.images}
     if not clips:
         raise RequestError("`data`: expected sequences with images, found none")
-    environment = find_peer(peer, "csrt")
     run: Mapping[str, Callable[..., Outcome]] = {
-        "unseen": partial(unseen, peer=environment), "status": lost_status, "sweeps": sweeps, "comparison": comparison,
-        "intervals": intervals,
+        "unseen": partial(unseen, peer=find_peer(peer, "csrt")), "status": lost_status, "sweeps": sweeps,
+        "comparison": comparison, "intervals": intervals,
     }  # fmt: skip
     found = [
         run[part](store, clips, range(sweep_seeds if part == "sweeps" else seeds)) for part in PARTS if part in parts
@@ -315,20 +300,20 @@ def _of(values: FloatArray, _: str) -> str:
 def sweeps(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int]) -> Outcome:
     """Figs. 3.6 to 3.8 and Table 3.4."""
     tables, panels, values = [], {}, {}
-    for name, sweep in SWEEPS.items():
-        entrants = {f"{value:g}": tracker for value, tracker in sweep.trackers.items()}
+    for name, (figure, trackers, published) in SWEEPS.items():
+        entrants = {f"{value:g}": tracker for value, tracker in trackers.items()}
         found = {value: by_seed(of) for value, of in scored(store, clips, entrants, seeds, name).items()}
-        paper: Mapping[Name, float] = {f"{value:g}": area for value, area in sweep.paper.items()}
+        paper: Mapping[Name, float] = {f"{value:g}": area for value, area in published.items()}
         columns = [Column("here", "auc_11", show=study.with_deviation, paper=paper, beside="thesis")]
-        tables.append(tabulated(found, columns, ("value",), f"{sweep.figure}, {name}: AUC with 11 thresholds [%]"))
+        tables.append(tabulated(found, columns, ("value",), f"{figure}, {name}: AUC with 11 thresholds [%]"))
         here = [np.array([one["auc_11"] for one in of]) for of in found.values()]
-        lines = [Curve("here", list(sweep.trackers), [float(a.mean()) for a in here], [float(a.std()) for a in here])]
-        if sweep.paper:
-            lines.append(Curve("thesis, TB-50", list(sweep.paper), list(sweep.paper.values()), style="s--"))
-        panels[sweep.figure if sweep.paper else f"{sweep.figure}, by score"] = lines
+        lines = [Curve("here", list(trackers), [float(a.mean()) for a in here], [float(a.std()) for a in here])]
+        if published:
+            lines.append(Curve("thesis, TB-50", list(published), list(published.values()), style="s--"))
+        panels[figure if published else f"{figure}, by score"] = lines
         values[name] = {v: {"paper": paper.get(v), "here": [one["auc_11"] for one in of]} for v, of in found.items()}
-    figure = study.curves(panels, list(SWEEPS), "AUC, 11 thresholds [%]", (3.2, 3.2))
-    return Outcome({"sweeps": values}, tables, {"sweeps": figure})
+    plot = study.curves(panels, list(SWEEPS), "AUC, 11 thresholds [%]", (3.2, 3.2))
+    return Outcome({"sweeps": values}, tables, {"sweeps": plot})
 
 
 def comparison(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int]) -> Outcome:

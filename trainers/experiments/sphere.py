@@ -45,8 +45,7 @@ PAPER_FRAME = 20
 """The frame of figures 2 and 5, counted from 1."""
 TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20)
 
-MakeLikelihood: TypeAlias = Callable[[Sequence[PinholeCamera], float, Sequence[ImageArray]], views.ViewLikelihood]
-LIKELIHOODS: Mapping[str, MakeLikelihood] = {
+LIKELIHOODS: Mapping[str, Callable[[Sequence[PinholeCamera], float, Sequence[ImageArray]], views.ViewLikelihood]] = {
     "background": lambda cameras, _, empty: views.BackgroundLikelihood(cameras, empty),
     "printed": lambda cameras, radius, _: views.PrintedContourLikelihood(cameras, radius),
     "printed, fourth power": lambda cameras, radius, _: views.PrintedContourLikelihood(cameras, radius, power=4.0),
@@ -137,7 +136,6 @@ PAPER_ERRORS: Mapping[str, Mapping[study.Name, float]] = {
 """Distance to the path in the paper's film, cm (section 3)."""
 FilmErrors: TypeAlias = Mapping[str, DistanceScores]
 """Of one way on one film: ``to_position`` at the same time, and ``to_path``, the paper's error."""
-Found: TypeAlias = Mapping[tuple[str, str], Sequence[FilmErrors]]
 
 
 def reproduce(
@@ -230,10 +228,9 @@ def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[FilmRow]) 
             runs[n] = tracker, state, own
             points[n].append(info.point)
     paths = [np.array(own) for own in points]
-    away = [np.sqrt(np.square(path - scene.truth).sum(axis=1)) for path in paths]
+    off = [np.sqrt(np.square(path - scene.truth).sum(axis=1)) for path in paths]
     along = [distance_to_path(path, scene.truth) for path in paths]
-    both = zip(away, along, strict=True)
-    return [{"to_position": distance_scores(a), "to_path": distance_scores(b)} for a, b in both]
+    return [{"to_position": distance_scores(a), "to_path": distance_scores(b)} for a, b in zip(off, along, strict=True)]
 
 
 def turned(camera: PinholeCamera, pixels: float, rng: np.random.Generator) -> PinholeCamera:
@@ -261,7 +258,7 @@ def pictures_figure(scene: SphereClip) -> Figure:
     return figure
 
 
-def errors_figure(found: Found) -> Figure:
+def errors_figure(found: Mapping[tuple[str, str], Sequence[FilmErrors]]) -> Figure:
     """The mean error against particles, cameras and covered frames."""
     panels: dict[str, list[study.Curve]] = {}
     for group in VARIED:
@@ -324,8 +321,7 @@ def points(store: Store, seeds: int = 20, seed: int = 0) -> Outcome:
         f"{seeds} throws of {FRAMES} frames at {RATE:g} frames/s, two cameras; pixels {PIXEL:g} px off, "
         f"{100 * MISSED:.0f} % missed, {100 * FALSE:.0f} % false; drag {DRAG:g} 1/m, top spin {-SPIN[0]:g} 1/s."
     )
-    values = {name: [one.tolist() for one in throws] for name, throws in found.items()}
-    return Outcome(values, [tabulated(found, COLUMNS)], notes=[note])
+    return Outcome(found, [tabulated(found, COLUMNS)], notes=[note])
 
 
 def thrown(seed: int) -> tuple[FloatArray, FloatArray]:

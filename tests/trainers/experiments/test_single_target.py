@@ -52,9 +52,9 @@ def clip(seed: int = 1, frames: int = 14) -> TargetClip:
 
 
 def test_sweeps_hold_the_thesis_s_values_and_change_one_parameter() -> None:
-    for sweep in SWEEPS.values():
-        assert set(sweep.paper) <= set(sweep.trackers)
-        assert len(set(sweep.trackers.values())) == len(sweep.trackers)
+    for _, trackers, paper in SWEEPS.values():
+        assert set(paper) <= set(trackers)
+        assert len(set(trackers.values())) == len(trackers)
 
 
 def test_searches_compare_three_ways_on_the_same_frames() -> None:
