@@ -167,8 +167,7 @@ def random_training_scene(
     # Generators of their own: the rest of a picture depends neither on what is not drawn nor on the sun.
     of_people, of_photographs, of_town, of_things, of_sun = rng.spawn(5)
     light, sunny = random_light(rng), of_sun.random() < settings.sun
-    if sunny:
-        light = hard_sun(of_sun)
+    light = hard_sun(of_sun) if sunny else light
     ground, sunlit = draw_ground(Ground(rng), camera, light)
     people = []
     for spot in spots:
@@ -182,9 +181,7 @@ def random_training_scene(
                 facing = np.arctan2(*(spot - camera.position[:2])[::-1]) + sprite.heading
                 people[-1] = person_thing(person, sprite.pose, spot, float(facing))
             people[-1] = Standing(sprite, spot, people[-1].solids, person.outfit)
-    view = None
-    if photographs is not None:
-        ground, view = _photographed(of_photographs, ground, camera, photographs, settings.photographs)
+    ground, view = _photographed(of_photographs, ground, camera, photographs, settings.photographs)
     static = _scenery((rng, of_photographs, of_town, of_things), settings, photographs, camera, spots, view is not None)
     picture = empty_picture(ground, settings.samples)
     softness = float(rng.uniform(0.5, 2.5)) * (SHARPER if sunny else 1.0)
@@ -288,11 +285,12 @@ def _beside(rng: np.random.Generator, spots: FloatArray, share: float) -> FloatA
 
 
 def _photographed(
-    rng: np.random.Generator, ground: Float32, camera: AnyCamera, photographs: Photographs, often: float
+    rng: np.random.Generator, ground: Float32, camera: AnyCamera, photographs: Photographs | None, often: float
 ) -> tuple[Float32, Float32 | None]:
     """The picture without things, now and then with a photograph in it, and the view if it is one as a whole."""
-    kind = rng.random()
+    if photographs is None or (kind := rng.random()) >= 1.3 * often:
+        return ground, None
     if kind < 0.3 * often:
         view = photographs.view(rng, camera.width, camera.height)
         return (ground, None) if view is None else (view, view)
-    return (photographs.covered(rng, ground, camera) if kind < 1.3 * often else ground), None
+    return photographs.covered(rng, ground, camera), None
