@@ -141,13 +141,18 @@ class DetectorTraining(Tested):
         return logits, offsets
 
     def on_fit_start(self) -> None:
-        """Weights of an exported file get their normalisations back; those of a training that goes on have them."""
-        if not self._foreign_norms or self.trainer.ckpt_path is not None:
+        """Weights of an exported file get their normalisations back; a training that goes on has all it needs."""
+        if self.trainer.ckpt_path is not None:
             return
-        examples = [self.trainer.datamodule.training[n] for n in range(_NORM_EXAMPLES)]  # type: ignore[attr-defined]
-        images = torch.stack([torch.from_numpy(e.image) for e in examples]).to(self.device)
-        restore_normalisations(self.network, normalised(images, self.card))
+        if self._foreign_norms:
+            examples = [self.trainer.datamodule.training[n] for n in range(_NORM_EXAMPLES)]  # type: ignore[attr-defined]
+            images = torch.stack([torch.from_numpy(e.image) for e in examples]).to(self.device)
+            restore_normalisations(self.network, normalised(images, self.card))
         if isinstance(self.network, BranchedDetector):
+            if self.hparams["start"] is None or self.optimisation.features_rate != 1:
+                raise RequestError(
+                    "a branched detector needs `start`, which stays as it is, and a `features_rate` of 1"
+                )
             self.network.begin()
         self.network.train()
 

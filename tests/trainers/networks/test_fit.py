@@ -114,6 +114,20 @@ def test_a_branched_detector_starts_from_one_of_people(change: str, config: Path
         fit_detector(["--config", str(config), "--model.architecture=branched", change])
 
 
+def test_a_branch_needs_a_detector_beside_it(config: Path) -> None:
+    anchors = json.dumps([[[12, 28]], [[20, 50]], [[30, 60]], [[20, 20]], [[44, 44]], [[92, 92]]])
+    words = ["--config", str(config), "--model.architecture=branched", f"--model.anchors={anchors}"]
+    with pytest.raises(RequestError, match="a branched detector needs `start`"):
+        fit_detector(words)
+    street, anchors = (
+        shipped("detector_street"),
+        json.dumps([*layout_of(shipped("detector_street")).anchors, *[[[20, 20]]] * 3]),
+    )
+    words[-1] = f"--model.anchors={anchors}"
+    with pytest.raises(RequestError, match="a `features_rate` of 1"):
+        fit_detector([*words, f"--model.start={street}", "--model.optimisation.features_rate=0.1"])
+
+
 def test_training_leaves_checkpoints_and_logs_and_goes_on(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
