@@ -161,7 +161,7 @@ class BranchedDetector(AnchorDetector):
         return torch.cat((logits, beside[0]), dim=1), torch.cat((offsets, beside[1]), dim=1)
 
     def begin(self) -> None:
-        """Let the branch begin with the trunk's later stages, and the rest of it anew."""
+        """Let the branch begin with the trunk's later stages, and its normalisations anew."""
         for part in self.branch.modules():
             if isinstance(part, nn.BatchNorm2d):
                 part.reset_parameters()

@@ -64,7 +64,7 @@ def layout_of(path: Path, people: bool = True) -> ExportedLayout:
     tensors = {x.name: x for x in model.graph.initializer}
     kind, _, trunk = card.name.partition("-")
     if kind != "people":
-        raise RequestError(f"{path}: expected a detector of the architecture people to learn from, got {card.name}")
+        raise RequestError(f"{path}: expected a detector of the architecture people, got {card.name}")
     if people and len(card.class_names) > 1:
         raise RequestError(f"{path}: expected a detector of people alone, got one of {', '.join(card.class_names)}")
     if "anchors" not in tensors:

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from tsuiseki.models.anchors import VARIANCES
 from tsuiseki.models.backbones import TrunkName, build_trunk
-from tsuiseki.models.detector import AnchorDetector, branched_detector, people_detector
+from tsuiseki.models.detector import AnchorDetector, BranchedDetector, branched_detector, people_detector
 from tsuiseki.models.losses import SoftTargets, soft_targets
 from tsuiseki.models.ssd import coco_start, ssd300, ssd512, ssdlite320
 from tsuiseki.tracking.errors import RequestError
@@ -97,6 +97,29 @@ def take_over(network: AnchorDetector, checkpoint: Path) -> int:
         return _fill(network, exported_weights(checkpoint), checkpoint)
     found = read_checkpoint(checkpoint, "state_dict")
     return _fill(network, {name.removeprefix("network."): value for name, value in found.items()}, checkpoint)
+
+
+def begin_branch(network: BranchedDetector, path: Path, anchors: list[list[tuple[float, float]]]) -> None:
+    """Fill all of ``network`` but its branch with the whole detector of people at ``path``.
+
+    Args:
+        network: to fill.
+        path: checkpoint of a training, or a detector that was exported from one (``.onnx``).
+        anchors: of ``network``, six maps.
+
+    Raises:
+        RequestError: it is no such detector, or has another trunk or other anchors than the first three maps.
+    """
+    layout, _, _ = _described(path)
+    given = [[tuple(size) for size in sizes] for sizes in layout["anchors"]]
+    alike = layout["architecture"] == "people" and given == [[tuple(size) for size in sizes] for sizes in anchors[:3]]
+    names = [name for name in network.state_dict() if not name.startswith("branch.")]
+    wanted = [name for name in names if not (path.suffix == ".onnx" and name.endswith("num_batches_tracked"))]
+    if not alike or take_over(network, path) < len(wanted):
+        raise RequestError(
+            f"{path}: expected a `start` of the architecture people with the trunk of the branched detector and the "
+            f"anchors of its first three maps, got trunk {layout['trunk']} and anchors {given}"
+        )
 
 
 def _fill(network: AnchorDetector, weights: dict[str, Tensor], checkpoint: Path) -> int:

@@ -30,6 +30,7 @@ from tsuiseki.trainers.networks.detector_network import (
     Resize,
     SoftTeacher,
     Teacher,
+    begin_branch,
     build_detector,
     detector_card,
     take_over,
@@ -118,7 +119,10 @@ class DetectorTraining(Tested):
         if start is not None:
             file = shipped_or_file("detector", start)
             self._foreign_norms = file.suffix == ".onnx"
-            take_over(self.network, file)
+            if isinstance(self.network, BranchedDetector):
+                begin_branch(self.network, file, anchors)
+            else:
+                take_over(self.network, file)
         name = f"{architecture}-{trunk}" if architecture in ("people", "branched") else architecture
         if normalisation is None:
             normalisation = COCO_NORMALISATIONS[architecture] if weights == "coco" else "imagenet"
@@ -150,9 +154,7 @@ class DetectorTraining(Tested):
             restore_normalisations(self.network, normalised(images, self.card))
         if isinstance(self.network, BranchedDetector):
             if self.hparams["start"] is None or self.optimisation.features_rate != 1:
-                raise RequestError(
-                    "a branched detector needs `start`, which stays as it is, and a `features_rate` of 1"
-                )
+                raise RequestError("a branched detector needs model.start and a model.optimisation.features_rate of 1")
             self.network.begin()
         self.network.train()
 

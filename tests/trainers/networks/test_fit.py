@@ -117,15 +117,20 @@ def test_a_branched_detector_starts_from_one_of_people(change: str, config: Path
 def test_a_branch_needs_a_detector_beside_it(config: Path) -> None:
     anchors = json.dumps([[[12, 28]], [[20, 50]], [[30, 60]], [[20, 20]], [[44, 44]], [[92, 92]]])
     words = ["--config", str(config), "--model.architecture=branched", f"--model.anchors={anchors}"]
-    with pytest.raises(RequestError, match="a branched detector needs `start`"):
+    with pytest.raises(RequestError, match=r"a branched detector needs model\.start"):
         fit_detector(words)
-    street, anchors = (
-        shipped("detector_street"),
-        json.dumps([*layout_of(shipped("detector_street")).anchors, *[[[20, 20]]] * 3]),
-    )
-    words[-1] = f"--model.anchors={anchors}"
-    with pytest.raises(RequestError, match="a `features_rate` of 1"):
-        fit_detector([*words, f"--model.start={street}", "--model.optimisation.features_rate=0.1"])
+    start = shipped("detector_street")
+    layout = layout_of(start)
+    with pytest.raises(RequestError, match=r"street.onnx: expected a `start` .* anchors of its first three maps"):
+        fit_detector([*words, f"--model.start={start}", f"--model.trunk={layout.trunk}"])
+    words[-1] = f"--model.anchors={json.dumps([*layout.anchors, *[[[20, 20]]] * 3])}"
+    with pytest.raises(RequestError, match=r"expected a `start` of the architecture people with the trunk"):
+        fit_detector([*words, f"--model.start={start}", "--model.trunk=mobilenet_v3_large"])
+    with pytest.raises(RequestError, match="expected a detector of the architecture people, got branched"):
+        fit_detector([*words, f"--model.start={shipped('detector_poses')}"])
+    words += [f"--model.start={start}", f"--model.trunk={layout.trunk}", "--model.optimisation.features_rate=0.1"]
+    with pytest.raises(RequestError, match="features_rate of 1"):
+        fit_detector(words)
 
 
 def test_training_leaves_checkpoints_and_logs_and_goes_on(
