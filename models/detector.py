@@ -5,6 +5,7 @@ Images in, class logits and box offsets of fixed anchors out. `tsuiseki.models.s
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Iterable, Sequence
 from typing import Any
 
@@ -200,13 +201,11 @@ def people_detector(
     return _with_heads(features, size, strides, anchor_sizes, width, classes)
 
 
-def branched_detector(
-    trunks: tuple[Trunk, Trunk], size: tuple[int, int], anchor_sizes: AnchorSizes, width: int
-) -> BranchedDetector:
+def branched_detector(trunk: Trunk, size: tuple[int, int], anchor_sizes: AnchorSizes, width: int) -> BranchedDetector:
     """A `people_detector` of three maps and 96 channels, and a branch beside it.
 
     Args:
-        trunks: two alike, from scratch.
+        trunk: of the `people_detector`; the branch has copies of its later stages.
         size: see `people_detector`.
         anchor_sizes: those of the `people_detector` at strides 8, 16 and 32, and then those of the branch.
         width: channels of the top-down path of the branch.
@@ -219,10 +218,10 @@ def branched_detector(
             "expected anchors for 6 maps, 3 of the detector that stays and 3 of the branch; "
             f"got them for {len(anchor_sizes)}"
         )
-    people, whole = people_detector(trunks[0], size, anchor_sizes[:3]), trunks[1]
-    # The first map of the trunk of `people` is one of the branch's, too.
-    features = TopDown(whole, width, 3, depth=2)
-    features.trunk = Trunk(list(whole.stages[1:]), whole.channels[1:])
+    people, own = people_detector(trunk, size, anchor_sizes[:3]), copy.deepcopy(list(trunk.stages[1:]))
+    features = TopDown(trunk, width, 3, depth=2)
+    # The pyramid takes the first map of the trunk of `people`, too.
+    features.trunk = Trunk(own, trunk.channels[1:])
     return BranchedDetector(people, _with_heads(features, size, [8, 16, 32], anchor_sizes[3:], width, 1))
 
 

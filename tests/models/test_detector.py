@@ -70,7 +70,7 @@ def test_a_branch_leaves_the_detector_beside_it_as_it_is() -> None:
     torch.manual_seed(0)
     people = people_detector(tiny_trunk(), (64, 96), ANCHORS).eval()
     wide = [[(20, 20)], [(58, 28), (88, 42)], [(128, 60)]]
-    both = branched_detector((tiny_trunk(), tiny_trunk()), (64, 96), [*ANCHORS, *wide], 16)
+    both = branched_detector(tiny_trunk(), (64, 96), [*ANCHORS, *wide], 16)
     both.load_state_dict(people.state_dict(), strict=False)
     both.begin()
     images, count = torch.randn(2, 3, 64, 96), len(people.anchors)
@@ -88,7 +88,7 @@ def test_a_branch_leaves_the_detector_beside_it_as_it_is() -> None:
 
 def test_a_branched_detector_takes_anchors_for_both() -> None:
     with pytest.raises(ValueError, match=r"6 maps.*got them for 3"):
-        branched_detector((tiny_trunk(), tiny_trunk()), (64, 96), ANCHORS, 16)
+        branched_detector(tiny_trunk(), (64, 96), ANCHORS, 16)
 
 
 def test_ssd512_has_the_original_layout() -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -69,7 +69,7 @@ def build_detector(
         if architecture == "people":
             return people_detector(build_trunk(trunk, start), size, anchors, channels, classes)
         if architecture == "branched":
-            return branched_detector((build_trunk(trunk), build_trunk(trunk)), size, anchors, channels)
+            return branched_detector(build_trunk(trunk), size, anchors, channels)
         if architecture == "ssd512":
             return ssd512(classes, trunk=build_trunk("vgg16", start))
         if architecture == "ssd300":
@@ -113,13 +113,19 @@ def begin_branch(network: BranchedDetector, path: Path, anchors: list[list[tuple
     layout, _, _ = _described(path)
     given = [[tuple(size) for size in sizes] for sizes in layout["anchors"]]
     alike = layout["architecture"] == "people" and given == [[tuple(size) for size in sizes] for sizes in anchors[:3]]
-    names = [name for name in network.state_dict() if not name.startswith("branch.")]
-    wanted = [name for name in names if not (path.suffix == ".onnx" and name.endswith("num_batches_tracked"))]
-    if not alike or take_over(network, path) < len(wanted):
+    kept = [name for name in network.state_dict() if not name.startswith("branch.")]
+    if not (alike and _filled(network, path, kept)):
         raise RequestError(
             f"{path}: expected a `start` of the architecture people with the trunk of the branched detector and the "
             f"anchors of its first three maps, got trunk {layout['trunk']} and anchors {given}"
         )
+
+
+def _filled(network: AnchorDetector, path: Path, names: Iterable[str]) -> bool:
+    """Fill ``network`` from the file; whether it has all tensors of these ``names``."""
+    # Exported files hold no counts of batches.
+    wanted = [name for name in names if not (path.suffix == ".onnx" and name.endswith("num_batches_tracked"))]
+    return take_over(network, path) >= len(wanted)
 
 
 def _fill(network: AnchorDetector, weights: dict[str, Tensor], checkpoint: Path) -> int:
@@ -210,12 +216,9 @@ class SoftTeacher:
                 f"{path}: expected a teacher with the anchors of the student, got {layout['anchors']}; give these as "
                 "model.anchors"
             )
-        # Exported files hold no counts of batches.
-        exported = path.suffix == ".onnx"
-        wanted = [n for n in self.network.state_dict() if not (exported and n.endswith("num_batches_tracked"))]
-        if take_over(self.network, path) < len(wanted):
+        if not _filled(self.network, path, self.network.state_dict()):
             raise RequestError(f"{path}: expected a whole detector to learn from, got weights of a part")
-        if exported:
+        if path.suffix == ".onnx":
             fold_normalisations(self.network)
         self.network.eval().requires_grad_(False).to(memory_format=torch.channels_last)
 
