@@ -1,7 +1,7 @@
 """Seconds and memory of the flow: preparing detections, computing link costs, solving, and the whole tracker.
 
     python -m benchmarks.association.flow [--frames 1000] [--people 10] [--repeat 5] [--features]
-        [--decide_every 20] [--near 0.6] [--delay 1]
+        [--decide_every 20] [--delay 1]
 
 ``build`` makes the links, their costs and the first network, ``solve`` is our call, and ``bare`` is what the peer,
 OR-tools' cost-scaling push-relabel (`pip install ortools`), takes for the same network once it has it. With
@@ -45,15 +45,12 @@ def main() -> None:
     parser.add_argument("--frames", type=int, default=1000)
     parser.add_argument("--people", type=int, default=10)
     parser.add_argument("--decide_every", type=float, default=FlowSettings().decide_every)
-    parser.add_argument("--near", type=float, default=FlowSettings().costs.rounds.near)
     parser.add_argument("--repeat", type=int, default=5)
     parser.add_argument("--features", action="store_true")
     parser.add_argument("--delay", type=float)
     arguments = parser.parse_args()
     video = walking_people(arguments.frames, arguments.people, feature_length=128 if arguments.features else 0)
-    costs = FlowSettings().costs
-    costs = replace(costs, rounds=replace(costs.rounds, near=arguments.near))
-    settings = replace(FlowSettings(), costs=costs, decide_every=arguments.decide_every)
+    settings = replace(FlowSettings(), decide_every=arguments.decide_every)
     best = dict.fromkeys(("prepare", "build", "solve", "bare", "whole tracker"), float("inf"))
     for _ in range(arguments.repeat):
         given = FlowInput(settings.input, InferenceTimes(FRAME_RATE), None)

@@ -54,133 +54,105 @@ class LinkParts:
     action: FloatArray
 
 
-# Changes of the costs of links, ``(P,)``.
-LinkChange = Callable[[DetectionTable, LinkParts], FloatArray]
-
-
-@dataclass(frozen=True)
-class LinkModel:
-    """The parts of a link's cost, for a video.
-
-    Attributes:
-        cost: costs from motion, appearance and actions.
-        dearest: largest cost of a link that is kept, nats.
-        transition: learnt costs of pairs, in place of the appearance; None for none.
-        change: differences of learnt costs from the default costs; None for none.
-    """
-
-    cost: LinkCost
-    dearest: float
-    transition: TransitionCost | None = None
-    change: LinkChange | None = None
-
-
-def link_costs(
-    table: DetectionTable,
-    pairs: Pairs,
-    beliefs: tuple[Beliefs, Beliefs],
-    by: LinkModel,
-    *,
-    means: tuple[FloatArray, FloatArray] | None = None,
-    hidden: FloatArray | None = None,
-    mismatch: Mismatch | None = None,
-    labels: IntArray | None = None,
-) -> tuple[IntArray, FloatArray, FloatArray]:
-    """The links that are kept, their costs, and how much of the person is hidden in between.
+class LinkWeigher:
+    """Gives links between the N detections of a table their costs.
 
     Args:
-        table: the N detections.
-        pairs: ``(P,)`` indices of the earlier, and of the later detections of the links.
+        table: the detections.
+        cost: costs from motion, appearance and actions.
         beliefs: estimates at each detection from the past of its track, and from the future.
-        by: the parts of a cost.
+        transition: learnt costs of pairs, in place of the appearance; None for none.
         means: ``(N, D)`` mean features of the past, and of the future of each detection along its track; without them
             single detections are compared.
-        hidden: ``(P,)`` share of the person hidden in between, NaN where not known; by default none is.
-        mismatch: cost of the difference of motions; by default along tracks.
         labels: ``(N,)`` tracks along which actions are averaged; without them those of single detections count.
-
-    Returns:
-        ``(K,)`` indices of links, their ``(K,)`` costs, and ``(K,)`` share hidden.
+        mismatch: cost of the difference of motions; by default along tracks.
     """
-    (i, j), (past, future), cost, change = pairs, beliefs, by.cost, by.change
-    if mismatch is None:
-        mismatch = cost.mismatch_along(table.measured, past, future, 1 / table.frame_rate)
-    doing = None
-    if cost.action is not None and table.actions is not None:
-        doing = (table.actions, table.actions)
-        if labels is not None:
-            doing = cost.action.means(table.frames, labels, table.actions, table.frame_rate)
-    hiding = Occluders.of(table.frames, table.image, table.size)
-    parts_of = _PartsOf(table, by, (past, future), mismatch, hiding, means, doing, labels is not None)
-    if hidden is None:
-        # A view of one number.
-        hidden = np.broadcast_to(np.nan, len(i))
-    if change is not None:
+
+    def __init__(
+        self,
+        table: DetectionTable,
+        cost: LinkCost,
+        beliefs: tuple[Beliefs, Beliefs],
+        transition: TransitionCost | None = None,
+        means: tuple[FloatArray, FloatArray] | None = None,
+        labels: IntArray | None = None,
+        mismatch: Mismatch | None = None,
+    ) -> None:
+        self.table, self.cost, self._past, self._future = table, cost, *beliefs
+        self._mismatch = mismatch or cost.mismatch_along(table.measured, *beliefs, 1 / table.frame_rate)
+        self._hiding = Occluders.of(table.frames, table.image, table.size)
+        self._transition, self._means, self._along = transition, means, labels is not None
+        # Longest gap of the learnt costs, frames: they hold for the gaps that they were learnt on.
+        self._learnt_up_to = 0.0 if transition is None else float(getattr(transition, "window", np.inf))
+        # Actions of detections as the earlier and as the later one of a link.
+        self._actions = None if table.actions is None else (table.actions, table.actions)
+        if cost.action is not None and table.actions is not None and labels is not None:
+            self._actions = cost.action.means(table.frames, labels, table.actions, table.frame_rate)
+
+    def costs(
+        self,
+        pairs: Pairs,
+        dearest: float,
+        hidden: FloatArray | None = None,
+        changes: Callable[[FloatArray], FloatArray] | None = None,
+    ) -> tuple[IntArray, FloatArray, FloatArray]:
+        """The links that are kept, their costs, and how much of the person is hidden in between.
+
+        Args:
+            pairs: ``(P,)`` indices of the earlier, and of the later detections of the links.
+            dearest: largest cost of a link that is kept, nats.
+            hidden: ``(P,)`` share of the person hidden in between, NaN where not known; by default none is.
+            changes: learnt changes of the costs of links by their features (`link_evidence`); None for none.
+
+        Returns:
+            ``(K,)`` indices of links, their ``(K,)`` costs, and ``(K,)`` share hidden.
+        """
+        i, j = pairs
         # Learnt changes compare links with each other.
-        kept, parts = parts_of(i, j, hidden)
-        return kept, np.maximum(parts.cost + change(table, parts), -MOST_WORTH), parts.hidden
-    found = []
-    for start in range(0, max(len(i), 1), PAIRS_AT_ONCE):
-        some = slice(start, start + PAIRS_AT_ONCE)
-        kept, parts = parts_of(i[some], j[some], hidden[some])
-        found.append((kept + start, parts.cost, parts.hidden))
-    kept, cost_of_kept, covered = (np.concatenate(column) for column in zip(*found, strict=True))
-    return kept, cost_of_kept, covered
+        step = PAIRS_AT_ONCE if changes is None else max(len(i), 1)
+        every = []
+        for start in range(0, max(len(i), 1), step):
+            some = slice(start, start + step)
+            kept, parts = self.parts((i[some], j[some]), dearest, None if hidden is None else hidden[some])
+            cost = parts.cost
+            if changes is not None:
+                cost = np.maximum(cost + changes(link_evidence(self.table, parts, self.cost.motion)), -MOST_WORTH)
+            every.append((kept + start, cost, parts.hidden))
+        kept, costs, covered = (np.concatenate(column) for column in zip(*every, strict=True))
+        return kept, costs, covered
 
-
-@dataclass(frozen=True)
-class _PartsOf:
-    """The inputs of `link_costs`, for all links; ``doing`` are actions of the earlier and of the later ones."""
-
-    table: DetectionTable
-    by: LinkModel
-    beliefs: tuple[Beliefs, Beliefs]
-    mismatch: Mismatch
-    hiding: Occluders
-    means: tuple[FloatArray, FloatArray] | None
-    doing: tuple[FloatArray, FloatArray] | None
-    along: bool
-
-    def __call__(self, i: IntArray, j: IntArray, hidden: FloatArray) -> tuple[IntArray, LinkParts]:
-        """``(K,)`` indices of those of P links that are kept, and these."""
-        table, cost, one_frame = self.table, self.by.cost, 1 / self.table.frame_rate
+    def parts(self, pairs: Pairs, dearest: float, hidden: FloatArray | None = None) -> tuple[IntArray, LinkParts]:
+        """``(K,)`` indices of those of P links that are kept, and the parts of their costs; arguments as of `costs`."""
+        (i, j), table, cost, one_frame = pairs, self.table, self.cost, 1 / self.table.frame_rate
         gap = table.frames[j] - table.frames[i]
         seconds = np.asarray(gap * one_frame, dtype=np.float64)
-        motion = self.mismatch(i, j, table.seconds(i, j), table.measured.wander[j] - table.measured.wander[i])
+        motion = self._mismatch(i, j, table.seconds(i, j), table.measured.wander[j] - table.measured.wander[i])
         total, distance, action = motion.copy(), np.full(len(i), np.nan), np.full(len(i), np.nan)
         if table.features is not None:
-            averaged = self.means is not None
-            distance = (
-                cosine_distances(table.features, i, j)
-                if self.means is None
-                else np.clip(1 - inner_products(*self.means, i, j), 0, 2)
-            )
-            # Learnt costs hold for the gaps that they were learnt on.
-            unlearnt = True if self.by.transition is None else gap > self._learnt_up_to()
-            total += np.where(unlearnt, cost.appearance_cost(distance, averaged=averaged), 0)
-        if self.by.transition is not None:
-            learnt = np.flatnonzero(gap <= self._learnt_up_to())
-            pairs = pair_features(table.boxes, table.features, i[learnt], j[learnt], gap[learnt])
-            total[learnt] += cost.learnt(self.by.transition(replace(pairs, appearance=distance[learnt])))
-        if cost.action is not None and self.doing is not None:
-            averaged = self.along and cost.action.averaged
-            action = cost.action(*self.doing, i, j, seconds, averaged=averaged)
+            if self._means is None:
+                distance = cosine_distances(table.features, i, j)
+            else:
+                distance = np.clip(1 - inner_products(*self._means, i, j), 0, 2)
+            appearance = cost.appearance_cost(distance, averaged=self._means is not None)
+            total += np.where(gap > self._learnt_up_to, appearance, 0)
+        if self._transition is not None:
+            learnt = np.flatnonzero(gap <= self._learnt_up_to)
+            described = pair_features(table.boxes, table.features, i[learnt], j[learnt], gap[learnt])
+            total[learnt] += cost.learnt(self._transition(replace(described, appearance=distance[learnt])))
+        if cost.action is not None and self._actions is not None:
+            averaged = self._along and cost.action.averaged
+            action = cost.action(*self._actions, i, j, seconds, averaged=averaged)
             total += action
         # Occlusion is computed only where it matters.
-        kept = np.flatnonzero(total + cost.waiting(seconds, one_frame, np.ones(len(i))) < self.by.dearest)
-        covered = hidden[kept]
+        kept = np.flatnonzero(total + cost.waiting(seconds, one_frame, np.ones(len(i))) < dearest)
+        covered = np.full(len(kept), np.nan) if hidden is None else hidden[kept]
         asked = np.flatnonzero(np.isnan(covered))
-        covered[asked] = self.hiding.between(i[kept[asked]], j[kept[asked]])
-        total = total[kept] + cost.waiting(seconds[kept], one_frame, covered)
-        past, future = self.beliefs
-        parts = LinkParts(
-            i[kept], j[kept], past, future, seconds[kept], distance[kept], motion[kept], covered, total, action[kept]
+        covered[asked] = self._hiding.between(i[kept[asked]], j[kept[asked]])
+        i, j, seconds = i[kept], j[kept], seconds[kept]
+        total = total[kept] + cost.waiting(seconds, one_frame, covered)
+        return kept, LinkParts(
+            i, j, self._past, self._future, seconds, distance[kept], motion[kept], covered, total, action[kept]
         )
-        return kept, parts
-
-    def _learnt_up_to(self) -> float:
-        """Longest gap of the learnt costs, frames."""
-        return float(getattr(self.by.transition, "window", np.inf))
 
 
 DETECTION_FEATURES = (

@@ -20,7 +20,8 @@ import numpy as np
 from tsuiseki.tracking.association.chain_motion import TrackMotion
 from tsuiseki.tracking.association.costs import window_means
 from tsuiseki.tracking.association.detection_tables import DetectionTable
-from tsuiseki.tracking.association.evidence import LinkModel, link_costs
+from tsuiseki.tracking.association.evidence import LinkWeigher
+from tsuiseki.tracking.association.learnt_costs import CostChanges
 from tsuiseki.tracking.association.link_cost import DOUBT, MOST_WORTH, LinkCost
 from tsuiseki.tracking.association.nearby import (
     BOXES_AT_ONCE,
@@ -67,23 +68,10 @@ DEAREST = 14.0
 AVERAGED = 0.7
 
 
-@dataclass(frozen=True)
-class RoundSettings:
-    """Which links of detections there are, and how often their costs are computed.
-
-    Attributes:
-        window: longest gap of a link, seconds.
-        near: gaps up to this many seconds are linked everywhere, longer ones only near the ends of tracks.
-        rounds: how often costs are computed along tracks; 0 keeps the costs of pairs.
-    """
-
-    window: float = 1.3
-    near: float = 0.6
-    rounds: int = 5
-
-    def __post_init__(self) -> None:
-        if not (self.near > 0 and self.window > 0 and self.rounds >= 0):
-            raise ValueError("expected window and near above 0 and rounds from 0")
+# Longest gap of a link, seconds; those above `NEAR` are linked only near the ends of tracks.
+WINDOW, NEAR = 1.3, 0.6
+# How often costs are computed along tracks, at most.
+ROUNDS = 5
 
 
 def candidates(
@@ -173,13 +161,12 @@ def mean_features(
 
 def with_new_costs(
     links: Links,
-    table: DetectionTable,
+    weigher: LinkWeigher,
     labels: IntArray,
     known: TrackMotion,
     changed: tuple[BoolArray, BoolArray],
-    settings: RoundSettings,
     free: BoolArray,
-    by: LinkModel,
+    changes: CostChanges | None,
 ) -> tuple[Links, TrackMotion]:
     """The links, and more at the ends of the tracks, with costs from the motion along the tracks.
 
@@ -187,38 +174,34 @@ def with_new_costs(
 
     Args:
         links: as they were.
-        table: the detections.
+        weigher: along the tracks.
         labels: ``(N,)`` track of each detection, -1 for none.
         known: what is known along the tracks.
         changed: ``(N,)`` where the past, and where the future is known anew.
-        settings: which links there are.
         free: ``(N,)`` detections that are not decided yet.
-        by: the parts of a link's cost.
+        changes: learnt ones of the costs; None for none.
 
     Returns:
         The links, and what is known, with the ends that have links over long gaps.
     """
-    means = None if table.features is None else mean_features(table, labels, table.features, AVERAGED)
+    table = weigher.table
     tail, head = table.rows(links.tail), table.rows(links.head)
     again = changed[0][tail] | changed[1][head] | np.isnan(links.track_cost)
-    if by.change is not None:
+    if changes is not None:
         again[:] = True
     ending, beginning = (_mask(ends, len(table)) & free for ends in near_ends(table, labels, ENDS))
     fresh = ending & (changed[0] | ~known.ending), beginning & (changed[1] | ~known.beginning)
-    more = _fresh_candidates(table, (ending, beginning), fresh, settings, by.cost)
+    more = _fresh_candidates(table, (ending, beginning), fresh, weigher.cost)
     more = _without(more, tail, head, len(table))
+    unknown = np.full(len(more[0]), np.nan)
     i, j = np.append(tail[again], more[0]), np.append(head[again], more[1])
-    hidden = np.append(links.hidden[again], np.full(len(more[0]), np.nan))
-    kept, track_cost, hidden = link_costs(
-        table, (i, j), (known.past, known.future), by, means=means, hidden=hidden, labels=labels
-    )
+    hidden = np.append(links.hidden[again], unknown)
+    kept, track_cost, hidden = weigher.costs((i, j), DEAREST, hidden, None if changes is None else changes.links)
     old = links.select(~again)
     old.cost[:] += (1 - KEEP) * (old.track_cost - old.cost)
     # Costs of pairs are no costs along tracks, and new links have none.
-    before = np.append(
-        np.where(np.isnan(links.track_cost[again]), np.nan, links.cost[again]), np.full(len(more[0]), np.nan)
-    )
-    before = before[kept]
+    before = np.where(np.isnan(links.track_cost[again]), np.nan, links.cost[again])
+    before = np.append(before, unknown)[kept]
     near = track_cost + np.where(np.isnan(before), 0.0, KEEP * (before - track_cost))
     new = Links(table.numbers[i[kept]], table.numbers[j[kept]], near, track_cost, hidden)
     return old.and_then(new), replace(known, ending=ending, beginning=beginning)
@@ -228,11 +211,10 @@ def _fresh_candidates(
     table: DetectionTable,
     ends: tuple[BoolArray, BoolArray],
     fresh: tuple[BoolArray, BoolArray],
-    settings: RoundSettings,
     cost: LinkCost,
 ) -> Pairs:
     """Links over all gaps from and to ends of tracks, of which one end at least is fresh."""
-    longest = gaps(settings.window, table.frame_rate)
+    longest = gaps(WINDOW, table.frame_rate)
     tails, heads = np.flatnonzero(fresh[0]), np.flatnonzero(ends[1])
     one = candidates(table, tails, heads, 1, longest, cost)
     tails, heads = np.flatnonzero(ends[0] & ~fresh[0]), np.flatnonzero(fresh[1])

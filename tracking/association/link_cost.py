@@ -15,8 +15,9 @@ coordinates are one of a product.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
@@ -45,19 +46,10 @@ TURN = 3.0
 PAIRS_AT_ONCE = 8192
 
 
-class Mismatch(Protocol):
-    """Anything that says how ill P pairs of detections, or of the chains that they belong to, go together."""
-
-    def __call__(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
-        """``(P,)`` costs.
-
-        Args:
-            i: ``(P,)`` indices of the earlier detections.
-            j: ``(P,)`` of the later ones.
-            seconds: ``(P,)`` between the two.
-            wander: ``(P,)`` variance that the camera's motion adds in between, squared heights.
-        """
-        ...
+# How ill P pairs of detections, or of the chains that they belong to, go together. Takes ``(P,)`` indices of the
+# earlier and of the later detections, the seconds between the two, and the variance that the camera's motion adds in
+# between, squared heights; gives ``(P,)`` costs.
+Mismatch: TypeAlias = Callable[[IntArray, IntArray, FloatArray, FloatArray], FloatArray]
 
 
 def _student_cost(fit: FloatArray, volume: FloatArray) -> FloatArray:
@@ -70,29 +62,29 @@ def _free_variance(wander: FloatArray) -> FloatArray:
     return np.maximum(wander - LOST**2, 0)
 
 
-class SingleMismatch:
-    """`Mismatch` of detections of which each is all that is known of its chain: P = diag(r², v²), and no velocity.
+def _in_parts(cost: Mismatch) -> Mismatch:
+    """The same, of so many pairs at a time that what is computed on the way stays close to the processor."""
 
-    Args:
-        motion: noise of detections and of motion.
-        measured: the detections.
-        less: what is taken off.
-    """
+    def in_parts(i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
+        total = np.empty(len(i))
+        for start in range(0, len(i), PAIRS_AT_ONCE):
+            part = slice(start, start + PAIRS_AT_ONCE)
+            total[part] = cost(i[part], j[part], seconds[part], wander[part])
+        return total
 
-    def __init__(self, motion: MotionNoise, measured: Measurements, less: float) -> None:
-        self._motion, self._less = motion, less
-        self._places, self._noise = measured.places.T.copy(), np.square(measured.noise)
-        self._side = np.maximum(*self._places[2:])
+    return in_parts
 
-    def __call__(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
-        """See `Mismatch`."""
-        return in_parts(self._cost, i, j, seconds, wander)
 
-    def _cost(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
-        motion = self._motion
-        noise, squared = self._noise[i] + self._noise[j], seconds * seconds
+def _mismatch_of_singles(motion: MotionNoise, measured: Measurements, less: float) -> Mismatch:
+    """`LinkCost.mismatch_alone` with ``less`` taken off."""
+    places, deviations = measured.places.T.copy(), np.square(measured.noise)
+    side = np.maximum(*places[2:])
+
+    @_in_parts
+    def cost(i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
+        noise, squared = deviations[i] + deviations[j], seconds * seconds
         # Places count in geometric means of the two longer sides.
-        per_side = np.exp(-(self._side[i] + self._side[j]))
+        per_side = np.exp(-(side[i] + side[j]))
         fit, volume = np.ones(len(i)), np.ones(len(i))
         settings = zip(motion.measurement, motion.acceleration, motion.velocity, strict=True)
         for group, (r, q, v) in enumerate(settings):
@@ -107,56 +99,12 @@ class SingleMismatch:
                 determinant -= _free_variance(wander) * c
             determinant *= 1 / (4 * r**2 * v**2)
             for k in np.flatnonzero(group == GROUPS):
-                apart = self._places[k][i] - self._places[k][j]
+                apart = places[k][i] - places[k][j]
                 fit *= 1 + scale * (apart * apart)
                 volume *= determinant
-        return np.maximum(_student_cost(fit, volume) - self._less, -MOST_WORTH)
+        return np.maximum(_student_cost(fit, volume) - less, -MOST_WORTH)
 
-
-class ChainMismatch:
-    """`Mismatch` of what the past of the earlier one's chain says and what the future of the later one's does.
-
-    Args:
-        motion: noise of detections and of motion.
-        past: what the past of its chain says at each detection.
-        future: likewise of the future.
-    """
-
-    def __init__(self, motion: MotionNoise, past: Beliefs, future: Beliefs) -> None:
-        self._motion = motion
-        self._past, self._future = _Columns(past), _Columns(future)
-
-    def __call__(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
-        """See `Mismatch`."""
-        return in_parts(self._cost, i, j, seconds, wander)
-
-    def _cost(self, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
-        motion, past, future = self._motion, self._past, self._future
-        r2, q2, v2 = (np.square(values) for values in (motion.measurement, motion.acceleration, motion.velocity))
-        per_side = np.exp(-(past.side[i] + future.side[j]))
-        fit, volume = np.ones(len(i)), np.ones(len(i))
-        for group in range(3):
-            q = q2[group]
-            b, c = past.b[group][i], past.c[group][i]
-            a = past.a[group][i] + future.a[group][j] + seconds * (2 * b + seconds * (c + seconds * (q / 3)))
-            b += future.b[group][j] + seconds * (c + seconds * (q / 2))
-            c += future.c[group][j] + q * seconds
-            if group == 0:
-                a += wander
-            determinant = a * c - b * b
-            scale = 1 / (determinant * TAILS)
-            if group == 0:
-                scale *= per_side
-                determinant -= _free_variance(wander) * c
-            determinant *= 1 / (4 * r2[group] * v2[group])
-            b *= 2
-            for k in np.flatnonzero(group == GROUPS):
-                velocity = past.velocity[k][i]
-                apart = past.place[k][i] - future.place[k][j] + velocity * seconds
-                velocity -= future.velocity[k][j]
-                fit *= 1 + scale * (apart * (c * apart - b * velocity) + a * (velocity * velocity))
-                volume *= determinant
-        return np.maximum(_student_cost(fit, volume), -MOST_WORTH)
+    return cost
 
 
 class _Columns:
@@ -167,17 +115,6 @@ class _Columns:
         self.a, self.b, self.c = (beliefs.covariance[:, :, k].T.copy() for k in range(3))
         # The longer side, so that a car is as large as it is long; of people it is the height.
         self.side = np.maximum(*self.place[2:])
-
-
-def in_parts(cost: Mismatch, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
-    """``(P,)`` costs of pairs, so many at a time that what is computed on the way stays close to the processor."""
-    if len(i) <= PAIRS_AT_ONCE:
-        return cost(i, j, seconds, wander)
-    total = np.empty(len(i))
-    for start in range(0, len(i), PAIRS_AT_ONCE):
-        part = slice(start, start + PAIRS_AT_ONCE)
-        total[part] = cost(i[part], j[part], seconds[part], wander[part])
-    return total
 
 
 @dataclass(frozen=True)
@@ -253,20 +190,44 @@ class LinkCost:
         probability = np.exp(-cost)
         return np.clip(np.log1p(-probability + 1e-9) + cost, -MOST_LEARNT, MOST_LEARNT)
 
-    def mismatch(
-        self, past: Beliefs, future: Beliefs, i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray
-    ) -> FloatArray:
-        """``(P,)`` how ill the past of ``i`` and the future of ``j`` go together: the sum over the coordinates.
+    def mismatch(self, past: Beliefs, future: Beliefs) -> Mismatch:
+        """How ill the past of one and the future of the other go together: the sum over the coordinates.
 
         Args:
             past: what the past of its chain says at each detection.
             future: likewise of the future.
-            i: ``(P,)`` indices of the earlier detections.
-            j: ``(P,)`` of the later ones.
-            seconds: ``(P,)`` between the two.
-            wander: ``(P,)`` variance that the camera's motion adds in between, squared heights.
         """
-        return ChainMismatch(self.motion, past, future)(i, j, seconds, wander)
+        before, after = _Columns(past), _Columns(future)
+        noise = self.motion.measurement, self.motion.acceleration, self.motion.velocity
+        r2, q2, v2 = (np.square(values) for values in noise)
+
+        @_in_parts
+        def cost(i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
+            per_side = np.exp(-(before.side[i] + after.side[j]))
+            fit, volume = np.ones(len(i)), np.ones(len(i))
+            for group, q in enumerate(q2):
+                b, c = before.b[group][i], before.c[group][i]
+                a = before.a[group][i] + after.a[group][j] + seconds * (2 * b + seconds * (c + seconds * (q / 3)))
+                b += after.b[group][j] + seconds * (c + seconds * (q / 2))
+                c += after.c[group][j] + q * seconds
+                if group == 0:
+                    a += wander
+                determinant = a * c - b * b
+                scale = 1 / (determinant * TAILS)
+                if group == 0:
+                    scale *= per_side
+                    determinant -= _free_variance(wander) * c
+                determinant *= 1 / (4 * r2[group] * v2[group])
+                b *= 2
+                for k in np.flatnonzero(group == GROUPS):
+                    velocity = before.velocity[k][i]
+                    apart = before.place[k][i] - after.place[k][j] + velocity * seconds
+                    velocity -= after.velocity[k][j]
+                    fit *= 1 + scale * (apart * (c * apart - b * velocity) + a * (velocity * velocity))
+                    volume *= determinant
+            return np.maximum(_student_cost(fit, volume), -MOST_WORTH)
+
+        return cost
 
     def mismatch_along(self, measured: Measurements, past: Beliefs, future: Beliefs, one_frame: float) -> Mismatch:
         """`mismatch` of the past of one and the future of the other, or of a sudden change of motion in between.
@@ -278,11 +239,11 @@ class LinkCost:
 
         Args:
             measured: what was measured.
-            past: what the past of its chain says at each detection.
-            future: likewise of the future.
+            past: see `mismatch`.
+            future: likewise.
             one_frame: seconds.
         """
-        along, alone = ChainMismatch(self.motion, past, future), self.mismatch_alone(measured, one_frame)
+        along, alone = self.mismatch(past, future), self.mismatch_alone(measured, one_frame)
 
         def cheaper(i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
             cost = along(i, j, seconds, wander)
@@ -292,7 +253,7 @@ class LinkCost:
 
         return cheaper
 
-    def mismatch_alone(self, measured: Measurements, one_frame: float) -> SingleMismatch:
+    def mismatch_alone(self, measured: Measurements, one_frame: float) -> Mismatch:
         """`mismatch` of detections of which each is all that is known of its chain: with P = diag(r², v²).
 
         Of two detections alone the velocity is unknown, and ½ log |Σ| says how much room that leaves. A chain has one
@@ -300,7 +261,7 @@ class LinkCost:
         the frames, the more. What it costs over ``one_frame`` is therefore taken off in part, ``velocity_confidence``
         of it: with 0 chains of fast targets never form, with 1 whatever lies in reach is linked.
         """
-        return SingleMismatch(self.motion, measured, self.velocity_confidence * self.room(one_frame))
+        return _mismatch_of_singles(self.motion, measured, self.velocity_confidence * self.room(one_frame))
 
     def room(self, seconds: float) -> float:
         """½ log(|Σ| / 4r²v²) of two detections alone, summed over the coordinates: what the unknown velocity costs."""

@@ -22,7 +22,7 @@ import pickle
 import subprocess
 import sys
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -73,6 +73,16 @@ class FlowGraph:
     def __len__(self) -> int:
         return len(self.observation)
 
+    def with_transitions(self, kept: BoolArray) -> FlowGraph:
+        """The network with those transitions only that a mask ``(P,)`` keeps."""
+        return replace(self, tail=self.tail[kept], head=self.head[kept], transition=self.transition[kept])
+
+    def part(self, kept: BoolArray) -> FlowGraph:
+        """The network of the detections at a mask ``(N,)``, which are counted anew."""
+        within, place = self.with_transitions(kept[self.tail] & kept[self.head]), np.cumsum(kept) - 1
+        costs = self.observation[kept], self.entry[kept], self.exit[kept]
+        return FlowGraph(*costs, place[within.tail], place[within.head], within.transition)
+
 
 @dataclass(frozen=True)
 class FlowSolution:
@@ -81,14 +91,12 @@ class FlowSolution:
     Attributes:
         used: ``(N,)`` detections that belong to a track: f_obsv.
         follower: ``(N,)`` index of the next detection of the same track, -1 at a track's end or where not used.
-        link: ``(N,)`` cost of the transition to it, 0 where there is none.
-        cost: the objective of eq. 2.17.
+        cost: the objective of eq. 2.17; NaN where only the tracks are known.
     """
 
     used: BoolArray
     follower: IntArray
-    link: FloatArray
-    cost: float
+    cost: float = np.nan
 
 
 def build_graph(
@@ -108,20 +116,14 @@ def build_graph(
         entry: cost of a track's start.
         exit: cost of a track's end.
     """
-    parts = []
+    none = np.empty(0, dtype=np.int64)
+    parts = [(none, none, np.empty(0))]
     for tail, head, cost in transitions:
         worth = np.flatnonzero(cost < entry + exit)
         parts.append((tail[worth], head[worth], cost[worth]))
-    count = len(observation)
-    none = np.empty(0, dtype=np.int64)
-    return FlowGraph(
-        np.asarray(observation, dtype=np.float64),
-        np.full(count, float(entry)),
-        np.full(count, float(exit)),
-        np.concatenate([none, *(tail for tail, _, _ in parts)]),
-        np.concatenate([none, *(head for _, head, _ in parts)]),
-        np.concatenate([np.empty(0), *(cost for _, _, cost in parts)]),
-    )
+    arcs = (np.concatenate(column) for column in zip(*parts, strict=True))
+    costs = np.asarray(observation, dtype=np.float64), *(np.full(len(observation), float(c)) for c in (entry, exit))
+    return FlowGraph(*costs, *arcs)
 
 
 def solve(graph: FlowGraph, inflow: BoolArray | None = None) -> FlowSolution:
@@ -137,7 +139,7 @@ def solve(graph: FlowGraph, inflow: BoolArray | None = None) -> FlowSolution:
     """
     count = len(graph)
     if count == 0:
-        return FlowSolution(np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64), np.zeros(0), 0.0)
+        return FlowSolution(np.zeros(0, dtype=np.bool_), np.zeros(0, dtype=np.int64), 0.0)
     continued = np.zeros(count, dtype=np.bool_) if inflow is None else inflow
     fresh = np.flatnonzero(~continued)
     matrix = _matching(graph, fresh)
@@ -145,7 +147,13 @@ def solve(graph: FlowGraph, inflow: BoolArray | None = None) -> FlowSolution:
     # `_matching` numbers backwards.
     before = np.empty(len(rows), dtype=np.int64)
     before[len(rows) - 1 - rows] = len(rows) - 1 - columns
-    return _solution(graph, fresh, before[: len(fresh)])
+    before = before[: len(fresh)]
+    linked = (before < count) & (before != fresh)
+    follower = np.full(count, -1, dtype=np.int64)
+    follower[before[linked]] = fresh[linked]
+    used = np.ones(count, dtype=np.bool_)
+    used[fresh[before == fresh]] = False
+    return solution_of(graph, continued, used, follower)
 
 
 def _matched(matrix: scipy.sparse.csr_array) -> tuple[IntArray, IntArray]:
@@ -197,19 +205,6 @@ def scaled(costs: FloatArray) -> IntArray:
     return np.rint(costs * SCALE).astype(np.int64)
 
 
-def _solution(graph: FlowGraph, fresh: IntArray, before: IntArray) -> FlowSolution:
-    """What was chosen: ``before`` is the column of `_matching` that each fresh detection takes."""
-    count = len(graph)
-    linked = (before < count) & (before != fresh)
-    follower = np.full(count, -1, dtype=np.int64)
-    follower[before[linked]] = fresh[linked]
-    used = np.ones(count, dtype=np.bool_)
-    used[fresh[before == fresh]] = False
-    continued = np.ones(count, dtype=np.bool_)
-    continued[fresh] = False
-    return solution_of(graph, continued, used, follower)
-
-
 def solution_of(graph: FlowGraph, inflow: BoolArray, used: BoolArray, follower: IntArray) -> FlowSolution:
     """The solution that uses these detections in this order, with what it costs.
 
@@ -226,7 +221,7 @@ def solution_of(graph: FlowGraph, inflow: BoolArray, used: BoolArray, follower: 
     starts[follower[follower >= 0]] = False
     ends = used & (follower < 0)
     cost = graph.observation[used].sum() + graph.entry[starts].sum() + graph.exit[ends].sum() + link.sum()
-    return FlowSolution(used, follower, link, float(cost))
+    return FlowSolution(used, follower, float(cost))
 
 
 def track_labels(solution: FlowSolution) -> IntArray:

@@ -32,25 +32,8 @@ UNKNOWN = 0.5
 SHORTEST = 5
 
 
-@dataclass(frozen=True)
-class EntryPlaces:
-    """How entry and exit costs follow the places where tracks begin and end.
-
-    Attributes:
-        weight: w.
-        most: largest change of a cost.
-        width: of the kernel, mean heights of boxes.
-        prior: κ, detections.
-    """
-
-    weight: float = 1.0
-    most: float = 2.0
-    width: float = 1.0
-    prior: float = 1000.0
-
-    def __post_init__(self) -> None:
-        if min(self.weight, self.most) < 0 or min(self.width, self.prior) <= 0:
-            raise ValueError("expected width and prior above 0, and the others from 0")
+# Largest change of a cost; width of the kernel, mean heights of boxes; and κ, detections.
+MOST_BY_PLACE, WIDTH, PRIOR = 2.0, 1.0, 1000.0
 
 
 @dataclass(frozen=True)
@@ -93,16 +76,13 @@ def starts_and_ends(
     return starts & (frames >= known[0]), ends & (frames <= known[1])
 
 
-def place_costs(
-    counts: EntryCounts, boxes: FloatArray, size: tuple[int, int] | None, settings: EntryPlaces
-) -> tuple[FloatArray, FloatArray]:
+def place_costs(counts: EntryCounts, boxes: FloatArray, size: tuple[int, int] | None) -> tuple[FloatArray, FloatArray]:
     """``(N,)`` changes of the entry costs, and of the exit costs, of detections with ``(N, 4)`` boxes in the image.
 
     Args:
         counts: what the tracks found so far say.
         boxes: pixels.
         size: width and height of the image; None takes the part that boxes cover.
-        settings: see there.
     """
     nothing = np.zeros(len(boxes))
     if len(counts.boxes) == 0 or len(boxes) == 0:
@@ -112,7 +92,7 @@ def place_costs(
     low, high = (middle.min(axis=0), middle.max(axis=0)) if size is None else (np.zeros(2), np.array(size))
     cell = max(float((high - low).max()), height) / CELLS
     shape = np.maximum(np.ceil((high - low) / cell), 1).astype(np.int64)
-    sigma = settings.width * height / cell
+    sigma = WIDTH * height / cell
     reach = 2 * round(4 * sigma) + 1
 
     def density(which: FloatArray) -> FloatArray:
@@ -126,9 +106,9 @@ def place_costs(
     changes = []
     for chosen in (counts.starts, counts.ends):
         mean = max(float(chosen.mean()), 1 / len(chosen))
-        found, around = density(counts.boxes[chosen]).ravel()[at], every.ravel()[at]
-        ratio = (found / mean + settings.prior) / (around + settings.prior)
-        changes.append(np.clip(-settings.weight * np.log(ratio), -settings.most, settings.most))
+        begun, around = density(counts.boxes[chosen]).ravel()[at], every.ravel()[at]
+        ratio = (begun / mean + PRIOR) / (around + PRIOR)
+        changes.append(np.clip(-np.log(ratio), -MOST_BY_PLACE, MOST_BY_PLACE))
     return changes[0], changes[1]
 
 

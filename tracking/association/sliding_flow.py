@@ -39,12 +39,12 @@ Nodes with none of them are safe. Costs are integers, so the comparisons are exa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
 from tsuiseki.tracking.association.network_flow import FlowGraph, FlowSolution, scaled, solution_of, solve
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, IntArray
 
 # A network of up to so many windows is solved at once.
 AT_ONCE = 8
@@ -59,15 +59,11 @@ class Decision:
         used: ``(K,)`` whether they belong to a track.
         follower: ``(K,)`` number of the next detection of the track, -1 where there is none. It may not be decided
             itself yet; that it follows is final.
-        cost: ``(K,)`` observation cost, 0 where not used.
-        link: ``(K,)`` cost of the transition to the follower, 0 where there is none.
     """
 
     numbers: IntArray
     used: BoolArray
     follower: IntArray
-    cost: FloatArray
-    link: FloatArray
 
 
 class SlidingFlow:
@@ -77,6 +73,11 @@ class SlidingFlow:
         overlap: transitions span fewer frames than this; at least 2.
         most_saving: the most that it can save to continue a track: the highest entry cost of any detection to come
             minus the lowest cost of a transition, if that is negative.
+
+    Attributes:
+        undecided: ``(K,)`` increasing numbers of the detections that are still kept.
+        graph: their network; its indices count them.
+        exact: False once a detection was settled that frames to come might have changed.
 
     Raises:
         ValueError: the overlap is too short.
@@ -89,22 +90,12 @@ class SlidingFlow:
         self.most_saving = most_saving
         self.exact = True
         self._count = 0
-        self._numbers = np.empty(0, dtype=np.int64)
+        self.undecided = np.empty(0, dtype=np.int64)
         self._frames = np.empty(0, dtype=np.int64)
         self._inflow = np.empty(0, dtype=np.bool_)
         nothing, none = np.empty(0), np.empty(0, dtype=np.int64)
-        self._graph = FlowGraph(nothing, nothing, nothing, none, none, nothing)
+        self.graph = FlowGraph(nothing, nothing, nothing, none, none, nothing)
         self._solution: FlowSolution | None = None
-
-    @property
-    def undecided(self) -> IntArray:
-        """``(K,)`` increasing numbers of the detections that are still kept."""
-        return self._numbers
-
-    @property
-    def graph(self) -> FlowGraph:
-        """The network of the undecided detections; its indices count them."""
-        return self._graph
 
     def extend(self, frames: IntArray, graph: FlowGraph, inflow: BoolArray | None = None) -> None:
         """Add the detections of the next frames.
@@ -122,22 +113,17 @@ class SlidingFlow:
         if len(frames) and len(self._frames) and frames.min() <= self._frames.max():
             raise ValueError(f"expected frames after {self._frames.max()}, got {frames.min()}")
         self._check(graph)
-        old, self._solution = self._graph, None
-        self._numbers = np.append(self._numbers, np.arange(self._count, self._count + len(frames)))
+        old, self._solution = self.graph, None
+        self.undecided = np.append(self.undecided, np.arange(self._count, self._count + len(frames)))
         self._count += len(frames)
         self._frames = np.append(self._frames, frames)
         self._inflow = np.append(self._inflow, np.zeros(len(frames), dtype=np.bool_) if inflow is None else inflow)
-        tail, head = np.searchsorted(self._numbers, graph.tail), np.searchsorted(self._numbers, graph.head)
-        kept = self._numbers[tail] == graph.tail
+        tail, head = (np.searchsorted(self.undecided, ends) for ends in (graph.tail, graph.head))
+        kept = self.undecided[tail] == graph.tail
         kept &= self._frames[head] - self._frames[tail] < self.overlap
-        self._graph = FlowGraph(
-            np.append(old.observation, graph.observation),
-            np.append(old.entry, graph.entry),
-            np.append(old.exit, graph.exit),
-            np.append(old.tail, tail[kept]),
-            np.append(old.head, head[kept]),
-            np.append(old.transition, graph.transition[kept]),
-        )
+        new = replace(graph, tail=tail, head=head).with_transitions(kept)
+        names = [one.name for one in fields(FlowGraph)]
+        self.graph = FlowGraph(*(np.append(getattr(old, name), getattr(new, name)) for name in names))
 
     def replace(self, graph: FlowGraph) -> None:
         """Take other costs and transitions for the detections that are not decided.
@@ -148,15 +134,15 @@ class SlidingFlow:
         Raises:
             ValueError: the number of detections differs, or continuing a track can save more than ``most_saving``.
         """
-        if len(graph) != len(self._numbers):
-            raise ValueError(f"expected costs of {len(self._numbers)} detections, got {len(graph)}")
+        if len(graph) != len(self.undecided):
+            raise ValueError(f"expected costs of {len(self.undecided)} detections, got {len(graph)}")
         self._check(graph)
-        self._graph, self._solution = graph, None
+        self.graph, self._solution = graph, None
 
     def solution(self) -> FlowSolution:
         """The cheapest flow as it is if the video ends here; its indices count the undecided detections."""
         if self._solution is None:
-            self._solution = solve_in_windows(self._graph, self._inflow)
+            self._solution = solve_in_windows(self.graph, self._inflow)
         return self._solution
 
     def decide(self, last_frame: int, before: int | None = None) -> Decision:
@@ -170,7 +156,7 @@ class SlidingFlow:
         if before is not None:
             frontier |= self._frames >= before
         solution = self.solution()
-        done = safe_detections(self._graph, solution, self._inflow, frontier, self.most_saving)
+        done = safe_detections(self.graph, solution, self._inflow, frontier, self.most_saving)
         done = _with_predecessors(done, solution)
         decision = self._decision(done, solution)
         self._forget(done, solution)
@@ -189,12 +175,12 @@ class SlidingFlow:
             closed: numbers of settled detections that nothing shall follow.
         """
         solution = self.solution()
-        certain = np.isin(self._numbers, settled)
+        certain = np.isin(self.undecided, settled)
         follower = solution.follower
         # Index -1, a track's end, picks the appended False.
         passed = np.append(certain, False)[follower] & (follower >= 0)
         old = (self._frames + self.overlap <= last_frame + 1) & (self._frames < before)
-        done = certain & (passed | ((follower < 0) & old) | np.isin(self._numbers, closed))
+        done = certain & (passed | ((follower < 0) & old) | np.isin(self.undecided, closed))
         done |= ~solution.used & old
         self.exact = self.exact and bool(done.all())
         self._inflow = self._inflow | certain
@@ -210,27 +196,17 @@ class SlidingFlow:
             raise ValueError(f"expected that continuing a track saves at most {self.most_saving:g}, got {saving:g}")
 
     def _decision(self, done: BoolArray, solution: FlowSolution) -> Decision:
-        used, follower = solution.used[done], solution.follower[done]
         # Index -1, a track's end, picks the appended -1.
-        following = np.append(self._numbers, -1)[follower]
-        cost = np.where(used, self._graph.observation[done], 0.0)
-        return Decision(self._numbers[done], used, following, cost, solution.link[done])
+        follower = np.append(self.undecided, -1)[solution.follower[done]]
+        return Decision(self.undecided[done], solution.used[done], follower)
 
     def _forget(self, done: BoolArray, solution: FlowSolution) -> None:
-        graph, self._solution = self._graph, None
+        self._solution = None
         self._inflow[solution.follower[done & (solution.follower >= 0)]] = True
-        rest = ~done
-        position = np.cumsum(rest) - 1
-        arcs = rest[graph.tail] & rest[graph.head]
-        self._graph = FlowGraph(
-            graph.observation[rest],
-            graph.entry[rest],
-            graph.exit[rest],
-            position[graph.tail[arcs]],
-            position[graph.head[arcs]],
-            graph.transition[arcs],
+        self.graph = self.graph.part(~done)
+        self.undecided, self._frames, self._inflow = (
+            column[~done] for column in (self.undecided, self._frames, self._inflow)
         )
-        self._numbers, self._frames, self._inflow = self._numbers[rest], self._frames[rest], self._inflow[rest]
 
 
 def solve_in_windows(graph: FlowGraph, inflow: BoolArray | None = None, detections: int = 4000) -> FlowSolution:
@@ -258,14 +234,8 @@ def solve_in_windows(graph: FlowGraph, inflow: BoolArray | None = None, detectio
     for start in range(0, count, detections):
         new = np.arange(start, min(start + detections, count))
         links = order[slice(*np.searchsorted(graph.head, [new[0], new[-1] + 1], sorter=order))]
-        part = FlowGraph(
-            graph.observation[new],
-            graph.entry[new],
-            graph.exit[new],
-            graph.tail[links],
-            graph.head[links],
-            graph.transition[links],
-        )
+        costs = graph.observation[new], graph.entry[new], graph.exit[new]
+        part = FlowGraph(*costs, graph.tail[links], graph.head[links], graph.transition[links])
         flow.extend(new, part, inflow[new])
         last = new[-1] == count - 1
         decision = flow.remainder() if last else flow.decide(int(new[-1]))
@@ -305,7 +275,7 @@ def safe_detections(
     """
     least = _Residual(graph, solution, inflow)
     offered = np.where(frontier, np.minimum(graph.exit, -most_saving), graph.exit)
-    generous = FlowGraph(graph.observation, graph.entry, offered, graph.tail, graph.head, graph.transition)
+    generous = replace(graph, exit=offered)
     most = _Residual(generous, solve(generous, inflow), inflow)
     low, high = least.distances(), most.distances()
     unsafe = low != high

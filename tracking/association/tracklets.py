@@ -58,9 +58,7 @@ class Tracklets:
         self._grow(int(max(numbers[-1], follower.max())) + 1)
         place = np.searchsorted(numbers, follower).clip(max=len(numbers) - 1)
         within = (follower >= 0) & (numbers[place] == follower)
-        chain = track_labels(
-            FlowSolution(np.ones(len(numbers), np.bool_), np.where(within, place, -1), np.zeros(len(numbers)), 0.0)
-        )
+        chain = track_labels(FlowSolution(np.ones(len(numbers), np.bool_), np.where(within, place, -1)))
         label = self._labels[numbers[np.unique(chain, return_index=True)[1]]]
         fresh = label < 0
         label[fresh] = self._count + np.arange(fresh.sum())
@@ -217,7 +215,7 @@ def join_parts(
     one_frame = 1 / table.frame_rate
     seconds = np.asarray((table.frames[heads] - table.frames[tails]) * one_frame, dtype=np.float64)
     wander = table.measured.wander[heads] - table.measured.wander[tails]
-    mismatch = link.mismatch(past, future, tails, heads, table.seconds(tails, heads), wander)
+    mismatch = link.mismatch(past, future)(tails, heads, table.seconds(tails, heads), wander)
     hidden = Occluders.of(table.frames, table.image, table.size).between(tails, heads)
     cost = mismatch + link.waiting(seconds, one_frame, hidden)
     action = np.full(len(i), np.nan)

@@ -32,7 +32,7 @@ DRONE_FLOW = FlowSettings(
         ),
         entry=7.0,
         exit=7.0,
-        places=None,
+        places=False,
     ),
 )
 

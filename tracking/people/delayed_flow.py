@@ -21,6 +21,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tsuiseki.tracking.association.flow_rounds import WINDOW
 from tsuiseki.tracking.association.flow_window import CONTEXT, FlowWindow
 from tsuiseki.tracking.association.nearby import Pairs
 from tsuiseki.tracking.association.smoothing import SmoothingSettings
@@ -101,7 +102,7 @@ class DelayedFlow:
 
     def __init__(self, settings: FlowSettings, given: FlowInput, window: FlowWindow, delay: int) -> None:
         self.settings, self.input, self.window, self.delay = settings, given, window, delay
-        longest = max(settings.costs.rounds.window, settings.fill, JOIN_WINDOW, APPEARANCE_WINDOW)
+        longest = max(WINDOW, settings.fill, JOIN_WINDOW, APPEARANCE_WINDOW)
         self._reach = round((longest + CONTEXT) * given.frame_rate)
         self._waiting: tuple[Detections, ...] = ()
         self._frame = self._answered = self._reported = 0

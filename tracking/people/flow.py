@@ -10,7 +10,7 @@ import numpy as np
 from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.inference_times import InferenceTimes
-from tsuiseki.tracking.association.learnt_costs import CostChanges, ProjectsAppearance
+from tsuiseki.tracking.association.learnt_costs import CostChanges, CostNetwork
 from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
@@ -113,7 +113,7 @@ class FlowTracker:
     @property
     def exact(self) -> bool:
         """False once a decision was made that frames to come might have changed."""
-        return self._flow.window.exact
+        return self._flow.window.flow.exact
 
     @property
     def camera(self) -> CameraTrajectory:
@@ -155,7 +155,7 @@ class FlowTracker:
         return {
             "delay": self.delay,
             "exact": self.exact,
-            "entry_and_exit_by_place": self.settings.costs.places is not None,
+            "entry_and_exit_by_place": self.settings.costs.places,
             "camera_from": camera.source,
             "camera_stood_still": self._ended.input.stood_still,
             "camera_unknown": self.numbers_of(camera.unknown),
@@ -175,7 +175,7 @@ class FlowTracker:
                 see `Clock.now`.
         """
         found = as_detections(detections, counted=self.bad)
-        if isinstance(self._changes, ProjectsAppearance):
+        if isinstance(self._changes, CostNetwork):
             found = self._changes.projected(found)
         refuse_heaps(found)
         inferences = self._flow.input.inferences

@@ -289,17 +289,12 @@ def solve_window(window: FlowWindow, given: FlowInput, scores: FloatArray, round
         window: holds the detections.
         given: knows what their scores are worth.
         scores: ``(N,)`` of the detections that the window keeps.
-        rounds: how often costs of links are computed again at most; by default as often as the window's settings say.
+        rounds: how often costs of links are computed again at most; by default see `FlowWindow.solve`.
     """
-    observation, free = given.costs(scores), window.free()
-    if not free.any():
-        return
-    first_costs = given.first_costs(scores[free])
-    if window.changes is None:
-        window.solve(observation[free], rounds=rounds, first_costs=first_costs)
-        return
-    change = window.learnt(given.logits(scores), observation)
-    window.solve(observation[free] + change[:, 0], change[:, 1], change[:, 2], rounds, first_costs)
+    free = window.free()
+    if free.any():
+        logit = None if window.changes is None else given.logits(scores)
+        window.solve(given.costs(scores), logit, rounds, given.first_costs(scores[free]))
 
 
 def refuse_heaps(found: Detections) -> None:
@@ -372,7 +367,7 @@ class FlowSettings:
 
     def alike(self) -> FlowSettings:
         """These settings with entry and exit costs that take all places alike."""
-        return replace(self, costs=replace(self.costs, places=None))
+        return replace(self, costs=replace(self.costs, places=False))
 
     def least_logit(self, observation: ScoreCost | None) -> float:
         """`least` where scores have these costs; anything will do where the video itself says what they are worth."""

@@ -17,6 +17,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.clutter import standing_clutter
 from tsuiseki.tracking.association.detection_tables import DetectionTable
+from tsuiseki.tracking.association.flow_rounds import WINDOW
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.sliding_flow import Decision
 from tsuiseki.tracking.association.smoothing import SmoothingSettings, fill_gaps, smooth
@@ -74,7 +75,7 @@ class WholeFlow:
         self._frame += 1
         every, rate = self.settings.decide_every, self.input.frame_rate
         # Where much stays undecided, new frames are awaited in proportion.
-        undecided = len(self.window.undecided())
+        undecided = len(self.window.flow.undecided)
         if every is not None and len(self._waiting) >= every * rate and sum(map(len, self._waiting)) >= undecided:
             self._decide()
 
@@ -91,8 +92,8 @@ class WholeFlow:
         self._absorb()
         window = self.window
         solve_window(window, self.input, self._scores[window.table.numbers])
-        rest = window.remainder()
-        self._record.add(rest, window.undecided(), window.solved())
+        rest = window.flow.remainder()
+        self._record.add(rest, window.flow.undecided, window.flow.graph)
         self._chain(rest, window.table)
         every = self._table()
         found = self._finished(every, self._joined(every))
@@ -106,9 +107,8 @@ class WholeFlow:
         labels = self._tracklets.labels(len(self._scores))[every.numbers]
         if not len(every):
             return labels
-        window, appearance, places = self.window, self._tracklets.appearance(), None
-        if window.costs.places is not None:
-            places = window.place_costs(every.image)
+        window, appearance = self.window, self._tracklets.appearance()
+        places = window.place_costs(every.image)
         if self._released:
             # Those of tracklets that were let go of do not count.
             kept, compact = np.unique(labels[labels >= 0], return_inverse=True)
@@ -138,10 +138,10 @@ class WholeFlow:
     def _decide(self) -> None:
         """Solve the window and let go of what is decided."""
         self._absorb()
-        window, settings = self.window, self.settings
+        window = self.window
         solve_window(window, self.input, self._scores[window.table.numbers])
-        table, numbers, solved = window.table, window.undecided(), window.solved()
-        margin = round((settings.costs.rounds.window + SETTLE) * self.input.frame_rate)
+        table, numbers, solved = window.table, window.flow.undecided, window.flow.graph
+        margin = round((WINDOW + SETTLE) * self.input.frame_rate)
         decision = window.decide(self._frame - 1, self._frame - margin)
         self._record.add(decision, numbers, solved)
         self._chain(decision, table)

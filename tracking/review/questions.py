@@ -296,7 +296,7 @@ class Questioner:
         """Boxes of the tracks that go through some detections, as far as they lie in some rows."""
         place, rows = np.full(len(follower) + 1, -1), rows[np.argsort(self.network.frames[rows], kind="stable")]
         place[rows] = np.arange(len(rows))
-        labels = track_labels(FlowSolution(self.flow.used[rows], place[follower[rows]], np.zeros(len(rows)), 0.0))
+        labels = track_labels(FlowSolution(self.flow.used[rows], place[follower[rows]]))
         shown, taken, fresh = list[ShownBox](), set[int](), int(self.ids.max(initial=0))
         for label in sorted({int(labels[place[n]]) for n in about} - {-1}):
             own = rows[labels == label]

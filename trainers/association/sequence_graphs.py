@@ -16,10 +16,9 @@ from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.evidence import (
     DETECTION_FEATURES,
     JOIN_FEATURES,
-    LinkModel,
     LinkParts,
+    LinkWeigher,
     detection_evidence,
-    link_costs,
     link_evidence,
 )
 from tsuiseki.tracking.association.flow_rounds import AVERAGED, mean_features
@@ -65,9 +64,7 @@ def sequence_graphs(
     window = FlowWindow(settings.costs, video.frame_rate, video.size)
     window.add(table)
     if len(table):
-        change = window.learnt(logit, observation)
-        first = preparing.first_costs(scores)
-        window.solve(observation + change[:, 0], change[:, 1], change[:, 2], first_costs=first)
+        window.solve(observation, first_costs=preparing.first_costs(scores))
     owners = owners_of(table.frames, table.image, video.truth)
     labels = window.labels() if len(table) else np.empty(0, np.int64)
     parts = _link_parts(table, window, labels, settings)
@@ -77,20 +74,11 @@ def sequence_graphs(
 
 def _link_parts(table: DetectionTable, window: FlowWindow, labels: IntArray, settings: FlowSettings) -> LinkParts:
     """All links that the tracker considers, at the costs along its tracks without learnt changes."""
-    found: list[LinkParts] = []
-
-    def keep(_: DetectionTable, parts: LinkParts) -> FloatArray:
-        found.append(parts)
-        return np.zeros(len(parts.i))
-
-    tails, heads = (np.searchsorted(table.numbers, part) for part in (window.links.tail, window.links.head))
-    past, future = beliefs_along(labels, table.measured, settings.costs.link.motion)
-    averaged = AVERAGED
-    means = None if table.features is None else mean_features(table, labels, table.features, averaged)
-    cost, hidden = settings.costs.link, window.links.hidden
-    by = LinkModel(cost, np.inf, change=keep)
-    link_costs(table, (tails, heads), (past, future), by, means=means, hidden=hidden, labels=labels)
-    return found[0]
+    links, cost = window.links, settings.costs.link
+    pairs = np.searchsorted(table.numbers, links.tail), np.searchsorted(table.numbers, links.head)
+    means = None if table.features is None else mean_features(table, labels, table.features, AVERAGED)
+    weigher = LinkWeigher(table, cost, beliefs_along(labels, table.measured, cost.motion), means=means, labels=labels)
+    return weigher.parts(pairs, np.inf, links.hidden)[1]
 
 
 def _detection_graph(

@@ -116,7 +116,7 @@ def test_the_price_of_two_alone_is_that_of_chains_of_one(wander: float) -> None:
     seconds, doubt = (seen.frames[j] - seen.frames[i]) / 25.0, np.full(500, wander)
     np.testing.assert_allclose(
         cost.mismatch_alone(seen.measured, 1 / 25.0)(i, j, seconds, doubt),
-        cost.mismatch(alone, alone, i, j, seconds, doubt),
+        cost.mismatch(alone, alone)(i, j, seconds, doubt),
         rtol=1e-9,
         atol=1e-9,
     )

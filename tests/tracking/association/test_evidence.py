@@ -14,17 +14,16 @@ from tsuiseki.tracking.association.evidence import (
     DETECTION_FEATURES,
     JOIN_FEATURES,
     LINK_FEATURES,
-    LinkModel,
     LinkParts,
+    LinkWeigher,
     detection_evidence,
-    link_costs,
     link_evidence,
 )
 from tsuiseki.tracking.association.inference_times import InferenceTimes
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.tracklets import Ends, evidence_of_joins, join_parts
 from tsuiseki.tracking.people.flow_input import FlowInput, InputSettings
-from tsuiseki.tracking.types import Detections, FloatArray
+from tsuiseki.tracking.types import Detections
 
 COST = LinkCost()
 
@@ -36,16 +35,8 @@ def seen_of(boxes: list[list[list[float]]], size: tuple[int, int] | None = (640,
 
 
 def parts_of(seen: DetectionTable, i: list[int], j: list[int], cost: LinkCost = COST) -> LinkParts:
-    found: list[LinkParts] = []
-
-    def keep(_: DetectionTable, parts: LinkParts) -> FloatArray:
-        found.append(parts)
-        return np.zeros(len(parts.i))
-
-    past, future = beliefs_along(np.full(len(seen), -1), seen.measured, COST.motion)
-    pairs = np.array(i, np.int64), np.array(j, np.int64)
-    link_costs(seen, pairs, (past, future), LinkModel(cost, np.inf, change=keep))
-    return found[0]
+    beliefs = beliefs_along(np.full(len(seen), -1), seen.measured, COST.motion)
+    return LinkWeigher(seen, cost, beliefs).parts((np.array(i, np.int64), np.array(j, np.int64)), np.inf)[1]
 
 
 def test_features_of_detections() -> None:

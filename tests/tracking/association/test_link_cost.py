@@ -42,7 +42,7 @@ def test_no_link_along_tracks_is_dearer_than_a_sudden_change() -> None:
     known = beliefs_along(np.zeros(39, np.int64), seen, cost.motion)
     i, j = pairs(39)
     gap = (np.full(38, 1 / RATE), np.zeros(38))
-    along = cost.mismatch(*known, i, j, *gap)
+    along = cost.mismatch(*known)(i, j, *gap)
     alone = cost.mismatch_alone(seen, 1 / RATE)(i, j, *gap)
     bounded = cost.mismatch_along(seen, *known, 1 / RATE)(i, j, *gap)
     np.testing.assert_allclose(bounded, np.minimum(along, alone + TURN))
@@ -55,7 +55,7 @@ def test_strangers_pay_no_turn() -> None:
     alone, (i, j) = beliefs_alone(seen, cost.motion), pairs(2)
     gap = (np.full(1, 1 / RATE), np.zeros(1))
     np.testing.assert_allclose(
-        cost.mismatch_along(seen, alone, alone, 1 / RATE)(i, j, *gap), cost.mismatch(alone, alone, i, j, *gap)
+        cost.mismatch_along(seen, alone, alone, 1 / RATE)(i, j, *gap), cost.mismatch(alone, alone)(i, j, *gap)
     )
 
 

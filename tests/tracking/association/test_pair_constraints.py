@@ -54,7 +54,7 @@ def cheapest(graph, pair):
         # A detection that is linked to none is used where that saves something.
         for i in alone:
             used[i] = graph.observation[i] + graph.entry[i] + graph.exit[i] < 0
-        labels = track_labels(FlowSolution(used, follower, np.zeros(len(graph)), 0.0))
+        labels = track_labels(FlowSolution(used, follower))
         together = labels[pair.first] == labels[pair.last] >= 0
         if together == pair.same:
             best = min(best, cost_of(graph, used, follower))

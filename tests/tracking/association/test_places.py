@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.places import NO_COUNTS, EntryCounts, EntryPlaces, place_costs, starts_and_ends
+from tsuiseki.tracking.association import places
+from tsuiseki.tracking.association.places import NO_COUNTS, EntryCounts, place_costs, starts_and_ends
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.types import FloatArray
@@ -32,32 +33,29 @@ def through_the_door(people: int = 20) -> EntryCounts:
 
 def test_starts_are_cheap_where_tracks_began_and_dear_elsewhere() -> None:
     asked = boxes_at(np.array([DOOR, 300.0, 30.0]))
-    settings = EntryPlaces()
-    entry, exit = place_costs(through_the_door(), asked, SIZE, settings)
+    entry, exit = place_costs(through_the_door(), asked, SIZE)
     assert entry[0] < 0 < min(entry[1], entry[2])
     assert exit[2] < 0 < min(exit[0], exit[1])
-    assert max(abs(entry).max(), abs(exit).max()) <= settings.most
+    assert max(abs(entry).max(), abs(exit).max()) <= places.MOST_BY_PLACE
 
 
-def test_costs_are_the_logarithm_of_the_share_that_begins() -> None:
+def test_costs_are_the_logarithm_of_the_share_that_begins(monkeypatch: pytest.MonkeyPatch) -> None:
     """With a kernel of less than a cell the share of one cell can be counted by hand."""
     x = np.repeat([105.0, 505.0], 50)
     starts = np.zeros(100, dtype=np.bool_)
     starts[[0, 1, 2, 60]] = True
-    settings = EntryPlaces(width=0.001, prior=10.0, most=9.0)
-    entry, _ = place_costs(
-        EntryCounts(boxes_at(x), starts, starts), boxes_at(np.array([105.0, 505.0, 905.0])), SIZE, settings
-    )
+    for name, value in (("WIDTH", 0.001), ("PRIOR", 10.0), ("MOST_BY_PLACE", 9.0)):
+        monkeypatch.setattr(places, name, value)
+    counts = EntryCounts(boxes_at(x), starts, starts)
+    entry, _ = place_costs(counts, boxes_at(np.array([105.0, 505.0, 905.0])), SIZE)
     mean = 4 / 100
     expected = [-np.log((n / mean + 10) / (around + 10)) for n, around in ((3, 50), (1, 50), (0, 0))]
     np.testing.assert_allclose(entry, expected, atol=1e-9)
 
 
-@pytest.mark.parametrize("weight", [0.0, 1.0])
-def test_nothing_is_said_of_nothing(weight: float) -> None:
-    settings = EntryPlaces(weight=weight)
+def test_nothing_is_said_of_nothing() -> None:
     for counts, asked in ((NO_COUNTS, boxes_at(np.array([5.0]))), (through_the_door(), np.empty((0, 4)))):
-        entry, exit = place_costs(counts, asked, SIZE, settings)
+        entry, exit = place_costs(counts, asked, SIZE)
         assert entry.tolist() == exit.tolist() == [0.0] * len(asked)
 
 
@@ -72,12 +70,12 @@ def test_starts_and_ends_of_short_tracks_and_at_the_ends_of_the_video_tell_nothi
     assert np.flatnonzero(ends).tolist() == [5, 7]
 
 
-def tracker(places: EntryPlaces | None) -> FlowTracker:
+def tracker(by_place: bool) -> FlowTracker:
     settings = FlowSettings()
-    return FlowTracker(replace(settings, costs=replace(settings.costs, places=places)), frame_rate=10.0, size=SIZE)
+    return FlowTracker(replace(settings, costs=replace(settings.costs, places=by_place)), frame_rate=10.0, size=SIZE)
 
 
-def test_a_weight_of_nothing_changes_no_track() -> None:
+def test_people_who_stay_apart_have_the_same_tracks_by_place_and_without() -> None:
     rng = np.random.default_rng(4)
     video = []
     for t in range(80):
@@ -85,12 +83,12 @@ def test_a_weight_of_nothing_changes_no_track() -> None:
         boxes = boxes_at(x) + rng.normal(0, 1, (3, 4))
         video.append(np.column_stack([boxes, rng.uniform(0.5, 1, 3)])[rng.random(3) > 0.1])
     found = []
-    for places in (None, EntryPlaces(weight=0.0), EntryPlaces()):
-        one = tracker(places)
+    for by_place in (False, True):
+        one = tracker(by_place)
         for boxes in video:
             one.update(boxes)
         found.append(one.tracks())
-    assert [len(tracks) for tracks in found] == [3, 3, 3]
+    assert [len(tracks) for tracks in found] == [3, 3]
     for plain, same in zip(found[0], found[1], strict=True):
         np.testing.assert_array_equal(plain.boxes, same.boxes)
 
@@ -114,9 +112,4 @@ def test_a_delay_and_costs_learnt_on_tracks_take_all_places_alike() -> None:
     learnt = FlowTracker(frame_rate=10.0, changes=NoChanges())
     for one in (delayed, learnt):
         assert not one.facts()["entry_and_exit_by_place"]
-        assert one.settings.costs.places is None
-
-
-def test_bad_settings_are_named() -> None:
-    with pytest.raises(ValueError, match="width"):
-        EntryPlaces(width=0.0)
+        assert not one.settings.costs.places

@@ -33,8 +33,8 @@ def test_numbers_out_of_hand_are_refused(value: object, default: object) -> None
     ("words", "line"),
     [
         (
-            "track people CLIP --flow.costs.rounds.window 1e9",
-            "--flow.costs.rounds.window: expected a number below 13",
+            "track people CLIP --flow.costs.link.miss 1e9",
+            "--flow.costs.link.miss: expected a number below 15",
         ),
         ("simulate sphere --radius 100", "--radius: expected a number below 100, 1000 times the default, got 100"),
         ("simulate goldfish --frame-rate 1e300", "--frame-rate: expected a number below 1e+06, got 1e+300"),
