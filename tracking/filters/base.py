@@ -37,7 +37,7 @@ from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import Columns, FloatArray, IntArray
 
 State = TypeVar("State")
 Observation = TypeVar("Observation")
@@ -105,7 +105,7 @@ class Births(Protocol[ObservationIn]):
 
 
 @dataclass(frozen=True)
-class TargetEstimates:
+class TargetEstimates(Columns):
     """The targets that a filter of several targets reports in one step.
 
     Attributes:
@@ -117,9 +117,6 @@ class TargetEstimates:
     ids: IntArray
     states: FloatArray
     weights: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.ids)
 
 
 class SetInfo(Protocol):

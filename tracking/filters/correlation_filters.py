@@ -168,17 +168,9 @@ def cosine_window(shape: tuple[int, int]) -> Float32Array:
     return np.outer(np.hanning(shape[0]), np.hanning(shape[1])).astype(np.float32)
 
 
-@dataclass(frozen=True)
-class RegularisedLearning:
-    """Constants of learning; windows have a mean square of one.
-
-    Attributes:
-        memory: mu over the number of cells, >= 0: how strongly the filter keeps to that of the frame before.
-        penalties: of ``f = g`` over the number of cells, one a round of ADMM, > 0.
-    """
-
-    memory: float = 300.0
-    penalties: tuple[float, ...] = (1.0, 10.0)
+# mu over the number of cells: how strongly the filter keeps to that of the frame before; windows have a mean square of
+# one. And penalties of ``f = g`` over the number of cells, one a round of ADMM.
+MEMORY, PENALTIES = 300.0, (1.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -226,7 +218,6 @@ def learn(
     wanted: ComplexArray,
     support: Support,
     before: ComplexArray | None,
-    settings: RegularisedLearning,
 ) -> ComplexArray:
     """The filter after one more window.
 
@@ -235,10 +226,9 @@ def learn(
         wanted: ``(rows, columns // 2 + 1)`` spectrum of the wanted response.
         support: where the filter may be other than zero.
         before: the filter so far, shaped like ``window``; None for the first window.
-        settings: see there.
     """
     cells = np.float32(support.mask.size)
-    memory = np.float32(settings.memory) * cells if before is not None else np.float32(0)
+    memory = np.float32(MEMORY) * cells if before is not None else np.float32(0)
     squares = np.square(window.view(np.float32))
     energy = (squares[..., ::2] + squares[..., 1::2]).sum(axis=0)
     conjugate = window.conj()
@@ -246,7 +236,7 @@ def learn(
     if before is not None:
         target += _times(before, memory)
     masked, dual = target, None  # the first round knows of no rectangle
-    for penalty in settings.penalties:
+    for penalty in PENALTIES:
         weight = np.float32(penalty) * cells
         right = target if dual is None else target + _times(masked - dual, weight)
         filters = conjugate * (np.einsum("dij,dij->ij", window, right) / (weight + memory + energy))

@@ -12,12 +12,11 @@ call and without a loop over them:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import Columns, FloatArray
 
 
 @dataclass(frozen=True)
@@ -99,7 +98,7 @@ class BoxMotion:
 
 
 @dataclass(frozen=True)
-class BoxBelief:
+class BoxBelief(Columns):
     """What is known of N moving boxes.
 
     Attributes:
@@ -112,9 +111,6 @@ class BoxBelief:
     boxes: FloatArray
     velocities: FloatArray
     variance: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.boxes)
 
 
 def start_boxes(boxes: FloatArray, motion: BoxMotion) -> BoxBelief:
@@ -157,17 +153,3 @@ def update_boxes(belief: BoxBelief, boxes: FloatArray, motion: BoxMotion) -> Box
     # (1 - K H) P leaves the velocity's variance less what its correlation with the position explains.
     variance[:, 2:] = belief.variance[:, 2:] - velocity_gain * both
     return BoxBelief(boxes - rest * residual, belief.velocities + velocity_gain * residual, variance)
-
-
-def select_boxes(belief: BoxBelief, which: IntArray) -> BoxBelief:
-    """The tracks at ``(K,)`` indices."""
-    return BoxBelief(belief.boxes[which], belief.velocities[which], belief.variance[which])
-
-
-def join_boxes(beliefs: Sequence[BoxBelief]) -> BoxBelief:
-    """The tracks of all ``beliefs``, in order."""
-    return BoxBelief(
-        np.concatenate([belief.boxes for belief in beliefs]),
-        np.concatenate([belief.velocities for belief in beliefs]),
-        np.concatenate([belief.variance for belief in beliefs]),
-    )

@@ -131,15 +131,7 @@ def systematic(weights: FloatArray, count: int, rng: np.random.Generator) -> Int
     total = float(np.sum(weights)) if len(weights) else 0.0
     if not (np.isfinite(total) and total > 0.0) or np.min(weights) < 0.0:
         raise ValueError(f"expected finite weights >= 0 with a sum above zero, got {len(weights)} with sum {total}")
-    # Ends at exactly 1, whatever the rounding of the sum.
-    cumulative = np.cumsum(weights)
-    cumulative = cumulative / cumulative[-1]
-    edges = np.ceil(count * cumulative - rng.random())
-    # With an offset next to 1 the subtraction rounds to count - 1: the end of the scale is known exactly.
-    edges[cumulative >= 1.0] = count
-    np.maximum(edges, 0.0, out=edges)
-    edges[1:] -= edges[:-1].copy()
-    return np.repeat(np.arange(len(edges), dtype=np.int64), edges.astype(np.int64))
+    return systematic_rows(weights[None], count, rng)[0]
 
 
 def systematic_rows(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:

@@ -13,10 +13,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import (
     BoxBelief,
     BoxMotion,
-    join_boxes,
     per_longer_frame,
     predict_boxes,
-    select_boxes,
     start_boxes,
     update_boxes,
 )
@@ -199,19 +197,18 @@ class Lifecycle:
         """
         parts = self._divide(paired, detected, detections)
         lost = self._numbers[parts.lost], self._belief.boxes[parts.lost], self._votes.classes()[parts.lost]
-        updated = update_boxes(select_boxes(self._belief, paired), detections.boxes[detected], self._motion)
+        updated = update_boxes(self._belief.select(paired), detections.boxes[detected], self._motion)
         old = np.concatenate([paired, parts.kept])
         started = len(parts.started)
         hits, misses = self._hits[old], self._misses[old] + 1
         hits[: len(paired)] += 1
         misses[: len(paired)] = 0
-        beliefs = [updated]
         if len(parts.kept):
-            beliefs.append(select_boxes(self._belief, parts.kept))
+            updated = updated.and_then(self._belief.select(parts.kept))
         if started:
-            beliefs.append(start_boxes(detections.boxes[parts.started], self._motion))
+            updated = updated.and_then(start_boxes(detections.boxes[parts.started], self._motion))
             hits, misses = np.append(hits, np.ones(started, np.int64)), np.append(misses, np.zeros(started, np.int64))
-        self._belief = join_boxes(beliefs) if len(beliefs) > 1 else updated
+        self._belief = updated
         self._numbers = np.append(self._numbers[old], self._record.start(started)) if started else self._numbers[old]
         self._hits, self._misses = hits, misses
         present, used = np.flatnonzero(misses == 0), np.concatenate([detected, parts.started])

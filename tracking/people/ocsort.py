@@ -32,10 +32,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import (
     BoxBelief,
     BoxMotion,
-    join_boxes,
     per_longer_frame,
     predict_boxes,
-    select_boxes,
     start_boxes,
     update_boxes,
 )
@@ -205,9 +203,9 @@ def _continued(history: History, parts: Survivors, misses: IntArray, boxes: Floa
     # In the order of the tracks: seen, kept, born.
     order = np.concatenate([np.arange(len(paired)), len(now) + np.arange(len(kept)), np.arange(len(paired), len(now))])
     observed = np.concatenate([np.arange(len(paired)), len(paired) + len(kept) + np.arange(len(parts.started))])
-    beliefs = join_boxes([select_boxes(belief, observed), select_boxes(history.belief, kept)])
+    beliefs = belief.select(observed).and_then(history.belief.select(kept))
     return History(
-        select_boxes(beliefs, order),
+        beliefs.select(order),
         np.concatenate([now, history.boxes[kept]])[order],
         np.concatenate([trail, history.trail[kept]])[order],
         np.concatenate([ages, history.ages[kept]])[order],
@@ -250,7 +248,7 @@ def re_updated(
         passed: ``(L,)`` frames of the filter before each of the last inferences, the newest last; more than of
             ``misses``.
     """
-    belief, start = select_boxes(history.belief, which), history.boxes[which]
+    belief, start = history.belief.select(which), history.boxes[which]
     times = np.append(0, np.cumsum(passed))
     last = len(passed) - 1 - misses
     step = (found - start) / np.maximum(times[-1] - times[last], 1e-9)[:, None]
@@ -258,7 +256,6 @@ def re_updated(
         hidden, rest = np.flatnonzero(misses >= count), np.flatnonzero(misses < count)
         now = last[hidden] + count
         virtual = start[hidden] + (times[now] - times[last[hidden]])[:, None] * step[hidden]
-        again = update_boxes(predict_boxes(select_boxes(belief, hidden), motion, passed[now - 1]), virtual, motion)
-        joined = join_boxes([again, select_boxes(belief, rest)])
-        belief = select_boxes(joined, np.argsort(np.concatenate([hidden, rest])))
+        again = update_boxes(predict_boxes(belief.select(hidden), motion, passed[now - 1]), virtual, motion)
+        belief = again.and_then(belief.select(rest)).select(np.argsort(np.concatenate([hidden, rest])))
     return predict_boxes(belief, motion, passed[-1])

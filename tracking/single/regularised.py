@@ -33,7 +33,6 @@ from tsuiseki.tracking.features.hog import hog
 from tsuiseki.tracking.filters.correlation_filters import (
     ComplexArray,
     Float32Array,
-    RegularisedLearning,
     Support,
     cosine_window,
     gaussian_labels,
@@ -52,7 +51,6 @@ PADDING, CELLS, LEAST_CELLS = 3.0, 24, 4
 """Side of the square window over the geometric mean of the target's sides, and cells along its longer side."""
 LABEL_SIGMA = 1 / 16
 """Of the wanted response, as a share of the geometric mean of the target's sides."""
-LEARNING = RegularisedLearning()
 COLOUR_SHARE_LEARNT = 0.04
 """Share of a new frame in the histograms, in [0, 1]."""
 SIZE_CHANGE, SMALLEST, LARGEST = 1.06, 0.2, 5.0
@@ -210,7 +208,7 @@ def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTar
     """The target of the first frame."""
     patch = model.patch(image, centre, 1.0)
     width, height = model.target / model.scale
-    filters = learn(model.describe([patch])[0], model.wanted, model.support, None, LEARNING)
+    filters = learn(model.describe([patch])[0], model.wanted, model.support, None)
     sizes = ScaleFilter.learn(model.ladder.sample(image, centre, 0)) if model.settings.sizes > 1 else None
     colour = PixelColour.learn(patch, float(width), float(height))
     factors = SIZE_STEP ** np.arange(-WIDEST, WIDEST + 1.0)
@@ -309,7 +307,7 @@ def update(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
     patch = model.patch(image, target.centre, target.size)
     width, height = model.target / model.scale
     colour = target.colour.blend(PixelColour.learn(patch, float(width), float(height)), COLOUR_SHARE_LEARNT)
-    filters = learn(model.describe([patch])[0], model.wanted, model.support, target.filters, LEARNING)
+    filters = learn(model.describe([patch])[0], model.wanted, model.support, target.filters)
     sizes = target.sizes
     if sizes is not None:
         level = model.ladder.level(target.size)

@@ -8,10 +8,8 @@ import pytest
 from tsuiseki.tracking.filters.kalman import (
     BoxMotion,
     Gaussians,
-    join_boxes,
     predict,
     predict_boxes,
-    select_boxes,
     start_boxes,
     update,
     update_boxes,
@@ -118,7 +116,7 @@ def test_nothing_is_written_to_the_input() -> None:
 def test_select_and_join_keep_tracks_together() -> None:
     motion = BoxMotion()
     belief = predict_boxes(start_boxes(np.arange(12.0).reshape(3, 4), motion), motion)
-    again = join_boxes([select_boxes(belief, np.array([2])), select_boxes(belief, np.array([0, 1]))])
+    again = belief.select(np.array([2])).and_then(belief.select(np.array([0, 1])))
     np.testing.assert_array_equal(again.boxes, belief.boxes[[2, 0, 1]])
     np.testing.assert_array_equal(again.variance, belief.variance[[2, 0, 1]])
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import scipy.fft
 
+from tsuiseki.tracking.filters import correlation_filters
 from tsuiseki.tracking.filters.correlation_filters import (
-    RegularisedLearning,
     Support,
     gaussian_labels,
     learn,
@@ -24,10 +24,12 @@ def window(seed, channels=3):
     return scipy.fft.rfft2(features)
 
 
-def test_without_a_support_the_filter_is_the_ridge_regression_of_each_frequency():
+def test_without_a_support_the_filter_is_the_ridge_regression_of_each_frequency(monkeypatch):
     x, before = window(0), window(1) * np.float32(0.01)
     memory = 2.0
-    found = learn(x, WANTED, EVERYWHERE, before, RegularisedLearning(memory, penalties=(1e-7,)))
+    monkeypatch.setattr(correlation_filters, "MEMORY", memory)
+    monkeypatch.setattr(correlation_filters, "PENALTIES", (1e-7,))
+    found = learn(x, WANTED, EVERYWHERE, before)
     weight = memory * CELLS
     for row, column in [(0, 0), (3, 2), (9, 6)]:
         xs, y = x[:, row, column].astype(complex), complex(WANTED[row, column])
@@ -40,7 +42,7 @@ def test_without_a_support_the_filter_is_the_ridge_regression_of_each_frequency(
 def test_the_filter_is_zero_outside_the_target():
     support = Support.of(SHAPE, 4, 6)
     assert support.mask.sum() == 5 * 7
-    filters = learn(window(0), WANTED, support, None, RegularisedLearning())
+    filters = learn(window(0), WANTED, support, None)
     image_plane = scipy.fft.irfft2(filters, s=SHAPE)
     assert np.abs(image_plane[:, support.mask == 0]).max() < 1e-6 * np.abs(image_plane).max()
     assert np.abs(image_plane[:, support.mask == 1]).max() > 0
@@ -56,7 +58,7 @@ def test_restricting_is_a_mask_in_the_image_plane():
 def test_the_response_follows_the_target(shift):
     features = np.random.default_rng(0).normal(size=(3, *SHAPE)).astype(np.float32)
     support = Support.of(SHAPE, 6, 6)
-    filters = learn(scipy.fft.rfft2(features), WANTED, support, None, RegularisedLearning())
+    filters = learn(scipy.fft.rfft2(features), WANTED, support, None)
     moved = scipy.fft.rfft2(np.roll(features, shift, axis=(1, 2)))
     found, value = peak(regularised_response(filters, moved, SHAPE))
     np.testing.assert_allclose(found, shift[::-1], atol=0.5)
@@ -65,18 +67,18 @@ def test_the_response_follows_the_target(shift):
     assert value > 2 * np.sort(response.ravel())[-6]
 
 
-def test_more_memory_keeps_the_filter_closer_to_the_one_before():
-    before = learn(window(0), WANTED, EVERYWHERE, None, RegularisedLearning())
-    distances = [
-        float(np.abs(learn(window(1), WANTED, EVERYWHERE, before, RegularisedLearning(memory)) - before).sum())
-        for memory in (1.0, 10.0, 100.0, 1e4)
-    ]
+def test_more_memory_keeps_the_filter_closer_to_the_one_before(monkeypatch):
+    before = learn(window(0), WANTED, EVERYWHERE, None)
+    distances = []
+    for memory in (1.0, 10.0, 100.0, 1e4):
+        monkeypatch.setattr(correlation_filters, "MEMORY", memory)
+        distances.append(float(np.abs(learn(window(1), WANTED, EVERYWHERE, before) - before).sum()))
     assert distances == sorted(distances, reverse=True)
     assert distances[-1] < 0.01 * distances[0]
 
 
 def test_a_bank_of_filters_answers_like_each_of_them():
-    bank = np.stack([learn(window(k), WANTED, EVERYWHERE, None, RegularisedLearning()) for k in range(3)])
+    bank = np.stack([learn(window(k), WANTED, EVERYWHERE, None) for k in range(3)])
     together = regularised_response(bank, window(5), SHAPE)
     for one, alone in zip(bank, together, strict=True):
         np.testing.assert_allclose(regularised_response(one, window(5), SHAPE), alone, atol=1e-6)

@@ -18,19 +18,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tsuiseki.tracking.filters.base import Births, BornParticles, TargetEstimates
-from tsuiseki.tracking.filters.finite_sets.clusters import first_particles
+from tsuiseki.tracking.filters.finite_sets.clusters import cluster_sizes, first_particles
 from tsuiseki.tracking.filters.finite_sets.pairs import association_marginals, draw_by_measurement, find_pairs
 from tsuiseki.tracking.filters.finite_sets.point_model import PointModel, check_measurements
 from tsuiseki.tracking.filters.resampling import logarithms, systematic_rows
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 
 TINY = float(np.finfo(np.float64).tiny)
 RESAMPLE_BELOW = 0.5
 """A track's particles are drawn anew below this share of effective ones."""
+PRUNE = 1e-3
+"""A track ends when its existence is below this."""
+NEAR = 2.0
+"""Unreported tracks whose means are closer than this, in deviations of the sensor, become one while their existences
+sum to at most one: they tell of one target that each measurement near its birth began anew."""
 
 
 @dataclass(frozen=True)
-class TrackParticles:
+class TrackParticles(Columns):
     """Tracks in particle form.
 
     Attributes:
@@ -44,9 +49,6 @@ class TrackParticles:
     existence: FloatArray
     particles: FloatArray
     log_weights: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.labels)
 
     def likely(self, report: float | FloatArray) -> TargetEstimates:
         """The tracks whose existence is above ``report``, one for all or ``(T,)``, at the mean of their particles."""
@@ -136,10 +138,6 @@ class LabelledMultiBernoulliFilter:
         particles: of each track.
         report: a track is an estimate when its existence is above this,
         confirm: and for the first time when it is above this: clutter beside a place of birth seldom gets so far.
-        prune: a track ends when its existence is below this.
-        near: unreported tracks whose means are closer than this, in deviations of the sensor, become one while their
-            existences sum to at most one: they tell of one target that each measurement near its birth began anew. 0
-            leaves them apart.
         kernel: width of the kernel by which they are spread then, over their own deviation, in [0, 1); it keeps their
             mean and covariance (Liu and West, 2001). 0 leaves copies, which is right where the motion is restless.
         discrete: so many last columns of a state are numbers of modes, which no kernel moves.
@@ -150,8 +148,6 @@ class LabelledMultiBernoulliFilter:
     particles: int = 1000
     report: float = 0.5
     confirm: float = 0.55
-    prune: float = 1e-3
-    near: float = 2.0
     kernel: float = 0.0
     discrete: int = 0
 
@@ -221,7 +217,7 @@ class LabelledMultiBernoulliFilter:
         mass = pairs.by_measurement(joint, len(measurements))
         drawn = draw_by_measurement(pairs, joint, mass, self.particles, rng)
         # A group much lighter than a track that is pruned can begin none.
-        left = _heavy_groups(hidden, (1.0 - detection) * weights, self.prune / 10)
+        left = _heavy_groups(hidden, (1.0 - detection) * weights, PRUNE / 10)
         # Without a hidden target nothing begins: its particles are never used.
         nothing = np.zeros((*drawn.shape, hidden.particles.shape[1]))
         return mass, self._spread(hidden.particles[drawn], rng) if len(hidden.particles) else nothing, left
@@ -245,7 +241,7 @@ class LabelledMultiBernoulliFilter:
         alive = none * r * undetected / np.maximum(missed, TINY)
         existence = alive + claimed.sum(axis=1)
         share = claimed[pairs.groups, pairs.measurements] / np.maximum(evidence, TINY)
-        sizes = np.diff(np.append(pairs.starts, len(pairs.particle)))
+        sizes = cluster_sizes(pairs.starts, len(pairs.particle))
         gained = pairs.by_particle(joint * np.repeat(share, sizes), weights.size)
         stayed = weights * (1.0 - detection) * (alive / np.maximum(undetected, TINY))[:, None]
         total = stayed + gained.reshape(weights.shape)
@@ -260,28 +256,28 @@ class LabelledMultiBernoulliFilter:
         self, state: LabelledState, begun: FloatArray, new_particles: FloatArray, hidden: BornParticles
     ) -> LabelledState:
         """The likely ones of old and new tracks."""
-        new, old = np.flatnonzero(begun >= self.prune), state.existence >= self.prune
-        equal = np.full((len(new), self.particles), -np.log(self.particles))
-        return LabelledState(
-            np.concatenate([state.labels[old], state.next_label + np.arange(len(new))]),
-            np.concatenate([state.existence[old], begun[new]]),
-            np.concatenate([state.particles[old], new_particles[new]]),
-            np.concatenate([state.log_weights[old], equal]),
-            hidden,
-            state.next_label + len(new),
-            np.concatenate([state.reported[old], np.zeros(len(new), dtype=np.bool_)]),
+        new = np.flatnonzero(begun >= PRUNE)
+        begun_tracks = replace(
+            state,
+            labels=state.next_label + np.arange(len(new)),
+            existence=begun[new],
+            particles=new_particles[new],
+            log_weights=np.full((len(new), self.particles), -np.log(self.particles)),
+            reported=np.zeros(len(new), dtype=np.bool_),
         )
+        every = state.select(state.existence >= PRUNE).and_then(begun_tracks)
+        return replace(every, hidden=hidden, next_label=state.next_label + len(new))
 
     def _merge(self, state: LabelledState, rng: np.random.Generator) -> LabelledState:
         """Unreported tracks near each other as one Bernoulli track of the same expected count and the oldest label."""
         weak = np.flatnonzero(state.existence <= self.report)
-        if len(weak) < 2 or not self.near:
+        if len(weak) < 2:
             return state
         sensor = self.model.sensor
         means = np.einsum("tp,tpd->td", np.exp(state.log_weights[weak]), state.particles[weak])
         places = sensor.project(means)
         apart = sensor.difference(places[:, None, :], places[None, :, :]) / sensor.deviation
-        groups = _groups_of_one(state.existence[weak], np.einsum("tuz,tuz->tu", apart, apart) < self.near**2)
+        groups = _groups_of_one(state.existence[weak], np.einsum("tuz,tuz->tu", apart, apart) < NEAR**2)
         if not groups:
             return state
         existence, labels, reported = state.existence.copy(), state.labels.copy(), state.reported.copy()
@@ -299,9 +295,8 @@ class LabelledMultiBernoulliFilter:
         order = np.flatnonzero(~gone)
         order = order[np.argsort(labels[order], kind="stable")]
         return replace(
-            state, labels=labels[order], existence=existence[order], particles=particles[order],
-            log_weights=log_weights[order], reported=reported[order],
-        )  # fmt: skip
+            state, labels=labels, existence=existence, particles=particles, log_weights=log_weights, reported=reported
+        ).select(order)
 
     def _estimate(self, state: LabelledState) -> tuple[LabelledState, TargetEstimates]:
         """The tracks that are likely there; one that was not reported before has to be likelier."""
@@ -353,7 +348,7 @@ def _heavy_groups(hidden: BornParticles, weights: FloatArray, lightest: float) -
     """The groups whose weights ``(N,)`` sum to at least ``lightest``, with these weights."""
     if len(weights) == 0:
         return hidden
-    sizes = np.diff(np.append(hidden.starts, len(weights)))
+    sizes = cluster_sizes(hidden.starts, len(weights))
     heavy = np.add.reduceat(weights, hidden.starts) >= lightest
     kept = np.repeat(heavy, sizes)
     ends = np.cumsum(sizes[heavy])

@@ -133,10 +133,11 @@ def draw_by_measurement(
 
 SMALLEST = 1e-100
 """Stands for a weight of zero, so that a certain association does not divide by zero."""
+ITERATIONS = 200
 
 
 def association_marginals(
-    detected: FloatArray, missed: FloatArray, unclaimed: FloatArray, tolerance: float = 1e-4, iterations: int = 200
+    detected: FloatArray, missed: FloatArray, unclaimed: FloatArray, tolerance: float = 1e-4
 ) -> tuple[FloatArray, FloatArray]:
     """Probability of each pair when every target has at most one measurement and every measurement at most one target.
 
@@ -148,15 +149,14 @@ def association_marginals(
         detected: ``(T, M)`` weights >= 0.
         missed: ``(T,)`` weights >= 0.
         unclaimed: ``(M,)`` weights >= 0.
-        tolerance: largest relative change of a message at the end.
-        iterations: limit.
+        tolerance: largest relative change of a message at the end, which takes `ITERATIONS` at most.
 
     Returns:
         ``(T, M)`` probabilities of the pairs and ``(T,)`` of no measurement; each row sums to one together with it.
     """
     missed, unclaimed = np.maximum(missed, SMALLEST), np.maximum(unclaimed, SMALLEST)
     back = np.broadcast_to(1.0 / unclaimed, detected.shape)
-    for _ in range(iterations):
+    for _ in range(ITERATIONS):
         claim = detected * back
         forth = detected / (missed[:, None] + claim.sum(axis=1, keepdims=True) - claim + SMALLEST)
         new = 1.0 / (unclaimed + forth.sum(axis=0) - forth).clip(SMALLEST)

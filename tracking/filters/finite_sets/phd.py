@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tsuiseki.tracking.filters.base import Births, Proposal, TargetEstimates
+from tsuiseki.tracking.filters.base import Births, TargetEstimates
 from tsuiseki.tracking.filters.finite_sets.clusters import (
     Clusters,
     Extraction,
@@ -61,7 +61,6 @@ class PhdFilter:
         model: motion, sensor, survival, detection and clutter.
         births: proposal of new targets with its weights, (51)-(52); it may use the measurements.
         density: particles ``rho`` for each expected target, (50) and (56).
-        proposal: of surviving particles, ``q_S(. | x, Y)`` of (48)-(49); None draws from the motion model.
         identity: how clusters keep, join and part their labels, section 5.2.
         extract: reads the targets off: ``by_measurements`` or ``by_clusters``.
         smallest_cluster: particles that a light cluster keeps, each of less weight; 0 draws by weight alone, (57).
@@ -70,7 +69,6 @@ class PhdFilter:
     model: PointModel
     births: Births[FloatArray]
     density: int = 1000
-    proposal: Proposal[FloatArray] | None = None
     identity: TrackIdentity = field(default_factory=TrackIdentity)
     extract: Extraction = by_measurements
     smallest_cluster: int = 200
@@ -98,12 +96,9 @@ class PhdFilter:
         return self._resample(posterior, rng), info
 
     def _predict(self, state: PhdState, measurements: FloatArray, rng: np.random.Generator) -> PhdState:
-        """Survivors (48)-(49) with their labels (61), then births (51)-(52) with provisional ones (62)."""
-        if self.proposal is None:
-            moved, correction = self.model.moved(state.particles, rng), np.zeros(len(state))
-        else:
-            moved, correction = self.proposal(state.particles, measurements, rng)
-        survived = logarithms(self.model.survival_of(moved)) + correction + state.log_weights
+        """Survivors (48)-(49) by the motion, with their labels (61); births (51)-(52) with provisional ones (62)."""
+        moved = self.model.moved(state.particles, rng)
+        survived = logarithms(self.model.survival_of(moved)) + state.log_weights
         born = self.births.draw(measurements, rng)
         return PhdState(
             joined(moved, born.particles),

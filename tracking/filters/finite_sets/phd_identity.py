@@ -38,22 +38,21 @@ MOST_SPREAD = 20
 """Labels over particles up to which labels are counted in a table."""
 
 
+NEAR, WHOLE = 2.0, 1.5
+"""Two clusters may join whose means are closer than this, in standard deviations of the sensor, and whose total weight
+is less than this many targets, in (1, 2). A cluster that weighs more is split."""
+
+
 @dataclass(frozen=True)
 class TrackIdentity:
     """The rules of section 5.2.
 
     Attributes:
-        near: greatest distance of the means of two clusters that may join, in standard deviations of the sensor,
-            above 0.
-        whole: targets, in (1, 2). Two near clusters join when their total weight is less. A cluster is split when its
-            weight is more.
         printed: as the paper has it: no rule 1, which `by_measurements` needs; a new particle near the mean of a
             cluster takes the label of the nearest one; what a split makes is reported at once; and a target is not
             reported through a missed measurement.
     """
 
-    near: float = 2.0
-    whole: float = 1.5
     printed: bool = False
 
     def recall(
@@ -91,12 +90,8 @@ class TrackIdentity:
         shown = _among(names, estimates.ids)
         there = (existence > REPORTED) & ((before > 0) | shown)
         added = there & ~shown
-        joined = TargetEstimates(
-            np.concatenate([estimates.ids, names[added]]),
-            np.concatenate([estimates.states, means[added]]),
-            np.concatenate([estimates.weights, existence[added]]),
-        )
-        return joined, Memory(names[there], existence[there])
+        recalled = TargetEstimates(names[added], means[added], existence[added])
+        return estimates.and_then(recalled), Memory(names[there], existence[there])
 
     def tidy(self, posterior: PhdState, clusters: Clusters, sensor: GaussianSensor) -> tuple[PhdState, Clusters]:
         """The posterior after the three rules, its particles grouped by label; and its clusters."""
@@ -134,7 +129,7 @@ class TrackIdentity:
         apart = sensor.difference(places[:, None, :], centres[None, :, :]) / sensor.deviation
         distance = np.sqrt(np.sum(apart**2, axis=2))
         nearest = np.argmin(distance, axis=1)
-        near = distance[np.arange(len(born)), nearest] < self.near
+        near = distance[np.arange(len(born)), nearest] < NEAR
         taken = labels.copy()
         taken[born[near]] = labels[old][nearest[near]]
         return taken
@@ -151,7 +146,7 @@ class TrackIdentity:
         apart = sensor.difference(projected[:, None, :], projected[None, :, :]) / sensor.deviation
         distance = np.sqrt(np.sum(apart**2, axis=2))
         taken = _among(target, claimed)
-        allowed = np.tril((distance < self.near) & ~(taken[:, None] & taken), k=-1)
+        allowed = np.tril((distance < NEAR) & ~(taken[:, None] & taken), k=-1)
         if not allowed.any():
             return target
         # Each takes the nearest of the older ones.
@@ -160,7 +155,7 @@ class TrackIdentity:
         for group in younger[np.argsort(distance[younger, nearest[younger]], kind="stable")]:
             low, high = sorted((int(target[nearest[group]]), int(target[group])))
             joined = (target == low) | (target == high)
-            if low != high and masses[joined].sum() < self.whole and taken[joined].sum() < 2:
+            if low != high and masses[joined].sum() < WHOLE and taken[joined].sum() < 2:
                 target[joined] = low
         return target
 
@@ -173,7 +168,7 @@ class TrackIdentity:
         weights = posterior.weights
         masses = np.add.reduceat(weights, starts) if len(starts) else np.empty(0)
         ends = starts + cluster_sizes(starts, len(posterior))
-        for heavy in np.flatnonzero(masses > self.whole):
+        for heavy in np.flatnonzero(masses > WHOLE):
             labels = labels.copy() if labels is posterior.labels else labels
             members = slice(starts[heavy], ends[heavy])
             parts = max(round(float(masses[heavy])), 2)

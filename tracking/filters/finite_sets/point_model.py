@@ -1,14 +1,9 @@
 """Models of targets that are seen as points: motion, sensor, survival, detection and clutter.
 
-States are ``(N, D)`` float64 with the position first on each axis: ``x, vx, y, vy`` and, turning, a rate ``omega`` in
-radians a second. Equation numbers are those of the finite-sets paper: sets of targets and of measurements (24)-(27)
-move by (28) and are observed by (29).
-
-Motions and sensors of points in two or three dimensions, and motions that take turns.
-
-States are ``(N, D)``: position and velocity on each axis, ``x, vx, y, vy`` or ``x, vx, y, vy, z, vz``; after them a
-rate of turn ``omega`` in radians a second where a motion needs one, and the number of the motion, from 0, where several
-take turns. A motion leaves the columns that are not its own as they are.
+States are ``(N, D)`` float64 as of `point_motion`: position and velocity on each axis, ``x, vx, y, vy`` or with
+``z, vz``, then a rate of turn where a motion needs one, and the number of the motion where several take turns. Equation
+numbers are those of the finite-sets paper: sets of targets and of measurements (24)-(27) move by (28) and are observed
+by (29).
 """
 
 from __future__ import annotations

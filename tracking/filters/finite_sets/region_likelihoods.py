@@ -49,6 +49,8 @@ def cluster_means(state: LabelledParticles) -> tuple[IntArray, FloatArray, Float
     return state.labels[starts], masses, means
 
 
+COVERING = 0.5
+"""A cluster that weighs more is a target, and covers others."""
 MOST_OTHERS = 4
 """Nearest other targets whose pixels are taken from a cluster."""
 OUTLINE = 0.15
@@ -93,11 +95,9 @@ class WithoutOthers:
 
     Attributes:
         margin: of the frame around a box, for ``q``.
-        covering: a cluster that weighs more is a target, and covers others.
     """
 
     margin: float = 0.5
-    covering: float = 0.5
 
     def __call__(self, state: LabelledParticles, image: ColourImage) -> FloatArray:
         """See `RegionLikelihood`."""
@@ -105,7 +105,7 @@ class WithoutOthers:
             return np.empty(0)
         _, masses, means = cluster_means(state)
         boxes, starts = boxes_of(means), cluster_starts(state.labels)
-        counted = masses > self.covering
+        counted = masses > COVERING
         touching = _touching(boxes, _reach(grown(boxes_of(state.particles), self.margin), starts), counted)
         front = touching & _fits_better(region_contrast(image, boxes, self.margin), counted)
         most = min(int(touching.sum(axis=1).max()), MOST_OTHERS)
@@ -122,7 +122,7 @@ class WithoutOthers:
             np.repeat(others, sizes, axis=0),
             np.repeat(in_front, sizes, axis=0),
         )
-        unseen = np.isnan(contrast) & np.repeat(masses <= self.covering, sizes)
+        unseen = np.isnan(contrast) & np.repeat(masses <= COVERING, sizes)
         return logarithms(np.where(unseen, 0.0, contrast))
 
 
@@ -242,9 +242,8 @@ class Calibrated:
 calibrated = Calibrated()
 
 
-def greatest(regions: Regions) -> FloatArray:
-    """Greatest likelihood ``(G,)`` in each cluster, which the paper compares."""
-    return np.asarray(np.maximum.reduceat(regions.likelihood, regions.starts))
+VISIBLE = 0.1
+"""A cluster whose likelihood nowhere reaches this is not a target and stays as it is when others are raised."""
 
 
 @dataclass(frozen=True)
@@ -256,16 +255,15 @@ class Equalised:
 
     Attributes:
         update: what follows.
-        visible: a cluster whose likelihood nowhere reaches this is not a target and stays as it is.
     """
 
     update: Update
-    visible: float = 0.1
 
     def __call__(self, regions: Regions) -> FloatArray:
         if len(regions.starts) == 0:
             return self.update(regions)
-        level = greatest(regions)
-        seen, level = level >= self.visible, np.maximum(level, 1e-6)
-        raised = np.where(seen, np.max(level[seen], initial=0.0) / level, 1.0)
+        # The greatest likelihood in each cluster, which the paper compares.
+        level = np.maximum.reduceat(regions.likelihood, regions.starts)
+        visible, level = level >= VISIBLE, np.maximum(level, 1e-6)
+        raised = np.where(visible, np.max(level[visible], initial=0.0) / level, 1.0)
         return self.update(replace(regions, log_likelihood=regions.log_likelihood + regions.spread(np.log(raised))))

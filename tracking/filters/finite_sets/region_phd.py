@@ -23,6 +23,7 @@ import numpy as np
 from tsuiseki.tracking.features.colour_region import ColourImage
 from tsuiseki.tracking.filters.base import Births, BornParticles, Motion, TargetEstimates
 from tsuiseki.tracking.filters.finite_sets.clusters import (
+    REPORTED,
     LabelledParticles,
     cluster_sizes,
     cluster_starts,
@@ -55,9 +56,17 @@ class ExplainedImage:
     explained: FloatArray
 
 
-def _states(centres: FloatArray, sizes: FloatArray, speed: float, rng: np.random.Generator) -> FloatArray:
+FIRST_STEP = 3.0
+"""Standard deviation of the first step of what is born, pixels a frame."""
+PATCH_MASS = 0.05
+"""Expected count of a patch before its likelihood is known."""
+COLOURED = 0.3
+"""Share of coloured pixels around a pixel from which it belongs to a patch."""
+
+
+def _states(centres: FloatArray, sizes: FloatArray, rng: np.random.Generator) -> FloatArray:
     """States (63) at centres ``(J, 2)`` with sizes ``(J, 2)`` and random steps behind them."""
-    before = centres - speed * rng.standard_normal(centres.shape)
+    before = centres - FIRST_STEP * rng.standard_normal(centres.shape)
     return np.concatenate([centres, before, np.maximum(sizes, 3.0)], axis=1)
 
 
@@ -69,20 +78,18 @@ class AnywhereBirths:
         mass: expected births a frame, ``mu_Gamma``.
         count: particles.
         size: mean width and height, pixels.
-        speed: standard deviation of the first step, pixels a frame.
     """
 
     mass: float
     count: int
     size: tuple[float, float]
-    speed: float = 3.0
 
     def draw(self, observation: ExplainedImage, rng: np.random.Generator) -> BornParticles:
         """See `Births`; each particle is a group of its own."""
         centres = rng.random((self.count, 2)) * observation.image.size
         sizes = np.asarray(self.size) * np.exp(0.2 * rng.standard_normal((self.count, 2)))
         log_weights = logarithms(np.full(self.count, self.mass / max(self.count, 1)))
-        return BornParticles(_states(centres, sizes, self.speed, rng), log_weights, np.arange(self.count))
+        return BornParticles(_states(centres, sizes, rng), log_weights, np.arange(self.count))
 
 
 @dataclass(frozen=True)
@@ -90,20 +97,14 @@ class PatchBirths:
     """Births at patches of the colour that no target covers.
 
     Attributes:
-        mass: expected count of a patch before its likelihood is known, in (0, 1).
         count: particles of a patch.
         smallest: least side of a patch, pixels.
         limit: patches a frame, the largest first.
-        share: of coloured pixels around a pixel from which it belongs to a patch, in (0, 1].
-        speed: standard deviation of the first step, pixels a frame.
     """
 
-    mass: float = 0.05
     count: int = 300
     smallest: float = 12.0
     limit: int = 20
-    share: float = 0.3
-    speed: float = 3.0
 
     def draw(self, observation: ExplainedImage, rng: np.random.Generator) -> BornParticles:
         """See `Births`; a group of particles for each patch."""
@@ -113,8 +114,8 @@ class PatchBirths:
         sizes = (boxes[:, 2:] - boxes[:, :2])[groups]
         centres = centres + 0.1 * sizes * rng.standard_normal(centres.shape)
         sizes = sizes * np.exp(0.15 * rng.standard_normal(sizes.shape))
-        log_weights = logarithms(np.full(len(groups), self.mass / self.count))
-        return BornParticles(_states(centres, sizes, self.speed, rng), log_weights, np.arange(len(boxes)) * self.count)
+        log_weights = logarithms(np.full(len(groups), PATCH_MASS / self.count))
+        return BornParticles(_states(centres, sizes, rng), log_weights, np.arange(len(boxes)) * self.count)
 
     def patches(self, image: ColourImage, explained: FloatArray) -> FloatArray:
         """Boxes ``(G, 4)`` of the patches that no target explains, largest first.
@@ -139,7 +140,7 @@ class PatchBirths:
         """Boxes ``(G, 4)`` of the connected patches, largest first, targets there or not."""
         side = 2 * (int(self.smallest) // 2) + 1
         colour = image.mask.astype(np.float32)
-        dense = cv2.boxFilter(colour, -1, (side, side), borderType=cv2.BORDER_CONSTANT) > self.share
+        dense = cv2.boxFilter(colour, -1, (side, side), borderType=cv2.BORDER_CONSTANT) > COLOURED
         _, _, stats, _ = cv2.connectedComponentsWithStats(dense.astype(np.uint8))
         x, y, width, height, area = stats[1:].T.astype(np.float64)
         large = np.flatnonzero((width >= self.smallest) & (height >= self.smallest))
@@ -200,6 +201,8 @@ def at_patches(boxes: FloatArray, patches: FloatArray) -> BoolArray:
 
 
 TINY = float(np.finfo(np.float64).tiny)
+SMALLEST_CLUSTER = 100
+"""Particles that a cluster keeps at least."""
 JOINED_OVERLAP = 0.05
 """Intersection over union above which two clusters are near, section 5.2."""
 WHOLE = 1.5
@@ -240,8 +243,6 @@ class RegionPhdFilter:
         fixed: number of particles whatever the count, for an update whose count means nothing; 0 follows the count.
         survival: ``pS`` in [0, 1].
         detection: ``pD`` in [0, 1].
-        report: a cluster is an estimate above this weight.
-        smallest_cluster: particles that a cluster keeps at least.
     """
 
     motion: Motion
@@ -252,13 +253,6 @@ class RegionPhdFilter:
     fixed: int = 0
     survival: float = 0.99
     detection: float = 0.95
-    report: float = 0.5
-    smallest_cluster: int = 100
-
-    def __post_init__(self) -> None:
-        for name, value in (("survival", self.survival), ("detection", self.detection)):
-            if not 0.0 <= value <= 1.0:
-                raise ValueError(f"expected the probability of {name} in [0, 1], got {value}")
 
     def init(self, particles: FloatArray, labels: IntArray | None = None, count: float = 0.0) -> LabelledParticles:
         """``count`` expected targets spread evenly over particles ``(N, 6)``; ``(0, 6)`` begins with no target.
@@ -295,37 +289,34 @@ class RegionPhdFilter:
         names, masses, means = cluster_means(posterior)
         tops = np.exp(np.fmax.reduceat(log_likelihood, starts)) if len(starts) else np.empty(0)
         tops = tops[np.searchsorted(predicted.labels[starts], names)]
-        shown = scale * masses > self.report
+        shown = scale * masses > REPORTED
         if self.fixed:
             shown &= tops > background  # a share is large also where nothing is seen anywhere
         estimates = TargetEstimates(names[shown], means[shown], np.minimum(scale * masses[shown], 1.0))
         return self._resample(posterior, rng), RegionInfo(estimates, count, posterior, background, tops[shown])
 
     def _predict(self, state: LabelledParticles, image: ColourImage, rng: np.random.Generator) -> LabelledParticles:
-        """(44): survivors (48)-(49), and births where no reported target explains the image."""
+        """(44): survivors (48)-(49), and births where no reported target explains the image.
+
+        Births have provisional labels (62); those that lie on a cluster take its label, section 5.2.
+        """
         with np.errstate(divide="ignore"):
             survived = state.log_weights + np.log(self.survival)
         survivors = replace(state, particles=self.motion(state.particles, 1.0, rng), log_weights=survived)
         _, masses, means = cluster_means(survivors)
-        return self._with_births(survivors, image, boxes_of(means[masses > self.report]), rng)
-
-    def _with_births(
-        self, state: LabelledParticles, image: ColourImage, explained: FloatArray, rng: np.random.Generator
-    ) -> LabelledParticles:
-        """Births with provisional labels (62); those that lie on a cluster take its label, section 5.2."""
-        born = self.births.draw(ExplainedImage(image, explained), rng)
-        labels = np.concatenate([state.labels, _adopted(state, born)])
+        born = self.births.draw(ExplainedImage(image, boxes_of(means[masses > REPORTED])), rng)
+        labels = np.concatenate([state.labels, _adopted(survivors, born)])
         order = np.argsort(labels, kind="stable")
-        joined = LabelledParticles(
-            np.concatenate([state.particles, born.particles]),
+        every = LabelledParticles(
+            np.concatenate([survivors.particles, born.particles]),
             labels,
-            np.concatenate([state.log_weights, born.log_weights]),
+            np.concatenate([survived, born.log_weights]),
             int(max(state.next_label, labels.max(initial=0) + 1)),
         )
-        return joined.select(order)
+        return every.select(order)
 
     def _resample(self, posterior: LabelledParticles, rng: np.random.Generator) -> LabelledParticles:
-        """(56)-(59); of a light cluster at least ``smallest_cluster`` particles, of less weight."""
+        """(56)-(59); of a light cluster at least `SMALLEST_CLUSTER` particles, of less weight."""
         weights, starts = np.exp(posterior.log_weights), cluster_starts(posterior.labels)
         total = float(weights.sum())
         if len(starts) == 0 or total <= 0.0:
@@ -334,7 +325,7 @@ class RegionPhdFilter:
             drawn = systematic(weights, self.fixed, rng)
             return replace(posterior.select(drawn), log_weights=np.full(self.fixed, np.log(total / self.fixed)))
         masses = np.add.reduceat(weights, starts)
-        wanted = np.where(masses > 1e-3, np.maximum(self.density * masses, self.smallest_cluster), 0.0)
+        wanted = np.where(masses > 1e-3, np.maximum(self.density * masses, SMALLEST_CLUSTER), 0.0)
         factor = np.repeat(wanted / np.maximum(masses, TINY), cluster_sizes(starts, len(weights)))
         count = round(float(wanted.sum()))
         if count == 0:

@@ -289,8 +289,6 @@ def test_unreported_tracks_of_one_place_become_one_of_the_same_expected_count():
     # More than one target cannot be one: 0.45 + 0.45 + 0.3 leaves the weakest out.
     crowded = chosen._merge(labelled_state([0.45, 0.3, 0.45], [[0, 0], [0, 0], [0, 0]]), np.random.default_rng(1))
     assert sorted(crowded.existence.round(3).tolist()) == [0.3, 0.9]
-    apart = replace(chosen, near=0.0)._merge(before, np.random.default_rng(1))
-    assert len(apart) == 5
 
 
 def test_a_track_is_reported_when_it_is_confirmed_and_held_while_it_is_likely():
@@ -318,16 +316,3 @@ def test_same_seed_same_estimates():
         assert len(first)
         np.testing.assert_array_equal(first.states, second.states)
         np.testing.assert_array_equal(first.ids, second.ids)
-
-
-def test_a_survival_proposal_is_corrected():
-    """A proposal that moves particles away by a known shift gives the motion model's weights."""
-    base = model(0.0, 1.0, 1.0)
-
-    def shifted(particles, measurements, rng):
-        del measurements
-        return base.moved(particles, rng), np.full(len(particles), np.log(2.0))
-
-    chosen = PhdFilter(base, NO_BIRTHS, 200, proposal=shifted)
-    predicted = chosen._predict(chosen.init(np.zeros((200, 4)), 1.0), np.empty((0, 2)), np.random.default_rng(0))
-    assert predicted.expected_count == pytest.approx(2.0)

@@ -205,11 +205,6 @@ def test_settings_out_of_range_are_refused(bad):
         BlobSettings(**bad)
 
 
-def test_filter_refuses_what_is_no_probability():
-    with pytest.raises(ValueError, match="survival"):
-        RegionPhdFilter(SteppingBox(1, 1), PatchBirths(), WithoutOthers(), survival=2.0)
-
-
 @pytest.mark.parametrize("colour", HUES)
 def test_natural_clutter_has_little_of_a_named_colour_and_the_object_much(colour):
     scene = SceneSettings(frames=1, objects=1, clutter=0, enter=0.0, colour=colour)

@@ -36,7 +36,7 @@ def model(detection: float, survival: float, clutter: float = 0.0) -> PointModel
 
 @pytest.mark.parametrize(("r", "survival", "detection"), [(0.9, 0.95, 0.8), (0.4, 0.5, 0.9), (1.0, 0.9, 0.6)])
 def test_after_a_miss_existence_is_that_of_bayes(r: float, survival: float, detection: float) -> None:
-    chosen = LabelledMultiBernoulliFilter(model(detection, survival), NO_BIRTHS, 50, prune=0.0)
+    chosen = LabelledMultiBernoulliFilter(model(detection, survival), NO_BIRTHS, 50)
     state = one_track(r, np.zeros((50, 4)), chosen)
     _, info = chosen.step(state, np.empty((0, 2)), np.random.default_rng(0))
     # Nothing measured: there and gone on but missed, there and ended, or never there.
