@@ -20,6 +20,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy
 
+from tsuiseki.tracking.association.detection_tables import boxes_of_frames
 from tsuiseki.tracking.association.nearby import near_pairs, sizes
 from tsuiseki.tracking.features.exported import Detect
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
@@ -103,13 +104,13 @@ def _extent(boxes: FloatArray) -> float:
 def _links(frames: IntArray, boxes: FloatArray, frame_rate: float) -> tuple[IntArray, IntArray]:
     """Earlier and later boxes that overlap, the best last: that of the shortest gap, then of the largest overlap."""
     every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
-    found = []
+    near = []
     for gap in range(1, max(2, min(MOST_GAP, round(LONGEST_GAP * frame_rate))) + 1):
         i, j = near_pairs(frames, centre, size, gap, every, every)
         overlap = iou_pairs(boxes[i], boxes[j])
         good = overlap > OVERLAP
-        found.append((i[good], j[good], overlap[good] - gap))
-    i, j, fit = (np.concatenate(column) for column in zip(*found, strict=True))
+        near.append((i[good], j[good], overlap[good] - gap))
+    i, j, fit = (np.concatenate(column) for column in zip(*near, strict=True))
     order = np.argsort(fit, kind="stable")
     return i[order], j[order]
 
@@ -122,13 +123,20 @@ def _moving(
     scores: FloatArray,
     frame_rate: float,
 ) -> int:
-    """How many detections from a score upwards lie on chains that move."""
+    """How many detections from a score upwards lie on chains that cover a height and last half a second."""
     i, j = links
-    kept = (scores[i] >= level) & (scores[j] >= level)
-    label = _chains(i[kept], j[kept], len(frames))
-    used = np.flatnonzero(scores >= level)
-    _, label = np.unique(label[used], return_inverse=True)
-    return _on_moving_chains(label, frames[used], boxes[used], frame_rate)
+    good = (scores[i] >= level) & (scores[j] >= level)
+    kept = np.flatnonzero(scores >= level)
+    _, label = np.unique(_chains(i[good], j[good], len(frames))[kept], return_inverse=True)
+    order = np.argsort(label, kind="stable")
+    start = np.flatnonzero(np.diff(label[order], prepend=-1))
+    rows = kept[order]
+    centre, when = centres(boxes[rows]), frames[rows]
+    span = np.maximum.reduceat(centre, start) - np.minimum.reduceat(centre, start)
+    height = np.add.reduceat(sizes(boxes[rows])[:, 1], start) / np.bincount(label)
+    seconds = (np.maximum.reduceat(when, start) - np.minimum.reduceat(when, start) + 1) / frame_rate
+    moves = (np.linalg.norm(span, axis=1) > MOVED * height) & (seconds >= LASTED)
+    return int(moves[label].sum())
 
 
 def _chains(i: IntArray, j: IntArray, count: int) -> IntArray:
@@ -141,57 +149,41 @@ def _chains(i: IntArray, j: IntArray, count: int) -> IntArray:
     return np.asarray(scipy.sparse.csgraph.connected_components(chains, directed=False)[1])
 
 
-def _on_moving_chains(label: IntArray, frames: IntArray, boxes: FloatArray, frame_rate: float) -> int:
-    """How many detections lie on a chain that covers a height and lasts half a second."""
-    order = np.argsort(label, kind="stable")
-    start = np.flatnonzero(np.diff(label[order], prepend=-1))
-    centre = centres(boxes)[order]
-    span = np.maximum.reduceat(centre, start) - np.minimum.reduceat(centre, start)
-    height = np.add.reduceat(sizes(boxes)[order, 1], start) / np.bincount(label)
-    when = frames[order]
-    seconds = (np.maximum.reduceat(when, start) - np.minimum.reduceat(when, start) + 1) / frame_rate
-    moves = (np.linalg.norm(span, axis=1) > MOVED * height) & (seconds >= LASTED)
-    return int(moves[label].sum())
-
-
 # Least score of the boxes that count, seconds at the beginning of the video, and most detections that are taken.
 LOWEST, SECONDS, MOST = 0.05, 20.0, 60_000
 # Given detections are cut where no more than this share of them is worth keeping.
 MOSTLY = 0.25
 
 
-def floor_of(found: Sequence[Detections], frame_rate: float) -> float | None:
+def floor_of(detections: Sequence[Detections], frame_rate: float) -> float | None:
     """`score_floor` of ``(F,)`` frames' detections; None where they have no scores, or too little moves."""
-    frames, boxes, scores = _beginning(found)
+    frames, boxes, scores = _beginning(detections)
     return None if np.isnan(scores).any() else score_floor(frames, boxes, scores, frame_rate)
 
 
-def _beginning(found: Sequence[Detections]) -> tuple[IntArray, FloatArray, FloatArray]:
+def _beginning(detections: Sequence[Detections]) -> tuple[IntArray, FloatArray, FloatArray]:
     """Frames, boxes and scores of the first detections, at most `MOST`."""
-    counts = np.array([len(each) for each in found], dtype=np.int64)
-    taken = found[: int(np.searchsorted(np.cumsum(counts), MOST, side="right"))]
-    boxes = np.concatenate([np.empty((0, 4)), *(each.boxes for each in taken)])
-    scores = np.concatenate([np.empty(0), *(each.scores for each in taken)])
-    return np.repeat(np.arange(len(taken)), counts[: len(taken)]), boxes, scores
+    counts = np.array([len(each) for each in detections], dtype=np.int64)
+    return boxes_of_frames(detections[: int(np.searchsorted(np.cumsum(counts), MOST, side="right"))])
 
 
-def _flickers(found: Sequence[Detections], floor: float, frame_rate: float) -> bool:
+def _flickers(detections: Sequence[Detections], floor: float, frame_rate: float) -> bool:
     """Whether most detections of a score below ``floor`` are on chains shorter than a second."""
-    frames, boxes, scores = _beginning(found)
+    frames, boxes, scores = _beginning(detections)
     label = _chains(*_links(frames, boxes, frame_rate), len(frames))
-    begin, end = np.full(len(frames), len(found)), np.zeros(len(frames), dtype=np.int64)
+    begin, end = np.full(len(frames), len(detections)), np.zeros(len(frames), dtype=np.int64)
     np.minimum.at(begin, label, frames)
     np.maximum.at(end, label, frames)
     short = (end - begin)[label[scores < floor]] < frame_rate
     return bool(2 * np.count_nonzero(short) > len(short))
 
 
-def above_floor(found: Sequence[Detections], frame_rate: float) -> tuple[list[Detections], float | None]:
+def above_floor(detections: Sequence[Detections], frame_rate: float) -> tuple[list[Detections], float | None]:
     """The given detections that are worth keeping, an entry a frame, and their least score; None where all are kept."""
-    floor, every = floor_of(found, frame_rate), [*found]
+    floor, every = floor_of(detections, frame_rate), [*detections]
     if floor is not None:
-        kept = [each.select(each.scores >= floor) for each in found]
-        if sum(map(len, kept)) <= MOSTLY * sum(map(len, found)) and _flickers(found, floor, frame_rate):
+        kept = [each.select(each.scores >= floor) for each in detections]
+        if sum(map(len, kept)) <= MOSTLY * sum(map(len, detections)) and _flickers(detections, floor, frame_rate):
             return kept, floor
     return every, None
 
@@ -216,18 +208,18 @@ class ScoreChoice:
         """Detections by frame number at the beginning of the video, at the threshold that is taken from then on."""
         usual, self._network.score_threshold = self._network.score_threshold, LOWEST
         last = source.frames_wanted.first + round(SECONDS * source.frame_rate)
-        found: dict[int, Detections] = {}
+        beginning: dict[int, Detections] = {}
         frames = source.frames()
         for frame, each in stream(frames, self._detect, None, batch_size, times, workers):
             if frame.index >= last:
                 break
-            found[frame.index] = each
-        self.floor = floor_of([*found.values()], source.frame_rate)
+            beginning[frame.index] = each
+        self.floor = floor_of([*beginning.values()], source.frame_rate)
         threshold = usual if self.floor is None else self.floor
         self._network.score_threshold = threshold
         if self._ground is not None:
             self._ground.score_threshold = threshold
-        return {number: each.select(each.scores >= threshold) for number, each in found.items()}
+        return {number: each.select(each.scores >= threshold) for number, each in beginning.items()}
 
     @property
     def threshold(self) -> float:

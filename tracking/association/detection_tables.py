@@ -38,40 +38,34 @@ def rows_of(detections: Sequence[Detections], first_frame: int, first_number: in
     Raises:
         ValueError: features are of different lengths, or there are actions for some frames only.
     """
-    lengths = [len(found) for found in detections]
-    boxes = np.concatenate([found.boxes for found in detections])
-    return DetectionRows(
-        first_number + np.arange(len(boxes)),
-        first_frame + np.repeat(np.arange(len(detections)), lengths),
-        boxes,
-        np.concatenate([found.scores for found in detections]),
-        _features_of(detections),
-        _actions_of(detections),
-    )
-
-
-def _actions_of(detections: Sequence[Detections]) -> FloatArray | None:
-    """Actions one below the other."""
-    given = [found.actions for found in detections if found.actions is not None]
-    if given and any(found.actions is None and len(found) for found in detections):
+    frames, boxes, scores = boxes_of_frames(detections)
+    given = [one.actions for one in detections if one.actions is not None]
+    if given and any(one.actions is None and len(one) for one in detections):
         raise ValueError("expected action features for all frames or for none")
-    return np.concatenate(given) if given else None
+    actions = np.concatenate(given) if given else None
+    numbers = first_number + np.arange(len(boxes))
+    return DetectionRows(numbers, first_frame + frames, boxes, scores, _features_of(detections), actions)
+
+
+def boxes_of_frames(detections: Sequence[Detections]) -> tuple[IntArray, FloatArray, FloatArray]:
+    """``(N,)`` frames from 0, ``(N, 4)`` boxes and ``(N,)`` scores of the detections of consecutive frames."""
+    frames = np.repeat(np.arange(len(detections)), [len(one) for one in detections])
+    boxes = np.concatenate([np.empty((0, 4)), *(one.boxes for one in detections)])
+    return frames, boxes, np.concatenate([np.empty(0), *(one.scores for one in detections)])
 
 
 def _features_of(detections: Sequence[Detections]) -> FloatArray | None:
     """Features one below the other, NaN for those that are not known."""
-    known = {found.features.shape[1] for found in detections if found.features is not None and len(found.features)}
+    known = {one.features.shape[1] for one in detections if one.features is not None and len(one.features)}
     if not known:
         return None
     if len(known) > 1:
         raise ValueError(f"expected features of one length, got lengths {sorted(known)}")
-    shapes = [(len(found), *known) for found in detections]
-    return np.concatenate(
-        [
-            np.full(shape, np.nan) if found.features is None else found.features.reshape(shape)
-            for found, shape in zip(detections, shapes, strict=True)
-        ]
-    )
+    parts = []
+    for one in detections:
+        shape = (len(one), *known)
+        parts.append(np.full(shape, np.nan) if one.features is None else one.features.reshape(shape))
+    return np.concatenate(parts)
 
 
 @dataclass(frozen=True)

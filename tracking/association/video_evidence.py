@@ -15,7 +15,8 @@ Triples also calibrate the detector's scores in this video. The share of detecti
 (`repeated_detections`) says how far it can be trusted, on whatever scale it is: the isotonic fit of
 "repeated" on the score is the probability that `DetectionCost` takes.
 
-`VideoEvidence` gathers all three: the worth of scores, speeds, and what is missed.
+`VideoEvidence` gathers all three: the worth of scores, speeds, and what is missed. Before anything is known the priors
+below are taken, with the weight of `IN_ADVANCE` detections.
 """
 
 from __future__ import annotations
@@ -27,10 +28,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import scipy
 
+from tsuiseki.tracking.association.detection_tables import boxes_of_frames
 from tsuiseki.tracking.association.nearby import dense_reach, near_pairs, nearest, sizes
 from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray
 
+# Detections that scores and speeds are taken from, the latest.
+MEMORY = 30_000
 # Prior probability of a detection, and the number of detections that it weighs as much as.
 EXPECTED, IN_ADVANCE = 0.9, 20
 # Prior speed of targets, and the least speed that is reported, longer sides a second.
@@ -76,7 +80,7 @@ def repeated_detections(
         frames: ``(N,)`` increasing.
         boxes: ``(N, 4)`` pixels, as if the camera stood still.
         frame_rate: frames a second.
-        stride: detections are in every ``stride``-th frame, see `Stride`.
+        stride: detections are in every ``stride``-th frame, see `VideoEvidence.stride`.
         times: ``(N,)`` seconds, where frames do not follow each other at one interval.
     """
     speed, earlier = np.full(len(frames), np.nan), np.full(len(frames), -1)
@@ -117,72 +121,6 @@ def _triples(i: IntArray, j: IntArray, count: int) -> tuple[IntArray, IntArray, 
     return i[first], j[first], j[order[second]]
 
 
-@dataclass
-class RateOfRight:
-    """Share of the right detections of a video that are repeated: the square of the share on one side.
-
-    The prior of one side is `EXPECTED`, with the weight of `IN_ADVANCE` detections.
-    """
-
-    _asked: int = 0
-    _repeated: int = 0
-
-    def add(self, found: BoolArray) -> None:
-        """Take ``(N,)`` whether detections were, of which one side is known to be there."""
-        self._asked += len(found)
-        self._repeated += int(found.sum())
-
-    def __call__(self) -> float:
-        """In (0, 1]."""
-        return float(((self._repeated + IN_ADVANCE * EXPECTED) / (self._asked + IN_ADVANCE)) ** 2)
-
-
-@dataclass
-class Stride:
-    """Every how many frames there are detections: the greatest common divisor of the gaps between frames that have any.
-
-    A detector that runs on every third frame repeats no box a frame later, however right it is.
-    Where times between detections have no common divisor of up to a second, there is no rhythm.
-    """
-
-    _first: int | None = None
-    _divisor: int = 0
-
-    def add(self, frames: IntArray) -> None:
-        """Take ``(N,)`` frames of detections."""
-        if len(frames) == 0 or self._divisor == 1:
-            return
-        self._first = int(frames.min()) if self._first is None else self._first
-        self._divisor = int(np.gcd.reduce(np.append(np.unique(frames) - self._first, self._divisor)))
-
-    def __call__(self, frame_rate: float) -> int:
-        """Frames from one with detections to the next."""
-        return self._divisor if 1 < self._divisor <= frame_rate else 1
-
-
-@dataclass
-class TypicalSpeed:
-    """How fast the targets of a video move: the speed that nine of ten detections stay below.
-
-    Before anything is known `EXPECTED_SPEED` is taken, as if that many detections `IN_ADVANCE` had it.
-
-    Attributes:
-        memory: detections that it is taken from, the latest.
-    """
-
-    memory: int = 30_000
-    _speeds: FloatArray = field(default_factory=lambda: np.empty(0))
-
-    def add(self, speeds: FloatArray) -> None:
-        """Take ``(N,)`` speeds, longer sides a second; NaN where not known."""
-        self._speeds = np.append(self._speeds, speeds[~np.isnan(speeds)])[-self.memory :]
-
-    def __call__(self) -> float:
-        """The speed, longer sides a second."""
-        known = np.append(self._speeds, np.full(IN_ADVANCE, EXPECTED_SPEED))
-        return max(LEAST_SPEED, float(np.quantile(known, 0.9)))
-
-
 @dataclass(frozen=True)
 class DetectionCost:
     """Cost of using a detection of probability p: -(offset + weight logit p) max(1, 30 / frame rate)^interval.
@@ -192,18 +130,16 @@ class DetectionCost:
         weight: of the logit.
         least: p is kept within [least, 1 - least].
         interval: how much more a detection is worth where fewer are made in a second.
-        memory: detections that the fit, and the speed of targets, is taken from, the latest.
     """
 
     offset: float = 3.5
     weight: float = 1.0
     least: float = 0.1
     interval: float = 0.0
-    memory: int = 30_000
 
     def __post_init__(self) -> None:
-        if not (0 < self.least < 0.5 and self.memory > 0):
-            raise ValueError("expected least in (0, 0.5) and memory from 1")
+        if not 0 < self.least < 0.5:
+            raise ValueError("expected least in (0, 0.5)")
 
     def __call__(self, probability: FloatArray, frame_rate: float) -> FloatArray:
         """``(N,)`` costs of detections of ``(N,)`` probabilities in (0, 1)."""
@@ -212,40 +148,14 @@ class DetectionCost:
         return np.asarray(-worth * max(1.0, 30 / frame_rate) ** self.interval)
 
 
-@dataclass
-class ScoreCalibration:
-    """The probability of every score, from the detections so far.
+@dataclass(frozen=True)
+class _RecentDetections(Columns):
+    """The detections of the last frames; boxes ``(N, 4)`` as if the camera stood still, times in seconds."""
 
-    Attributes:
-        settings: of the fit.
-    """
-
-    settings: DetectionCost = field(default_factory=DetectionCost)
-    _scores: FloatArray = field(default_factory=lambda: np.empty(0))
-    _repeated: FloatArray = field(default_factory=lambda: np.empty(0))
-
-    def add(self, scores: FloatArray, found: BoolArray) -> None:
-        """Take ``(N,)`` scores, NaN where there is none, and whether each was repeated."""
-        self._scores = np.append(self._scores, scores)[-self.settings.memory :]
-        self._repeated = np.append(self._repeated, found.astype(np.float64))[-self.settings.memory :]
-
-    def __call__(self, scores: FloatArray) -> FloatArray:
-        """``(N,)`` probabilities of ``(N,)`` scores; those without a score share one."""
-        probability = np.full(len(scores), EXPECTED)
-        for known in (True, False):
-            ours, asked = np.isnan(self._scores) != known, np.isnan(scores) != known
-            if ours.any() and asked.any():
-                probability[asked] = self._fit(np.nan_to_num(self._scores[ours]), self._repeated[ours], scores[asked])
-        count = len(self._scores)
-        probability = (count * probability + IN_ADVANCE * EXPECTED) / (count + IN_ADVANCE)
-        return np.asarray(np.clip(probability, self.settings.least, 1 - self.settings.least))
-
-    def _fit(self, scores: FloatArray, found: FloatArray, asked: FloatArray) -> FloatArray:
-        """``(N,)`` the isotonic fit at the scores that are asked for, on straight lines between those that came."""
-        level, which = np.unique(scores, return_inverse=True)
-        weight = np.bincount(which).astype(np.float64)
-        fit = scipy.optimize.isotonic_regression(np.bincount(which, found) / weight, weights=weight)
-        return np.asarray(np.interp(np.nan_to_num(asked, nan=level[0]), level, np.asarray(fit.x)))
+    frames: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    boxes: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
+    scores: FloatArray = field(default_factory=lambda: np.empty(0))
+    times: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
 class VideoEvidence:
@@ -254,31 +164,55 @@ class VideoEvidence:
     Args:
         settings: how the probability of scores is fitted.
         frame_rate: frames a second.
-
-    Attributes:
-        probability: calibration of scores, probability in [0, 1] that a detection of a score is repeated.
-        speed: typical speed of the targets, longer sides a second.
-        rate_of_right: share of the right detections that are repeated, in [0, 1].
     """
 
     def __init__(self, settings: DetectionCost, frame_rate: float) -> None:
-        self.probability = ScoreCalibration(settings)
-        self.speed = TypicalSpeed(memory=settings.memory)
-        self.rate_of_right = RateOfRight()
-        self._frame_rate = frame_rate
-        self._stride = Stride()
+        self._settings, self._frame_rate = settings, frame_rate
         self._recent = _RecentDetections()
+        # The frame from which on detections are not counted yet, the first with any, and the divisor of `stride`.
+        self._counted_until, self._first, self._divisor = 0, -1, 0
+        # Of the latest detections counted: scores, and whether each was repeated; and the speeds that are known.
+        self._scores, self._repeated, self._speeds = np.empty(0), np.empty(0), np.empty(0)
+        # Detections of which one side is known to be there, and those of them that were repeated.
+        self._one_sided = self._two_sided = 0
 
     def copy(self) -> VideoEvidence:
         """A copy that goes on by itself."""
-        other = copy(self)
-        other.probability, other.speed = copy(self.probability), copy(self.speed)
-        other.rate_of_right, other._stride = copy(self.rate_of_right), copy(self._stride)
-        return other
+        return copy(self)
+
+    def probability(self, scores: FloatArray) -> FloatArray:
+        """``(N,)`` probability in [0, 1] that detections of ``(N,)`` scores are repeated; without a score they share one."""
+        probability = np.full(len(scores), EXPECTED)
+        for known in (True, False):
+            ours, asked = np.isnan(self._scores) != known, np.isnan(scores) != known
+            if ours.any() and asked.any():
+                probability[asked] = _isotonic_fit(
+                    np.nan_to_num(self._scores[ours]), self._repeated[ours], scores[asked]
+                )
+        count = len(self._scores)
+        probability = (count * probability + IN_ADVANCE * EXPECTED) / (count + IN_ADVANCE)
+        return np.asarray(np.clip(probability, self._settings.least, 1 - self._settings.least))
+
+    def rate_of_right(self) -> float:
+        """Share of the right detections that are repeated, in (0, 1]: the square of the share on one side."""
+        return ((self._two_sided + IN_ADVANCE * EXPECTED) / (self._one_sided + IN_ADVANCE)) ** 2
 
     def right(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` probabilities of ``(N,)`` scores being right: repeated, or missed before or after."""
         return np.minimum(self.probability(scores) / self.rate_of_right(), 1)
+
+    def speed(self) -> float:
+        """The speed that nine of ten detections stay below, longer sides a second."""
+        known = np.append(self._speeds, np.full(IN_ADVANCE, EXPECTED_SPEED))
+        return max(LEAST_SPEED, float(np.quantile(known, 0.9)))
+
+    def stride(self) -> int:
+        """Every how many frames there are detections: the greatest common divisor of the gaps between frames with any.
+
+        A detector that runs on every third frame repeats no box a frame later, however right it is.
+        Where times between detections have no common divisor of up to a second, there is no rhythm.
+        """
+        return self._divisor if 1 < self._divisor <= self._frame_rate else 1
 
     def add(
         self, frames: IntArray, boxes: FloatArray, scores: FloatArray, last: int, times: FloatArray | None = None
@@ -292,41 +226,35 @@ class VideoEvidence:
             last: the newest frame, with detections or without.
             times: ``(N,)`` seconds, where frames do not follow each other at one interval.
         """
-        self._stride.add(frames)
-        stride = self._stride(self._frame_rate)
-        gap = interval_frames(self._frame_rate, stride)
-        new = _RecentDetections(frames, boxes, scores, frames / self._frame_rate if times is None else times)
+        if len(frames) and self._divisor != 1:
+            self._first = int(frames.min()) if self._first < 0 else self._first
+            self._divisor = int(np.gcd.reduce(np.append(np.unique(frames) - self._first, self._divisor)))
+        rate, stride = self._frame_rate, self.stride()
+        gap = interval_frames(rate, stride)
+        new = _RecentDetections(frames, boxes, scores, frames / rate if times is None else times)
         recent = self._recent.and_then(new)
         uneven = None if times is None else recent.times
-        triples = repeated_detections(recent.frames, recent.boxes, self._frame_rate, stride, uneven)
-        counted = (recent.frames >= max(self._recent.counted_until, gap)) & (recent.frames <= last - gap)
-        self.probability.add(recent.scores[counted], triples.repeated[counted])
-        self.speed.add(triples.speed[counted])
+        triples = repeated_detections(recent.frames, recent.boxes, rate, stride, uneven)
+        repeated = triples.repeated
+        counted = (recent.frames >= max(self._counted_until, gap)) & (recent.frames <= last - gap)
+        speeds = triples.speed[counted]
+        self._scores = np.append(self._scores, recent.scores[counted])[-MEMORY:]
+        self._repeated = np.append(self._repeated, repeated[counted].astype(np.float64))[-MEMORY:]
+        self._speeds = np.append(self._speeds, speeds[~np.isnan(speeds)])[-MEMORY:]
         # The earlier neighbours of those on a line; the first ones of the video have no neighbour before them.
-        self.rate_of_right.add(
-            triples.repeated[triples.before[counted & triples.repeated & (recent.frames >= 2 * gap)]]
-        )
-        counted_until = max(self._recent.counted_until, last - gap + 1)
-        self._recent = replace(recent.select(recent.frames >= last - 3 * gap + 1), counted_until=counted_until)
+        before = repeated[triples.before[counted & repeated & (recent.frames >= 2 * gap)]]
+        self._one_sided += len(before)
+        self._two_sided += int(before.sum())
+        self._counted_until = max(self._counted_until, last - gap + 1)
+        self._recent = recent.select(recent.frames >= last - 3 * gap + 1)
 
 
-@dataclass(frozen=True)
-class _RecentDetections(Columns):
-    """The detections of the last frames.
-
-    Attributes:
-        frames: ``(N,)``.
-        boxes: ``(N, 4)`` as if the camera stood still, pixels.
-        scores: ``(N,)``.
-        times: ``(N,)`` seconds.
-        counted_until: frame from which on detections are not counted yet.
-    """
-
-    frames: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
-    boxes: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
-    scores: FloatArray = field(default_factory=lambda: np.empty(0))
-    times: FloatArray = field(default_factory=lambda: np.empty(0))
-    counted_until: int = 0
+def _isotonic_fit(scores: FloatArray, repeated: FloatArray, asked: FloatArray) -> FloatArray:
+    """``(N,)`` the isotonic fit at the scores that are asked for, on straight lines between those that came."""
+    level, which = np.unique(scores, return_inverse=True)
+    weight = np.bincount(which).astype(np.float64)
+    fit = scipy.optimize.isotonic_regression(np.bincount(which, repeated) / weight, weights=weight)
+    return np.asarray(np.interp(np.nan_to_num(asked, nan=level[0]), level, np.asarray(fit.x)))
 
 
 class ScoreScale:
@@ -347,24 +275,22 @@ class ScoreScale:
     def __str__(self) -> str:
         return "scores are on a scale of their own: taken instead is how often boxes of a score are found again"
 
-    def every(self, found: Sequence[Detections]) -> list[Detections]:
+    def every(self, detections: Sequence[Detections]) -> list[Detections]:
         """The detections of a whole video, an entry a frame; also turned where none could start a track."""
-        frames = np.repeat(np.arange(len(found)), [len(each) for each in found])
-        boxes = np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)])
-        scores = np.concatenate([np.empty(0), *(each.scores for each in found)])
+        frames, boxes, scores = boxes_of_frames(detections)
         self.used = _no_probabilities(scores) or bool(len(scores) and (scores < self._start).all())
         if self.used:
-            self._evidence.add(frames, boxes, scores, len(found) - 1)
-        return [self._turned(each) for each in found]
+            self._evidence.add(frames, boxes, scores, len(detections) - 1)
+        return [self._turned(each) for each in detections]
 
-    def next(self, found: Detections) -> Detections:
+    def next(self, detections: Detections) -> Detections:
         """The detections of the next frame; scores are turned from the first on that is no probability."""
-        self._evidence.add(np.full(len(found), self._frame), found.boxes, found.scores, self._frame)
-        self._frame, self.used = self._frame + 1, self.used or _no_probabilities(found.scores)
-        return self._turned(found)
+        self._evidence.add(np.full(len(detections), self._frame), detections.boxes, detections.scores, self._frame)
+        self._frame, self.used = self._frame + 1, self.used or _no_probabilities(detections.scores)
+        return self._turned(detections)
 
-    def _turned(self, found: Detections) -> Detections:
-        return replace(found, scores=self._evidence.right(found.scores)) if self.used else found
+    def _turned(self, detections: Detections) -> Detections:
+        return replace(detections, scores=self._evidence.right(detections.scores)) if self.used else detections
 
 
 def _no_probabilities(scores: FloatArray) -> bool:

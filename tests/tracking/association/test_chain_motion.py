@@ -7,7 +7,7 @@ import numpy as np
 from tsuiseki.tracking.association.chain_motion import MotionNoise, beliefs_along
 from tsuiseki.tracking.association.detection_tables import Measurements
 from tsuiseki.tracking.association.nearby import Occluders, hidden_parts
-from tsuiseki.tracking.association.video_evidence import ScoreCalibration, repeated_detections
+from tsuiseki.tracking.association.video_evidence import DetectionCost, VideoEvidence
 
 NOISE = MotionNoise()
 
@@ -73,10 +73,8 @@ def test_scores_are_worth_how_often_they_are_found_again() -> None:
     false = np.concatenate([corner, corner + np.array([30, 80])], axis=2)
     boxes = np.concatenate([still, false], axis=1).reshape(-1, 4)
     scores = np.tile([40.0, 40.0, 7.0, 7.0], 200)
-    found = repeated_detections(frames, boxes, 30.0).repeated
-    told = (frames >= 3) & (frames < 197)
-    calibration = ScoreCalibration()
-    calibration.add(scores[told], found[told])
-    low, high = calibration(np.array([7.0, 40.0]))
-    assert low == calibration.settings.least
-    assert high == 1 - calibration.settings.least
+    evidence = VideoEvidence(DetectionCost(), 30.0)
+    evidence.add(frames, boxes, scores, 199)
+    low, high = evidence.probability(np.array([7.0, 40.0]))
+    assert low == DetectionCost().least
+    assert high == 1 - DetectionCost().least

@@ -9,7 +9,12 @@ import pytest
 
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.smoothing import USUAL, fit_smoothing
-from tsuiseki.tracking.association.video_evidence import Stride, TypicalSpeed, interval_frames, repeated_detections
+from tsuiseki.tracking.association.video_evidence import (
+    DetectionCost,
+    VideoEvidence,
+    interval_frames,
+    repeated_detections,
+)
 from tsuiseki.tracking.types import FloatArray, Track
 
 
@@ -44,10 +49,10 @@ def test_nothing_is_found_in_nothing() -> None:
 
 
 def test_the_typical_speed_starts_at_what_is_expected_and_follows_the_video() -> None:
-    typical = TypicalSpeed()
-    assert typical() == 0.75
-    typical.add(np.append(np.full(500, 3.0), np.nan))
-    assert typical() == 3.0
+    evidence = VideoEvidence(DetectionCost(), 10.0)
+    assert evidence.speed() == 0.75
+    evidence.add(np.arange(100), moving(3.0, 100, 10.0), np.ones(100), 99)
+    assert evidence.speed() == pytest.approx(3.0)
 
 
 def test_links_reach_further_where_targets_are_fast_and_no_less_where_they_are_slow() -> None:
@@ -99,11 +104,12 @@ def test_finer_steps_of_time_smooth_as_much(tracks: list[Track]) -> None:
     [([], 1), ([7], 1), ([0, 1], 1), ([0, 3, 6], 3), ([2, 6, 12], 2), ([0, 90, 180], 1), ([4, 4, 8, 8], 4)],
 )
 def test_the_stride_is_the_common_divisor_of_times_between_detections(frames: list[int], expected: int) -> None:
-    every, parts = Stride(), Stride()
-    every.add(np.array(frames, dtype=np.int64))
+    every, parts = (VideoEvidence(DetectionCost(), 30.0) for _ in range(2))
+    boxes, scores = np.tile([0.0, 0.0, 10.0, 20.0], (len(frames), 1)), np.ones(len(frames))
+    every.add(np.array(frames, dtype=np.int64), boxes, scores, max(frames, default=0))
     for frame in frames:
-        parts.add(np.array([frame]))
-    assert every(30.0) == parts(30.0) == expected
+        parts.add(np.array([frame]), boxes[:1], scores[:1], frame)
+    assert every.stride() == parts.stride() == expected
 
 
 @pytest.mark.parametrize(("rate", "stride", "expected"), [(30, 1, 3), (30, 2, 4), (30, 3, 3), (10, 3, 3), (10, 1, 1)])

@@ -10,12 +10,11 @@ import pytest
 
 from tests.tracking.people.test_people_trackers import crowd, owners
 from tsuiseki.tracking.association.costs import ObservationCost
-from tsuiseki.tracking.association.video_evidence import DetectionCost
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.people.flow_input import FlowSettings, InputSettings
+from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections, Targets, Track
 
@@ -91,11 +90,11 @@ def test_an_id_outlives_a_gap_longer_than_the_delay() -> None:
 
 
 @pytest.mark.slow
-def test_the_state_does_not_grow() -> None:
+def test_the_state_does_not_grow(monkeypatch: pytest.MonkeyPatch) -> None:
     """With what was answered forgotten, and as many scores seen as the calibration remembers."""
     video, _ = crowd(np.random.default_rng(8), 2, 200, miss=0.1, clutter=0.3)
-    memory = InputSettings(detection=DetectionCost(memory=200))
-    tracker = FlowTracker(FlowSettings(input=memory), frame_rate=RATE, delay=1.0)
+    monkeypatch.setattr("tsuiseki.tracking.association.video_evidence.MEMORY", 200)
+    tracker = FlowTracker(frame_rate=RATE, delay=1.0)
     sizes = {}
     for frame in range(1200):
         # Back and forth, so that nobody leaves.

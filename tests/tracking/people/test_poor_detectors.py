@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.video_evidence import RateOfRight, repeated_detections
+from tsuiseki.tracking.association.video_evidence import DetectionCost, VideoEvidence, repeated_detections
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
+from tsuiseki.tracking.types import Detections, FloatArray
 
 FRAMES, PEOPLE, RATE = 60, 12, 7.0
 
@@ -55,9 +55,8 @@ def test_false_boxes_anywhere_are_no_people_for_that() -> None:
 def test_how_often_right_detections_are_found_again_is_known_without_labels(missed: float) -> None:
     found = walkers(missed, 0.0)
     frames = np.repeat(np.arange(FRAMES), [len(one) for one in found])
-    triples = repeated_detections(frames, np.concatenate([one.boxes for one in found]), RATE)
-    rate = RateOfRight()
-    asked: BoolArray = triples.repeated & (frames >= 2)
-    rate.add(triples.repeated[triples.before[asked]])
-    assert rate() == pytest.approx((1 - missed) ** 2, abs=0.07)
+    boxes = np.concatenate([one.boxes for one in found])
+    triples, evidence = repeated_detections(frames, boxes, RATE), VideoEvidence(DetectionCost(), RATE)
+    evidence.add(frames, boxes, np.ones(len(frames)), FRAMES - 1)
+    assert evidence.rate_of_right() == pytest.approx((1 - missed) ** 2, abs=0.07)
     assert triples.repeated.mean() == pytest.approx((1 - missed) ** 2, abs=0.07)
