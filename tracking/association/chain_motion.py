@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.association.detection_tables import DetectionTable, Measurements
+from tsuiseki.tracking.association.network_flow import predecessors
 from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 
 # Which covariance belongs to x, y, log width and log height.
@@ -216,7 +217,7 @@ def followed(
     order = np.argsort(own, kind="stable")
     rows = TrackRows.of(own[order])
     before, after = table.rows(known.follower), table.rows(follower)
-    past = rows.any_within((_came_from(before) != _came_from(after))[order], reach, 0)
+    past = rows.any_within((predecessors(before) != predecessors(after))[order], reach, 0)
     future = rows.any_within((before != after)[order], 0, reach)
     needed = rows.any_within(past, 0, RUN_UP) | rows.any_within(future, RUN_UP, 0)
     back, ahead = np.empty(len(table), np.bool_), np.empty(len(table), np.bool_)
@@ -235,14 +236,6 @@ def followed(
         known.beginning,
     )
     return now, (back, ahead)
-
-
-def _came_from(after: IntArray) -> IntArray:
-    """``(N,)`` index of what comes before each detection, -1 for nothing."""
-    before = np.full(len(after), -1)
-    linked = np.flatnonzero(after >= 0)
-    before[after[linked]] = linked
-    return before
 
 
 @dataclass(frozen=True)

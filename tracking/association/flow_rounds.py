@@ -21,7 +21,7 @@ from tsuiseki.tracking.association.chain_motion import TrackMotion
 from tsuiseki.tracking.association.costs import window_means
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.evidence import LinkWeigher
-from tsuiseki.tracking.association.learnt_costs import CostChanges
+from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.association.link_cost import DOUBT, MOST_WORTH, LinkCost
 from tsuiseki.tracking.association.nearby import (
     BOXES_AT_ONCE,
@@ -70,8 +70,6 @@ AVERAGED = 0.7
 
 # Longest gap of a link, seconds; those above `NEAR` are linked only near the ends of tracks.
 WINDOW, NEAR = 1.3, 0.6
-# How often costs are computed along tracks, at most.
-ROUNDS = 5
 
 
 def candidates(
@@ -166,7 +164,7 @@ def with_new_costs(
     known: TrackMotion,
     changed: tuple[BoolArray, BoolArray],
     free: BoolArray,
-    changes: CostChanges | None,
+    changes: CostNetwork | None,
 ) -> tuple[Links, TrackMotion]:
     """The links, and more at the ends of the tracks, with costs from the motion along the tracks.
 

@@ -15,7 +15,6 @@ from tsuiseki.tracking.association.flow_rounds import (
     AVERAGED,
     DEAREST,
     NEAR,
-    ROUNDS,
     WINDOW,
     FirstCosts,
     Links,
@@ -24,7 +23,7 @@ from tsuiseki.tracking.association.flow_rounds import (
     with_known_velocity,
     with_new_costs,
 )
-from tsuiseki.tracking.association.learnt_costs import LARGEST, CostChanges
+from tsuiseki.tracking.association.learnt_costs import LARGEST, CostNetwork
 from tsuiseki.tracking.association.link_cost import MOST_WORTH, LinkCost
 from tsuiseki.tracking.association.nearby import Pairs, gaps
 from tsuiseki.tracking.association.network_flow import FlowGraph, FlowSolution, track_labels
@@ -52,17 +51,21 @@ class FlowCosts:
         link: costs of links.
         entry: cost of a track's start, c_entr.
         exit: cost of a track's end, c_exit.
+        rounds: how often costs are computed along tracks at most; 0 keeps the costs of pairs.
         places: change both by the places where tracks begin and end (`places`); otherwise all places are alike.
     """
 
     link: LinkCost = field(default_factory=LinkCost)
     entry: float = 5.0
     exit: float = 5.0
+    rounds: int = 5
     places: bool = True
 
     def __post_init__(self) -> None:
         if not (0 <= self.entry < np.inf and 0 <= self.exit < np.inf):
             raise ValueError("expected finite entry and exit costs of 0 or more")
+        if self.rounds < 0:
+            raise ValueError(f"expected rounds from 0, got {self.rounds}")
 
 
 class FlowWindow:
@@ -90,7 +93,7 @@ class FlowWindow:
         frame_rate: float,
         size: tuple[int, int] | None,
         transition: TransitionCost | None = None,
-        changes: CostChanges | None = None,
+        changes: CostNetwork | None = None,
     ) -> None:
         self.costs = costs
         self.overlap = gaps(WINDOW, frame_rate) + 1
@@ -154,7 +157,7 @@ class FlowWindow:
         Args:
             observation: ``(N,)`` costs of the detections that are kept.
             logit: ``(N,)`` of the probability that each is right, which learnt changes need.
-            rounds: how often costs are computed along tracks at most; by default `ROUNDS`.
+            rounds: how often costs are computed along tracks at most; by default see `FlowCosts`.
             first_costs: test whether first costs are too high; by default they are not.
         """
         free, table = self.free(), self.table
@@ -164,7 +167,7 @@ class FlowWindow:
         observation, start, end = observation[free] + change[:, 0], change[:, 1], change[:, 2]
         by_place = place_costs(self._counts, table.image[free], table.size)
         before: set[bytes] = set()
-        rounds = ROUNDS if rounds is None else rounds
+        rounds = self.costs.rounds if rounds is None else rounds
         for number in range(rounds + 1):
             ends = start + by_place[0], end + by_place[1]
             self.flow.replace(self.graph(observation, *ends))

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Literal, Protocol, get_args, runtime_checkable
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -139,31 +139,6 @@ def _alike_together(rows: NDArray[np.float32]) -> IntArray:
 LARGEST = 8.0
 
 
-class CostChanges(Protocol):
-    """Anything that changes the costs of the flow by features."""
-
-    def links(self, rows: FloatArray) -> FloatArray:
-        """``(P,)`` changes of the costs of links with ``(P, 25)`` features."""
-        ...
-
-    def detections(self, rows: FloatArray) -> FloatArray:
-        """``(N, 3)`` changes of the costs of detections with ``(N, 15)`` features: of use, of a start, of an end."""
-        ...
-
-    def joins(self, rows: FloatArray) -> FloatArray:
-        """``(P,)`` changes of the costs of joins with ``(P, 29)`` features."""
-        ...
-
-
-@runtime_checkable
-class ProjectsAppearance(Protocol):
-    """Cost changes that were learnt with appearance features compared after a projection."""
-
-    def projected(self, found: Detections) -> Detections:
-        """The detections of a frame with their appearance features as they are to be compared."""
-        ...
-
-
 @dataclass(frozen=True)
 class FeatureNames:
     """What the columns of the three inputs are."""
@@ -174,7 +149,7 @@ class FeatureNames:
 
 
 class CostNetwork:
-    """An exported association network; a `CostChanges`.
+    """An exported association network, which changes the costs of the flow by features (`evidence`).
 
     Attributes:
         path: of the file.
@@ -206,33 +181,33 @@ class CostNetwork:
         return [known.index(name) for name in asked]
 
     def links(self, rows: FloatArray) -> FloatArray:
-        """``(P,)`` changes of the costs of links."""
+        """``(P,)`` changes of the costs of links with ``(P, 25)`` features."""
         return self._run("links", rows)
 
     def detections(self, rows: FloatArray) -> FloatArray:
-        """``(N, 3)`` changes of the costs of detections, of a track's start and of its end there."""
+        """``(N, 3)`` changes of the costs of detections with ``(N, 15)`` features: of use, of a start, of an end."""
         return self._run("detections", rows)
 
     def joins(self, rows: FloatArray) -> FloatArray:
-        """``(P,)`` changes of the costs of joins."""
+        """``(P,)`` changes of the costs of joins with ``(P, 29)`` features."""
         return self._run("joins", rows)
 
-    def projected(self, found: Detections) -> Detections:
+    def projected(self, detections: Detections) -> Detections:
         """The detections of a frame with features ``(N, d)`` of unit length; as they are where nothing is projected.
 
         Raises:
             RequestError: they have no features, or of another length than it was trained with.
         """
         length = self.card.feature_length
-        if not length or not len(found):
-            return found
-        if found.features is None or found.features.shape[1] != length:
-            got = "none" if found.features is None else f"{found.features.shape[1]} numbers"
+        if not length or not len(detections):
+            return detections
+        if detections.features is None or detections.features.shape[1] != length:
+            got = "none" if detections.features is None else f"{detections.features.shape[1]} numbers"
             raise RequestError(
                 f"{self.path}: expected appearance features of {length} numbers, which it projects, got {got}; give "
                 "`appearance`, the network that it was trained with"
             )
-        return found.with_features(self.project(found.features))
+        return detections.with_features(self.project(detections.features))
 
     def project(self, features: FloatArray) -> FloatArray:
         """``(N, D)`` features to ``(N, d)``, NaN where not known; only of a file that projects."""
@@ -246,5 +221,5 @@ class CostNetwork:
         }
         if self.card.feature_length:
             rows["appearance"] = given if part == "appearance" else np.zeros((0, self.card.feature_length))
-        found = self.model.run(*(np.ascontiguousarray(one, dtype=np.float32) for one in rows.values()))
-        return np.asarray(found[[*rows].index(part)], dtype=np.float64)
+        outputs = self.model.run(*(np.ascontiguousarray(one, dtype=np.float32) for one in rows.values()))
+        return np.asarray(outputs[[*rows].index(part)], dtype=np.float64)

@@ -25,53 +25,110 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 AT_ONCE, MOST_ROWS = 4_000_000, 4_000
 
 
-@dataclass(frozen=True)
 class Marginals:
-    """What it costs to decide otherwise.
+    """What it costs to decide otherwise: the min-marginals of all arcs, exact below a limit.
+
+    Args:
+        flow: the cheapest flow; it must not change as long as `cycle` is asked.
+        limit: above 0; the higher, the longer it takes.
+        which: ``(3 N + P,)`` arcs whose ways around G are searched; by default all.
 
     Attributes:
-        flow: the cheapest flow; it must not change as long as `cycle` is asked.
         cost: ``(3 N + P,)`` by arc as in `ResidualFlow`: how much more the cheapest flow costs in which it is used
             exactly if it is not used now; at least ``limit`` stands as that, forced and forbidden arcs are inf.
-        limit: as asked for.
         through: ``(3 N + P,)`` the same of ways through G alone.
     """
 
-    flow: ResidualFlow
-    cost: FloatArray
-    limit: float
-    through: FloatArray
-    _trees: tuple[IntArray, IntArray]
-    _centred: FloatArray
+    def __init__(self, flow: ResidualFlow, limit: float, which: BoolArray | None = None) -> None:
+        self._flow, self._limit, ground = flow, limit * SCALE, 2 * flow.count
+        weights, search = flow.weights(), scipy.sparse.csgraph.dijkstra
+        out, self._leaving = search(weights, indices=ground, return_predecessors=True, limit=LARGEST)
+        into, self._entering = search(weights.T.tocsr(), indices=ground, return_predecessors=True, limit=LARGEST)
+        used, free = flow.used, flow.status == FREE
+        first, last = np.where(used, flow.tail, flow.head), np.where(used, flow.head, flow.tail)
+        through = np.abs(flow.reduced) + into[first] + out[last]
+        through[~free] = np.inf
+        # Unreachable nodes keep a potential that is high or low enough.
+        most = max(self._limit, *(float(d[np.isfinite(d)].max(initial=0.0)) for d in (out, into)))
+        self._centred = flow.potential + (np.minimum(out, most) - np.minimum(into, most)) / 2
+        slack = np.abs(flow.cost + self._centred[flow.tail] - self._centred[flow.head])
+        cost = np.minimum(through, self._limit)
+        asked = np.flatnonzero((slack < cost) & (first != ground) & (last != ground) & free)
+        asked = asked if which is None else asked[which[asked]]
+        if len(asked):
+            cost[asked] = np.minimum(cost[asked], slack[asked] + self._distances(first[asked], last[asked]))
+        cost[~free] = np.inf
+        self.cost, self.through = cost / SCALE, through / SCALE
 
     def cycle(self, arc: int) -> IntArray:
         """Numbers of all arcs that change where this one does, for a cost below the limit."""
-        flow, used = self.flow, bool(self.flow.used[arc])
+        flow, used = self._flow, bool(self._flow.used[arc])
         tail, head = int(flow.tail[arc]), int(flow.head[arc])
         first, last = (tail, head) if used else (head, tail)
         if self.through[arc] <= self.cost[arc]:
             ground = 2 * flow.count
-            nodes = [*_up(self._trees[1], first, ground), *_up(self._trees[0], last, ground)[-2::-1]]
+            nodes = [*_up(self._entering, first, ground), *_up(self._leaving, last, ground)[-2::-1]]
             nodes = _without_loops(nodes)
         else:
-            inside, place = self._local
+            circles, place = self._circles, self._circles.place
             _, before = scipy.sparse.csgraph.dijkstra(
-                inside, indices=place[first], return_predecessors=True, limit=self.limit * SCALE
+                circles.matrix, indices=place[first], return_predecessors=True, limit=self._limit
             )
-            nodes = [self._part[1][n] for n in _up(before, int(place[last]), int(place[first]))[::-1]]
+            nodes = [circles.nodes[n] for n in _up(before, int(place[last]), int(place[first]))[::-1]]
         arcs = [flow.arc_between(a, b) for a, b in itertools.pairwise(nodes)]
         return np.unique([arc, *arcs])
 
     @cached_property
-    def _part(self) -> tuple[scipy.sparse.csr_array, IntArray]:
-        return _without_ground(self.flow, self._centred, self.limit * SCALE)
-
-    @property
-    def _local(self) -> tuple[scipy.sparse.csr_array, IntArray]:
-        matrix, nodes = self._part
-        place = np.full(2 * self.flow.count + 1, -1)
+    def _circles(self) -> _Circles:
+        """Reduced costs of the residual network below the limit without G, where it leads in circles."""
+        flow, ground = self._flow, 2 * self._flow.count
+        reduced = np.abs(flow.cost + self._centred[flow.tail] - self._centred[flow.head])
+        around = (flow.status == FREE) & (flow.tail != ground) & (flow.head != ground)
+        kept = np.flatnonzero(around & (reduced < self._limit))
+        used, costs = flow.used[kept], reduced[kept]
+        a, b = np.where(used, flow.head[kept], flow.tail[kept]), np.where(used, flow.tail[kept], flow.head[kept])
+        matrix = scipy.sparse.csr_array((costs, (a, b)), shape=(ground, ground))
+        part = scipy.sparse.csgraph.connected_components(matrix, connection="strong")[1]
+        # Parts one after the other; a node alone is in no circle.
+        nodes = np.flatnonzero(np.bincount(part)[part] > 1)
+        nodes = nodes[np.argsort(part[nodes], kind="stable")]
+        inside = part[a] == part[b]
+        place = np.full(ground, -1)
         place[nodes] = np.arange(len(nodes))
-        return matrix, place
+        weight = (costs[inside], (place[a[inside]], place[b[inside]]))
+        return _Circles(scipy.sparse.csr_array(weight, shape=(len(nodes),) * 2), nodes, place, part[nodes])
+
+    def _distances(self, first: IntArray, last: IntArray) -> FloatArray:
+        """``(K,)`` shortest ways without G from ``(K,)`` nodes to others, inf from the limit on."""
+        circles, distances = self._circles, np.full(len(first), np.inf)
+        a, b = circles.place[first], circles.place[last]
+        asked = np.flatnonzero((a >= 0) & (b >= 0))
+        asked = asked[circles.part[a[asked]] == circles.part[b[asked]]]
+        asked = asked[np.argsort(a[asked], kind="stable")]
+        # Nodes of a part lie together, so that a few parts at a time are a slice.
+        edges = np.append(np.flatnonzero(np.diff(circles.part, prepend=-1)), len(circles.part))
+        start = 0
+        while start < len(asked):
+            low = int(edges[np.searchsorted(edges, a[asked[start]], side="right") - 1])
+            end = _slice_end(a[asked[start : start + MOST_ROWS]], edges, low) + start
+            rows = asked[start:end]
+            high = int(edges[np.searchsorted(edges, a[rows[-1]], side="right")])
+            sources, back = np.unique(a[rows], return_inverse=True)
+            within = circles.matrix[low:high, low:high]
+            table = scipy.sparse.csgraph.dijkstra(within, indices=sources - low, limit=self._limit)
+            distances[rows] = table[back, b[rows] - low]
+            start = end
+        return distances
+
+
+@dataclass(frozen=True)
+class _Circles:
+    """A network of K of the nodes: its costs, the nodes, the place ``(2 N,)`` of each, and the part that each is in."""
+
+    matrix: scipy.sparse.csr_array
+    nodes: IntArray
+    place: IntArray
+    part: IntArray
 
 
 def _up(before: IntArray, node: int, root: int) -> list[int]:
@@ -95,85 +152,6 @@ def _without_loops(nodes: list[int]) -> list[int]:
             visited[node] = len(way)
             way.append(node)
     return way
-
-
-def marginals(flow: ResidualFlow, limit: float = 8.0, which: BoolArray | None = None) -> Marginals:
-    """The min-marginals of all arcs, exact below the limit.
-
-    Args:
-        flow: the cheapest flow.
-        limit: above 0; the higher, the longer it takes.
-        which: ``(3 N + P,)`` arcs whose ways around G are searched; by default all.
-    """
-    weights, ground = flow.weights(), 2 * flow.count
-    search = scipy.sparse.csgraph.dijkstra
-    out, leaving = search(weights, indices=ground, return_predecessors=True, limit=LARGEST)
-    into, entering = search(weights.T.tocsr(), indices=ground, return_predecessors=True, limit=LARGEST)
-    reduced, used = flow.reduced, flow.used
-    least = np.abs(reduced)
-    first, last = np.where(used, flow.tail, flow.head), np.where(used, flow.head, flow.tail)
-    through = least + into[first] + out[last]
-    through[flow.status != FREE] = np.inf
-    # Unreachable nodes keep a potential that is high or low enough.
-    most = max(limit * SCALE, *(float(d[np.isfinite(d)].max(initial=0.0)) for d in (out, into)))
-    centred = np.asarray(flow.potential + (np.minimum(out, most) - np.minimum(into, most)) / 2)
-    slack = np.abs(flow.cost + centred[flow.tail] - centred[flow.head])
-    cost = np.minimum(through, limit * SCALE)
-    asked = np.flatnonzero((slack < cost) & (first != ground) & (last != ground) & (flow.status == FREE))
-    asked = asked if which is None else asked[which[asked]]
-    if len(asked):
-        around = _distances(flow, centred, limit * SCALE, first[asked], last[asked])
-        cost[asked] = np.minimum(cost[asked], slack[asked] + around)
-    cost[flow.status != FREE] = np.inf
-    return Marginals(flow, cost / SCALE, limit, through / SCALE, (leaving, entering), centred)
-
-
-def _without_ground(flow: ResidualFlow, potential: FloatArray, limit: float) -> tuple[scipy.sparse.csr_array, IntArray]:
-    """Reduced costs of the residual network below a limit without G, where it leads in circles; and its nodes."""
-    reduced = flow.cost + potential[flow.tail] - potential[flow.head]
-    ground = 2 * flow.count
-    kept = np.flatnonzero(
-        (flow.status == FREE) & (np.abs(reduced) < limit) & (flow.tail != ground) & (flow.head != ground)
-    )
-    used = flow.used[kept]
-    a, b = np.where(used, flow.head[kept], flow.tail[kept]), np.where(used, flow.tail[kept], flow.head[kept])
-    matrix = scipy.sparse.csr_array((np.abs(reduced[kept]), (a, b)), shape=(ground, ground))
-    part = scipy.sparse.csgraph.connected_components(matrix, connection="strong")[1]
-    # Parts one after the other; a node alone is in no circle.
-    size = np.bincount(part)
-    nodes = np.flatnonzero(size[part] > 1)
-    nodes = nodes[np.argsort(part[nodes], kind="stable")]
-    inside = part[a] == part[b]
-    place = np.full(ground, -1)
-    place[nodes] = np.arange(len(nodes))
-    weight = (np.abs(reduced[kept[inside]]), (place[a[inside]], place[b[inside]]))
-    return scipy.sparse.csr_array(weight, shape=(len(nodes),) * 2), nodes
-
-
-def _distances(flow: ResidualFlow, potential: FloatArray, limit: float, first: IntArray, last: IntArray) -> FloatArray:
-    """``(K,)`` shortest ways without G from ``(K,)`` nodes to others, inf from the limit on."""
-    matrix, nodes = _without_ground(flow, potential, limit)
-    found = np.full(len(first), np.inf)
-    place = np.full(2 * flow.count, -1)
-    place[nodes] = np.arange(len(nodes))
-    part = scipy.sparse.csgraph.connected_components(matrix, connection="strong")[1]
-    a, b = place[first], place[last]
-    asked = np.flatnonzero((a >= 0) & (b >= 0))
-    asked = asked[part[a[asked]] == part[b[asked]]]
-    asked = asked[np.argsort(a[asked], kind="stable")]
-    # Nodes of a part lie together, so that a few parts at a time are a slice.
-    edges = np.append(np.flatnonzero(np.append(True, np.diff(part) != 0)[: len(part)]), len(part))
-    start = 0
-    while start < len(asked):
-        low = int(edges[np.searchsorted(edges, a[asked[start]], side="right") - 1])
-        end = _slice_end(a[asked[start : start + MOST_ROWS]], edges, low) + start
-        rows = asked[start:end]
-        high = int(edges[np.searchsorted(edges, a[rows[-1]], side="right")])
-        sources, back = np.unique(a[rows], return_inverse=True)
-        table = scipy.sparse.csgraph.dijkstra(matrix[low:high, low:high], indices=sources - low, limit=limit)
-        found[rows] = table[back, b[rows] - low]
-        start = end
-    return found
 
 
 def _slice_end(sources: IntArray, edges: IntArray, low: int) -> int:

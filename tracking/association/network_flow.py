@@ -217,20 +217,24 @@ def solution_of(graph: FlowGraph, inflow: BoolArray, used: BoolArray, follower: 
     link = np.zeros(len(graph))
     chosen = follower[graph.tail] == graph.head
     link[graph.tail[chosen]] = graph.transition[chosen]
-    starts = used & ~inflow
-    starts[follower[follower >= 0]] = False
-    ends = used & (follower < 0)
+    starts, ends = used & ~inflow & (predecessors(follower) < 0), used & (follower < 0)
     cost = graph.observation[used].sum() + graph.entry[starts].sum() + graph.exit[ends].sum() + link.sum()
     return FlowSolution(used, follower, float(cost))
+
+
+def predecessors(follower: IntArray) -> IntArray:
+    """``(N,)`` index of what comes before each detection, -1 for nothing, by ``(N,)`` what follows each."""
+    before = np.full(len(follower), -1)
+    linked = np.flatnonzero(follower >= 0)
+    before[follower[linked]] = linked
+    return before
 
 
 def track_labels(solution: FlowSolution) -> IntArray:
     """``(N,)`` 0-based track number of each detection in the order of the first detections, -1 where not used."""
     follower = solution.follower
     labels = np.full(len(follower), -1, dtype=np.int64)
-    leads = np.ones(len(follower), dtype=np.bool_)
-    leads[follower[follower >= 0]] = False
-    current = np.flatnonzero(solution.used & leads)
+    current = np.flatnonzero(solution.used & (predecessors(follower) < 0))
     labels[current] = np.arange(len(current))
     # All tracks advance together: as many steps as the longest track has detections.
     while len(current):

@@ -15,7 +15,7 @@ from copy import copy
 import numpy as np
 import scipy
 
-from tsuiseki.tracking.association.network_flow import SCALE, FlowGraph, FlowSolution, scaled, solution_of
+from tsuiseki.tracking.association.network_flow import SCALE, FlowGraph, FlowSolution, predecessors, scaled, solution_of
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 FREE, FORBIDDEN, FORCED = 0, -1, 1
@@ -209,10 +209,9 @@ class ResidualFlow:
 
 
 def _used_arcs(graph: FlowGraph, solution: FlowSolution) -> BoolArray:
-    starts = solution.used.copy()
-    starts[solution.follower[solution.follower >= 0]] = False
-    ends = solution.used & (solution.follower < 0)
-    return np.concatenate([solution.used, starts, ends, solution.follower[graph.tail] == graph.head])
+    used, follower = solution.used, solution.follower
+    starts, ends = used & (predecessors(follower) < 0), used & (follower < 0)
+    return np.concatenate([used, starts, ends, follower[graph.tail] == graph.head])
 
 
 def _first_potentials(flow: ResidualFlow, solution: FlowSolution) -> FloatArray:
@@ -240,9 +239,7 @@ def _first_potentials(flow: ResidualFlow, solution: FlowSolution) -> FloatArray:
 def _backwards(flow: ResidualFlow, solution: FlowSolution) -> tuple[IntArray, FloatArray, IntArray]:
     """Nodes of all tracks from their ends on, what the way back to each costs, and the number of its track."""
     count, follower = flow.count, solution.follower
-    leads = np.full(count, -1, dtype=np.int64)
-    linked = np.flatnonzero(follower >= 0)
-    leads[follower[linked]] = linked
+    before = predecessors(follower)
     link = np.zeros(count)
     links = np.flatnonzero(flow.used[3 * count :])
     link[flow.graph.tail[links]] = flow.cost[3 * count + links]
@@ -252,7 +249,7 @@ def _backwards(flow: ResidualFlow, solution: FlowSolution) -> tuple[IntArray, Fl
     number = np.arange(len(current))
     while len(current):
         piece[current], rank[current] = number, step
-        current, number = leads[current], number[current >= 0]
+        current, number = before[current], number[current >= 0]
         number, current, step = number[current >= 0], current[current >= 0], step + 1
     used = np.flatnonzero(piece >= 0)
     used = used[np.lexsort((rank[used], piece[used]))]

@@ -157,7 +157,13 @@ class SlidingFlow:
             frontier |= self._frames >= before
         solution = self.solution()
         done = safe_detections(self.graph, solution, self._inflow, frontier, self.most_saving)
-        done = _with_predecessors(done, solution)
+        # Only those whose track is done all the way up to them.
+        broken = np.flatnonzero(~done)
+        while len(broken):
+            following = solution.follower[broken]
+            broken = following[following >= 0]
+            broken = broken[done[broken]]
+            done[broken] = False
         decision = self._decision(done, solution)
         self._forget(done, solution)
         return decision
@@ -204,9 +210,7 @@ class SlidingFlow:
         self._solution = None
         self._inflow[solution.follower[done & (solution.follower >= 0)]] = True
         self.graph = self.graph.part(~done)
-        self.undecided, self._frames, self._inflow = (
-            column[~done] for column in (self.undecided, self._frames, self._inflow)
-        )
+        self.undecided, self._frames, self._inflow = self.undecided[~done], self._frames[~done], self._inflow[~done]
 
 
 def solve_in_windows(graph: FlowGraph, inflow: BoolArray | None = None, detections: int = 4000) -> FlowSolution:
@@ -241,21 +245,6 @@ def solve_in_windows(graph: FlowGraph, inflow: BoolArray | None = None, detectio
         decision = flow.remainder() if last else flow.decide(int(new[-1]))
         used[decision.numbers], follower[decision.numbers] = decision.used, decision.follower
     return solution_of(graph, inflow, used, follower)
-
-
-def _with_predecessors(done: BoolArray, solution: FlowSolution) -> BoolArray:
-    """Of the detections, those whose track is done all the way up to them."""
-    before = np.full(len(done), -1, dtype=np.int64)
-    linked = np.flatnonzero(solution.follower >= 0)
-    before[solution.follower[linked]] = linked
-    done = done.copy()
-    broken = np.flatnonzero(~done)
-    while len(broken):
-        following = solution.follower[broken]
-        broken = following[following >= 0]
-        broken = broken[done[broken]]
-        done[broken] = False
-    return done
 
 
 FAR = np.int64(2**60)

@@ -14,6 +14,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import scipy
 
+from tsuiseki.tracking.association.nearby import sizes
+from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 
 
@@ -73,7 +75,7 @@ def smooth(track: Track, settings: SmoothingSettings) -> Track:
     observed = track.observed
     if len(track) < 3 or observed.sum() < 3:
         return track
-    centre, size = (track.boxes[:, :2] + track.boxes[:, 2:]) / 2, track.boxes[:, 2:] - track.boxes[:, :2]
+    centre, size = centres(track.boxes), sizes(track.boxes)
     times = track.frames - track.frames[0]
     centre = _smoothed(times, centre, observed, settings.position)
     # A size that shrinks along a long gap must not turn negative.
@@ -82,23 +84,10 @@ def smooth(track: Track, settings: SmoothingSettings) -> Track:
 
 
 def _smoothed(times: IntArray, values: FloatArray, observed: BoolArray, strength: float) -> FloatArray:
-    """``(T, 2)`` the minimiser of `smooth` at ``(T,)`` times, by one banded system over all frames of the track."""
+    """``(T, 2)`` the minimiser of `smooth` at ``(T,)`` times."""
     if strength == 0:
         return values
-    length = int(times[-1]) + 1
-    weight, target = np.zeros(length), np.zeros((length, values.shape[1]))
-    weight[times[observed]] = 1
-    target[times[observed]] = values[observed]
-    # D'D of second differences D, in the upper banded form.
-    bands = np.zeros((3, length))
-    bands[2] = weight
-    bands[2, :-2] += strength
-    bands[2, 1:-1] += 4 * strength
-    bands[2, 2:] += strength
-    bands[1, 1:-1] -= 2 * strength
-    bands[1, 2:] -= 2 * strength
-    bands[0, 2:] += strength
-    return np.asarray(scipy.linalg.solveh_banded(bands, target)[times])
+    return _curve(times, np.array([0, times[-1] + 1]), values, observed, strength)
 
 
 # Strengths that are tried, for centres and for sizes by themselves.
@@ -156,8 +145,7 @@ def _one_after_the_other(
     boundaries = [0]
     for track in tracks:
         boxes, frames = track.boxes[track.observed], track.frames[track.observed]
-        centre, size = (boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2]
-        values.append(np.concatenate([centre, size], axis=1) / size.max(axis=1).mean())
+        values.append(np.concatenate([centres(boxes), sizes(boxes)], axis=1) / sizes(boxes).max(axis=1).mean())
         rows.append(frames - frames[0] + boundaries[-1])
         boundaries.append(int(rows[-1][-1]) + 1)
         for fold, shift in zip(folds, (0, run // 2), strict=True):
@@ -169,7 +157,15 @@ def _one_after_the_other(
 
 
 def _curve(row: IntArray, boundaries: IntArray, values: FloatArray, kept: BoolArray, strength: float) -> FloatArray:
-    """``(N, 4)`` the smooth curves through the kept values, at all of them; tracks do not touch each other."""
+    """``(N, D)`` the smooth curves through the kept values, at all of them: one banded system over all frames.
+
+    Args:
+        row: ``(N,)`` of each box.
+        boundaries: ``(M + 1,)`` the first row of each track, and the number of rows; tracks do not touch each other.
+        values: ``(N, D)``.
+        kept: ``(N,)``.
+        strength: see `smooth`.
+    """
     length = int(boundaries[-1])
     weight, target = np.zeros(length), np.zeros((length, values.shape[1]))
     weight[row[kept]], target[row[kept]] = 1, values[kept]
@@ -177,9 +173,11 @@ def _curve(row: IntArray, boundaries: IntArray, values: FloatArray, kept: BoolAr
     middle = np.ones(length)
     middle[boundaries[:-1]] = middle[boundaries[1:] - 1] = 0
     middle *= strength
+    # D'D of second differences D, in the upper banded form.
     bands = np.zeros((3, length))
-    bands[2] = weight + 4 * middle
+    bands[2] = weight
     bands[2, :-1] += middle[1:]
+    bands[2] += 4 * middle
     bands[2, 1:] += middle[:-1]
     bands[1, 1:] = -2 * (middle[:-1] + middle[1:])
     bands[0, 2:] = middle[1:-1]

@@ -23,7 +23,7 @@ from tsuiseki.tracking.association.chain_motion import beliefs_along
 from tsuiseki.tracking.association.costs import cosine_distances
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.evidence import LinkParts, link_evidence
-from tsuiseki.tracking.association.learnt_costs import CostChanges
+from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.nearby import Occluders, Pairs
 from tsuiseki.tracking.association.network_flow import FlowSolution, track_labels
@@ -130,7 +130,7 @@ def join(
     labels: IntArray,
     appearance: FloatArray | None,
     link: LinkCost,
-    changes: CostChanges | None = None,
+    changes: CostNetwork | None = None,
     started: BoolArray | None = None,
     places: tuple[FloatArray, FloatArray] | None = None,
     weighed: list[tuple[IntArray, IntArray, FloatArray]] | None = None,

@@ -181,7 +181,7 @@ class VideoEvidence:
         return copy(self)
 
     def probability(self, scores: FloatArray) -> FloatArray:
-        """``(N,)`` probability in [0, 1] that detections of ``(N,)`` scores are repeated; without a score they share one."""
+        """``(N,)`` probabilities that detections of ``(N,)`` scores are repeated; those without a score share one."""
         probability = np.full(len(scores), EXPECTED)
         for known in (True, False):
             ours, asked = np.isnan(self._scores) != known, np.isnan(scores) != known

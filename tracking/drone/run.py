@@ -14,7 +14,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.detection_tables import rows_of
-from tsuiseki.tracking.association.learnt_costs import Affinity, CostChanges, CostNetwork
+from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE
 from tsuiseki.tracking.cli.run import Run, SeededOutput
 from tsuiseki.tracking.devices import Device
@@ -144,7 +144,7 @@ def link(
     settings: DroneSettings,
     times: StageTimes,
     made: Mapping[str, Any],
-    costs: CostChanges | PrintedFlow | None = None,
+    costs: CostNetwork | PrintedFlow | None = None,
     threshold: float = NAMED,
 ) -> DroneResult:
     """The people of a video out of what was observed in its frames.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.association.costs import window_means
-from tsuiseki.tracking.association.learnt_costs import CostChanges
+from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraStep
@@ -40,7 +40,7 @@ class DroneTracker:
         settings: DroneSettings | None = None,
         frame_rate: float = 25.0,
         size: tuple[int, int] | None = None,
-        costs: CostChanges | PrintedFlow | None = None,
+        costs: CostNetwork | PrintedFlow | None = None,
     ) -> None:
         self.settings = settings or DroneSettings()
         self._path = CameraPath()

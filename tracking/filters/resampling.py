@@ -131,7 +131,8 @@ def systematic(weights: FloatArray, count: int, rng: np.random.Generator) -> Int
     total = float(np.sum(weights)) if len(weights) else 0.0
     if not (np.isfinite(total) and total > 0.0) or np.min(weights) < 0.0:
         raise ValueError(f"expected finite weights >= 0 with a sum above zero, got {len(weights)} with sum {total}")
-    return systematic_rows(weights[None], count, rng)[0]
+    drawn: IntArray = systematic_rows(weights[None], count, rng)[0]
+    return drawn
 
 
 def systematic_rows(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:

@@ -10,7 +10,7 @@ import numpy as np
 from tsuiseki.tracking.association.costs import ScoreCost, TransitionCost
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.inference_times import InferenceTimes
-from tsuiseki.tracking.association.learnt_costs import CostChanges, CostNetwork
+from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
@@ -75,7 +75,7 @@ class FlowTracker:
         size: tuple[int, int] | None = None,
         camera: CameraPath | StandingCamera | None = None,
         seed: int = 0,  # noqa: ARG002
-        changes: CostChanges | None = None,
+        changes: CostNetwork | None = None,
         delay: float | None = None,
         drop_straddling: bool = False,
         stride: float = 1.0,

@@ -17,7 +17,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 import scipy
 
-from tsuiseki.tracking.association.marginals import Marginals, marginals
+from tsuiseki.tracking.association.marginals import Marginals
 from tsuiseki.tracking.association.network_flow import FlowSolution, track_labels
 from tsuiseki.tracking.association.residual_flow import FREE, ResidualFlow
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
@@ -107,7 +107,7 @@ class Questioner:
         self._parted = np.isin(np.arange(flow.count), list(parted))
         first, graph = 3 * flow.count, flow.graph
         here = (ids[graph.tail] > 0) & (ids[graph.head] > 0) & ~flow.used[first:]
-        self.marginals: Marginals = marginals(flow, CLOSE, np.append(np.zeros(first, np.bool_), here))
+        self.marginals = Marginals(flow, CLOSE, np.append(np.zeros(first, np.bool_), here))
         solution = flow.solution()
         self._follower, self._labels = solution.follower, track_labels(solution)
         order = np.lexsort((network.frames, self._labels))

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.association.marginals import marginals
+from tsuiseki.tracking.association.marginals import Marginals
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import IGNORED, UNMATCHED, owners_of
@@ -208,7 +208,7 @@ def _rankings(flow: CorrectedFlow, ids: IntArray) -> dict[str, IntArray]:
     Margins and costs rank what may be an identity error, detections last; a margin counts less the longer the gap.
     """
     network, solved = flow.network, flow.flow
-    count, margins = solved.count, marginals(solved, 6.0)
+    count, margins = solved.count, Marginals(solved, 6.0)
     owner = np.concatenate([np.tile(np.arange(count), 3), network.graph.tail])
     used: BoolArray = solved.used & (ids[owner] > 0)
     arcs = np.flatnonzero(used | (np.arange(len(used)) < count))

@@ -228,7 +228,7 @@ def flow(
     if method == "flow-maf" and costs.link.action is not None:
         costs = replace(costs, link=replace(costs.link, action=replace(costs.link.action, features=features)))
     if rounds is not None:
-        costs = replace(costs, rounds=replace(costs.rounds, rounds=rounds))
+        costs = replace(costs, rounds=rounds)
     return _people(clip, replace(chosen, flow=replace(chosen.flow, costs=costs)), method != "flow", compensate)
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.association.marginals import marginals
+from tsuiseki.tracking.association.marginals import Marginals
 from tsuiseki.tracking.association.network_flow import FlowGraph, solve
 from tsuiseki.tracking.association.residual_flow import FORBIDDEN, FORCED, FREE, InfeasibleError, ResidualFlow
 
@@ -49,7 +49,7 @@ def flow_of(graph):
 def test_min_marginals_are_those_of_flows_with_the_decision_forced(seed):
     graph = random_graph(seed)
     flow = flow_of(graph)
-    found = marginals(flow, limit=100.0)
+    found = Marginals(flow, limit=100.0)
     for arc in range(len(flow.cost)):
         status = np.zeros(len(flow.cost), dtype=int)
         status[arc] = FORBIDDEN if flow.used[arc] else FORCED
@@ -63,7 +63,7 @@ def test_min_marginals_are_those_of_flows_with_the_decision_forced(seed):
 @pytest.mark.parametrize("seed", range(10))
 def test_below_a_limit_they_are_exact_and_above_it_they_are_the_limit(seed):
     flow = flow_of(random_graph(seed))
-    exact, cut = marginals(flow, limit=100.0).cost, marginals(flow, limit=1.5).cost
+    exact, cut = Marginals(flow, limit=100.0).cost, Marginals(flow, limit=1.5).cost
     assert cut == pytest.approx(np.minimum(exact, 1.5), abs=1e-9)
 
 
@@ -101,7 +101,7 @@ def test_min_marginals_hold_under_constraints(seed):
     status[rng.choice(used, 2, replace=False)] = FORBIDDEN
     status[rng.integers(len(graph))] = FORCED
     flow.constrain(status)
-    found = marginals(flow, limit=100.0)
+    found = Marginals(flow, limit=100.0)
     assert np.isinf(found.cost[status != FREE]).all()
     for arc in np.flatnonzero(status == FREE):
         other = status.copy()
