@@ -119,17 +119,15 @@ def _reach(table: DetectionTable, tails: IntArray, side: FloatArray, gap: IntArr
     return reach
 
 
-def near_ends(table: DetectionTable, labels: IntArray, seconds: float) -> tuple[IntArray, IntArray]:
-    """Detections near the last, and near the first detection of their tracks; those of no track are near both."""
-    frames = gaps(seconds, table.frame_rate)
+def _near_ends(table: DetectionTable, labels: IntArray) -> tuple[BoolArray, BoolArray]:
+    """``(N,)`` detections near the last, and near the first one of their tracks; those of no track are near both."""
+    frames = gaps(ENDS, table.frame_rate)
     count = int(labels.max(initial=-1)) + 1
     first, last = np.full(count + 1, np.iinfo(np.int64).max // 4), np.full(count + 1, -1)
     np.minimum.at(first, labels, table.frames)
     np.maximum.at(last, labels, table.frames)
     alone = labels < 0
-    ending = alone | (last[labels] - table.frames <= frames)
-    beginning = alone | (table.frames - first[labels] <= frames)
-    return np.flatnonzero(ending), np.flatnonzero(beginning)
+    return alone | (last[labels] - table.frames <= frames), alone | (table.frames - first[labels] <= frames)
 
 
 def mean_features(
@@ -187,12 +185,15 @@ def with_new_costs(
     again = changed[0][tail] | changed[1][head] | np.isnan(links.track_cost)
     if changes is not None:
         again[:] = True
-    ending, beginning = (_mask(ends, len(table)) & free for ends in near_ends(table, labels, ENDS))
-    fresh = ending & (changed[0] | ~known.ending), beginning & (changed[1] | ~known.beginning)
-    more = _fresh_candidates(table, (ending, beginning), fresh, weigher.cost)
-    more = _without(more, tail, head, len(table))
-    unknown = np.full(len(more[0]), np.nan)
-    i, j = np.append(tail[again], more[0]), np.append(head[again], more[1])
+    ending, beginning = (near & free for near in _near_ends(table, labels))
+    # Links over all gaps from and to ends of tracks, of which one end at least is fresh.
+    from_fresh, to_fresh = ending & (changed[0] | ~known.ending), beginning & (changed[1] | ~known.beginning)
+    longest, more = gaps(WINDOW, table.frame_rate), list[Pairs]()
+    for tails, heads in ((from_fresh, beginning), (ending & ~from_fresh, to_fresh)):
+        more.append(candidates(table, np.flatnonzero(tails), np.flatnonzero(heads), 1, longest, weigher.cost))
+    fresh = _without(joined(more), tail, head, len(table))
+    unknown = np.full(len(fresh[0]), np.nan)
+    i, j = np.append(tail[again], fresh[0]), np.append(head[again], fresh[1])
     hidden = np.append(links.hidden[again], unknown)
     kept, track_cost, hidden = weigher.costs((i, j), DEAREST, hidden, None if changes is None else changes.links)
     old = links.select(~again)
@@ -203,20 +204,6 @@ def with_new_costs(
     near = track_cost + np.where(np.isnan(before), 0.0, KEEP * (before - track_cost))
     new = Links(table.numbers[i[kept]], table.numbers[j[kept]], near, track_cost, hidden)
     return old.and_then(new), replace(known, ending=ending, beginning=beginning)
-
-
-def _fresh_candidates(
-    table: DetectionTable,
-    ends: tuple[BoolArray, BoolArray],
-    fresh: tuple[BoolArray, BoolArray],
-    cost: LinkCost,
-) -> Pairs:
-    """Links over all gaps from and to ends of tracks, of which one end at least is fresh."""
-    longest = gaps(WINDOW, table.frame_rate)
-    tails, heads = np.flatnonzero(fresh[0]), np.flatnonzero(ends[1])
-    one = candidates(table, tails, heads, 1, longest, cost)
-    tails, heads = np.flatnonzero(ends[0] & ~fresh[0]), np.flatnonzero(fresh[1])
-    return joined([one, candidates(table, tails, heads, 1, longest, cost)])
 
 
 def _without(pairs: Pairs, tails: IntArray, heads: IntArray, count: int) -> Pairs:

@@ -222,14 +222,8 @@ def hidden_parts(frames: IntArray, boxes: FloatArray) -> FloatArray:
         frames: ``(N,)``.
         boxes: ``(N, 4)`` pixels, where the image shows them.
     """
-    if len(boxes) == 0:
-        return np.empty(0)
-    every = np.arange(len(boxes))
-    size = sizes(boxes)
-    # Boxes overlap if their centres differ by less than their mean sizes.
-    reach = (size + size.max(axis=0)) / 2
-    i, j = near_pairs(frames, centres(boxes), reach, 0, every, every)
-    return np.asarray(np.minimum(_overlaps(boxes, i, boxes, j) / size.prod(axis=1), 1))
+    hiding = Occluders.of(frames, boxes, None)
+    return np.asarray(np.minimum(hiding.area(frames, *boxes.T) / sizes(boxes).prod(axis=1), 1))
 
 
 @dataclass(frozen=True)
@@ -274,7 +268,7 @@ class Occluders:
             share = (middle - since) / (until - since)
             x1, y1, x2, y2 = (column[tail] * (1 - share) + column[head] * share for column in self.columns)
             area = (x2 - x1) * (y2 - y1)
-            lost = self._area(middle, x1, y1, x2, y2)
+            lost = self.area(middle, x1, y1, x2, y2)
             if self.size is not None:
                 width = np.minimum(x2, self.size[0]) - np.maximum(x1, 0)
                 height = np.minimum(y2, self.size[1]) - np.maximum(y1, 0)
@@ -282,7 +276,7 @@ class Occluders:
             hidden[part] = np.minimum(lost / area, 1)
         return hidden
 
-    def _area(self, when: IntArray, x1: FloatArray, y1: FloatArray, x2: FloatArray, y2: FloatArray) -> FloatArray:
+    def area(self, when: IntArray, x1: FloatArray, y1: FloatArray, x2: FloatArray, y2: FloatArray) -> FloatArray:
         """``(P,)`` area of ``(P,)`` boxes in given frames behind those of these whose lower edge is lower.
 
         A box overlaps only those whose left edge is left of its right edge, and not further left of its left edge than
@@ -299,16 +293,3 @@ class Occluders:
         width = np.minimum(x2[box], other_x2[other]) - np.maximum(x1[box], other_x1[other])
         height = y2[box] - np.maximum(y1[box], other_y1[other])
         return np.bincount(box, np.maximum(width, 0) * np.maximum(height, 0), len(when)).astype(np.float64)
-
-
-def _overlaps(boxes: FloatArray, i: IntArray, others: FloatArray, j: IntArray) -> FloatArray:
-    """``(N,)`` area that each of ``boxes`` shares with those of ``others`` whose lower edge is lower."""
-    nearer = (others[j, 3] > boxes[i, 3]) & (others[j, 2] > boxes[i, 0]) & (others[j, 0] < boxes[i, 2])
-    i, j = i[nearer], j[nearer]
-    corner = np.minimum(boxes[i, 2:], others[j, 2:]) - np.maximum(boxes[i, :2], others[j, :2])
-    return np.bincount(i, _area(corner.clip(min=0)), len(boxes)).astype(np.float64)
-
-
-def _area(size: FloatArray) -> FloatArray:
-    """``(N,)`` products of ``(N, 2)`` widths and heights; a product along so short an axis is slow."""
-    return np.asarray(size[:, 0] * size[:, 1])

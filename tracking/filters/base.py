@@ -1,24 +1,13 @@
 """The contract of all filters, on one page.
 
-A filter is a frozen dataclass of settings with two functions:
-
-* ``init(particles, …) -> State``: particles ``(N, D)`` drawn from what is known at the start; ``(0, D)`` where a filter
-  of several targets begins with none.
-* ``step(state, observation, rng) -> (State, Info)``: one observation further. The state is what the next step needs;
-  the info is what came out: estimates and diagnostics.
-
-A filter computes the posterior of the state given all observations so far: (5)-(10) of the finite-sets paper, thesis
-eq. 2.5 and its estimate, eq. 2.6. Motion and likelihood are its models of state and observation, (1)-(4).
+A filter is a frozen dataclass of settings with two functions, ``init`` and ``step`` (`Filter`). The state is what the
+next step needs; the info is what came out: estimates and diagnostics. It computes the posterior of the state given all
+observations so far: (5)-(10) of the finite-sets paper, thesis eq. 2.5 and its estimate, eq. 2.6. Motion and likelihood
+are its models of state and observation, (1)-(4).
 
 Neither function changes what it is given. All randomness is ``rng``: the same seed gives the same result. What a filter
-is made of is an argument:
-
-* a motion ``f(states, seconds, rng)`` draws the next states, `Motion`; `body_motion` and `point_motion` have all.
-  One that is linear with Gaussian noise may also say so in matrices, `LinearMotion`;
-* a proposal ``f(particles, observation, rng)`` does so knowing the observation, `Proposal`;
-* a likelihood ``f(particles, observation)`` is a logarithm, `LogLikelihood`;
-* births ``draw(observation, rng)`` propose new targets, `Births`;
-* `tsuiseki.tracking.filters.resampling` keeps the good ones.
+is made of is an argument: a `Motion` (`body_motion` and `point_motion` have all), a `Proposal`, a `LogLikelihood`,
+`Births`. `tsuiseki.tracking.filters.resampling` keeps the good particles.
 
 Weights are logarithms wherever they are kept or handed on: ``(N,)`` float64 in [-inf, inf), where ``-inf`` is a
 particle that cannot be. Of one target they sum to one, of several to the expected
@@ -134,7 +123,11 @@ class SetInfo(Protocol):
 
 
 class Filter(Protocol[State, ObservationIn, InfoOut]):
-    """A filter; see the module. ``init`` may take more, which says what else is known at the start."""
+    """A filter; see the module.
+
+    ``init`` takes particles ``(N, D)`` drawn from what is known at the start; ``(0, D)`` where a filter of several
+    targets begins with none. It may take more, which says what else is known. ``step`` goes one observation further.
+    """
 
     def init(self, particles: FloatArray) -> State: ...
 

@@ -26,6 +26,8 @@ from tsuiseki.tracking.formats.rows import read_learnt
 from tsuiseki.tracking.types import FloatArray
 
 FORMAT = "tsuiseki-motion-1"
+# The parts of a motion that `LearntMotion.widened` widens: all Gaussians but the velocity at the start.
+WIDENED = ("walk", "image", "increments", "printed", "residual")
 
 
 @dataclass(frozen=True)
@@ -119,14 +121,8 @@ class LearntMotion:
 
     def widened(self, times: float) -> LearntMotion:
         """The motion with all deviations of its noise so many times as large."""
-
-        def wider(part: PrincipalComponents) -> PrincipalComponents:
-            return replace(part, variances=part.variances * times**2)
-
-        parts: dict[str, Any] = {
-            name: wider(getattr(self, name)) for name in ("walk", "image", "increments", "printed", "residual")
-        }
-        return replace(self, **parts)
+        parts: dict[str, Any] = {name: getattr(self, name) for name in WIDENED}
+        return replace(self, **{n: replace(one, variances=one.variances * times**2) for n, one in parts.items()})
 
     def at(self, frame_rate: float) -> LearntMotion:
         """The motion per frame at another frame rate.
@@ -192,13 +188,9 @@ def _from_values(values: Mapping[str, Any]) -> LearntMotion:
     if not (np.isfinite(frame_rate) and frame_rate > 0):
         raise ValueError(f"expected a frame rate above 0, got {frame_rate}")
     width = conditions(np.zeros((1, size)), np.zeros((1, size))).shape[1]
-    parts = {
-        name: _components(values[name], 2 if name == "velocity" else size)
-        for name in ("walk", "velocity", "image", "increments", "printed", "residual")
-    }
-    return LearntMotion(
-        str(values["body"]), columns, frame_rate, steps, gain=_numbers(values["gain"], (size, width)), **parts
-    )
+    parts = {name: _components(values[name], size) for name in WIDENED}
+    velocity, gain = _components(values["velocity"], 2), _numbers(values["gain"], (size, width))
+    return LearntMotion(str(values["body"]), columns, frame_rate, steps, velocity=velocity, gain=gain, **parts)
 
 
 def _components(values: Mapping[str, Any], size: int) -> PrincipalComponents:

@@ -48,13 +48,11 @@ class ParticleInfo:
         log_evidence: logarithm of ``p(y_k | y_1:k-1)``; ``-inf`` when no particle explains the observation.
         effective_sample_size: after weighing, in [1, N].
         resampled: whether particles were drawn anew before they moved.
-        ancestors: ``(N,)`` index of each particle's parent in the state before.
     """
 
     log_evidence: float
     effective_sample_size: float
     resampled: bool
-    ancestors: IntArray
 
 
 @dataclass(frozen=True)
@@ -93,7 +91,7 @@ class ParticleFilter(Generic[Observation]):
         log_evidence = log_sum(log_weights)
         after = ParticleState(particles, normalise(log_weights if log_evidence > -np.inf else prior))
         size = effective_sample_size(after.log_weights)
-        return after, ParticleInfo(log_evidence, size, resampled, ancestors)
+        return after, ParticleInfo(log_evidence, size, resampled)
 
     def _select(self, state: ParticleState, rng: np.random.Generator) -> tuple[IntArray, FloatArray, bool]:
         """Ancestors, their normalised log-weights, and whether they were drawn anew, equations (16)-(20)."""

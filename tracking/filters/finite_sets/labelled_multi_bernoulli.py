@@ -59,21 +59,17 @@ class TrackParticles(Columns):
 
 @dataclass(frozen=True)
 class SmoothingStep:
-    """The same tracks through one step of a filter.
+    """The same T tracks through one step of a filter.
 
     Attributes:
         before: as they were.
-        predicted_existence: ``(T,)`` probability that each was there and goes on.
-        predicted_log_weights: ``(T, P)`` of the particles of those that go on.
-        existence: ``(T,)`` probability that each goes on, given the observation.
-        log_weights: ``(T, P)`` of the particles of those that go on, given the observation.
+        predicted: their probabilities of being there and of going on, with weights of the particles that go on.
+        after: the same, given the observation.
     """
 
     before: TrackParticles
-    predicted_existence: FloatArray
-    predicted_log_weights: FloatArray
-    existence: FloatArray
-    log_weights: FloatArray
+    predicted: TrackParticles
+    after: TrackParticles
 
     def smoothed(self) -> TrackParticles:
         """The tracks before the step, given its observation.
@@ -82,16 +78,17 @@ class SmoothingStep:
         was there no better than the probabilities before it: ``r' = r+ + (1 - r+) r (1 - s) / (1 - r s)`` with ``r``
         before, ``r s`` predicted, and ``r+`` after.
         """
-        r, going_on, after = self.before.existence, self.predicted_existence, self.existence
+        before, r, after = self.before, self.before.existence, self.after.existence
+        going_on = self.predicted.existence
         unlike = (1.0 - after) / np.maximum(1.0 - going_on, TINY)
         ended = unlike * (r - going_on)
         existence = np.clip(after + ended, 0.0, 1.0)
-        died = r[:, None] * np.exp(self.before.log_weights) - going_on[:, None] * np.exp(self.predicted_log_weights)
-        weights = after[:, None] * np.exp(self.log_weights) + unlike[:, None] * np.maximum(died, 0.0)
+        died = r[:, None] * np.exp(before.log_weights) - going_on[:, None] * np.exp(self.predicted.log_weights)
+        weights = after[:, None] * np.exp(self.after.log_weights) + unlike[:, None] * np.maximum(died, 0.0)
         total = weights.sum(axis=1, keepdims=True)
         equal = np.full(weights.shape, 1.0 / max(weights.shape[1], 1))
         shares = np.divide(weights, total, out=equal, where=total > 0)
-        return TrackParticles(self.before.labels, existence, self.before.particles, logarithms(shares))
+        return TrackParticles(before.labels, existence, before.particles, logarithms(shares))
 
 
 @dataclass(frozen=True)
@@ -116,15 +113,11 @@ class LabelledInfo:
     Attributes:
         estimates: the tracks more likely there than not.
         expected_count: of the tracks and of the hidden targets together.
-        tracks: number of tracks kept, unlikely ones included.
-        pairs: gated pairs of tracks and measurements.
         smoothing_step: what this observation says of the tracks before it.
     """
 
     estimates: TargetEstimates
     expected_count: float
-    tracks: int
-    pairs: int
     smoothing_step: SmoothingStep
 
 
@@ -175,13 +168,12 @@ class LabelledMultiBernoulliFilter:
         predicted = self._predict(state, measurements, rng)
         new_mass, new_particles, hidden = self._hidden_update(predicted.hidden, measurements, rng)
         unclaimed = self.model.clutter_at(measurements) + new_mass
-        updated, pairs, free = self._track_update(predicted, measurements, unclaimed)
-        back = SmoothingStep(state, predicted.existence, predicted.log_weights, updated.existence, updated.log_weights)
+        updated, free = self._track_update(predicted, measurements, unclaimed)
         begun = free * np.divide(new_mass, unclaimed, out=np.zeros_like(new_mass), where=unclaimed > 0)
         joined = self._merge(self._join(updated, begun, new_particles, hidden), rng)
         joined, estimates = self._estimate(joined)
         count = float(joined.existence.sum() + np.exp(hidden.log_weights).sum())
-        info = LabelledInfo(estimates, count, len(joined), pairs, back)
+        info = LabelledInfo(estimates, count, SmoothingStep(state, predicted, updated))
         return self._resample(joined, rng), info
 
     def _predict(self, state: LabelledState, measurements: FloatArray, rng: np.random.Generator) -> LabelledState:
@@ -224,8 +216,8 @@ class LabelledMultiBernoulliFilter:
 
     def _track_update(
         self, state: LabelledState, measurements: FloatArray, unclaimed: FloatArray
-    ) -> tuple[LabelledState, int, FloatArray]:
-        """Tracks after marginal association, the number of pairs, and the chance ``(M,)`` that no track has each."""
+    ) -> tuple[LabelledState, FloatArray]:
+        """Tracks after marginal association, and the chance ``(M,)`` that no track has each."""
         tracks, count = len(state), len(measurements)
         flat = state.particles.reshape(-1, state.particles.shape[-1])
         weights, detection = np.exp(state.log_weights), self.model.detection_of(flat).reshape(tracks, self.particles)
@@ -250,7 +242,7 @@ class LabelledMultiBernoulliFilter:
         log_weights = logarithms(total / total.sum(axis=1, keepdims=True))
         free = np.clip(1.0 - claimed.sum(axis=0), 0.0, 1.0)
         after = replace(state, existence=np.minimum(existence, 1.0), log_weights=log_weights)
-        return after, len(pairs), free
+        return after, free
 
     def _join(
         self, state: LabelledState, begun: FloatArray, new_particles: FloatArray, hidden: BornParticles

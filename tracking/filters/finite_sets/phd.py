@@ -44,13 +44,11 @@ class PhdInfo:
         estimates: the targets and their identities.
         expected_count: sum of the weights after the update.
         posterior: the weighted particles after the update, before they are drawn anew.
-        pairs: gated pairs of clusters and measurements.
     """
 
     estimates: TargetEstimates
     expected_count: float
     posterior: PhdState
-    pairs: int
 
 
 @dataclass(frozen=True)
@@ -92,7 +90,7 @@ class PhdFilter:
         if not self.identity.printed:
             estimates, memory = self.identity.recall(state.memory, estimates, posterior, clusters, self.model)
             posterior = replace(posterior, memory=memory)
-        info = PhdInfo(estimates, posterior.expected_count, posterior, len(clusters.pairs))
+        info = PhdInfo(estimates, posterior.expected_count, posterior)
         return self._resample(posterior, rng), info
 
     def _predict(self, state: PhdState, measurements: FloatArray, rng: np.random.Generator) -> PhdState:

@@ -1,12 +1,11 @@
-"""States of coloured regions: rectangles that remember where they were in the frame before, (63).
+"""What the image says of coloured regions among others, and what that does to their weights, section 6 of the paper.
 
-What the image says of coloured regions among others: (68) for each particle, and its level on background.
-
-What a frame does to the weights of coloured regions: alternatives for (46), where nothing was measured as a point.
+States are rectangles that remember where they were in the frame before, (63). The likelihood of each particle is (68).
+Nothing was measured as a point, so (46) has alternatives:
 
 * :func:`as_printed`: the likelihood ``h = p (1 - q)`` itself. Since ``h <= 1`` the expected count can only shrink,
   whatever the image shows: the weights rank particles, and their sum means nothing.
-* :func:`calibrated`: the likelihood over its value ``b`` on background. Take (46) for one cluster of weight ``m`` and
+* :class:`Calibrated`: the likelihood over its value ``b`` on background. Take (46) for one cluster of weight ``m`` and
   the part of the image under it as the one measurement ``y`` there. If no target is there, ``y`` is background, with
   density proportional to ``b``; this takes the place of the clutter ``mu_C p_C(y)`` and is weighed by the probability
   ``1 - m`` that the cluster is nothing. (45) then reads ``D'(x) = {(1 - pD) + pD h(x)/b} D(x) / {(1 - m) + m <(1 - pD)
@@ -72,11 +71,7 @@ class RegionLikelihood(Protocol):
 
 @dataclass(frozen=True)
 class EachAlone:
-    """(68) of each particle, whatever else is there.
-
-    Attributes:
-        margin: of the frame around a box, for ``q``.
-    """
+    """(68) of each particle, whatever else is there; ``margin`` as of `RegionLikelihood`."""
 
     margin: float = 0.5
 
@@ -91,10 +86,8 @@ class WithoutOthers:
 
     Of two targets that overlap, the one whose box fits better alone is in front and keeps the pixels of both. A
     particle mostly behind others cannot be judged by what is left of it: its likelihood is NaN, as if ``pD`` were zero
-    there. What was never seen is not behind anything: there the likelihood is zero.
-
-    Attributes:
-        margin: of the frame around a box, for ``q``.
+    there. What was never seen is not behind anything: there the likelihood is zero. ``margin`` as of
+    `RegionLikelihood`.
     """
 
     margin: float = 0.5

@@ -1,12 +1,8 @@
 """The PHD filter on image regions: particles refer to the part of the image under them, section 6 of the paper.
 
 States are rectangles with a memory, (63): ``x, y, x before, y before, width, height`` in pixels, centre and size. There
-are no measured points, so what enters the update (46) is an argument, one of
-:mod:`tsuiseki.tracking.filters.finite_sets.region_likelihoods`. Time is counted in frames, and a step is one frame.
-
-Proposals of new targets in an image, (51): anywhere, or where the colour is and nothing explains it yet.
-
-Which new targets are confirmed: those with a patch of the colour in several frames.
+are no measured points, so what enters the update (46) is an argument, one of `region_likelihoods`; and what proposes
+new targets, (51), is another: `AnywhereBirths` or `PatchBirths`. Time is counted in frames, and a step is one frame.
 
 The ratio of a likelihood to its value on background may be so great that one frame makes a target certain. Where
 patches flash, every flash begins a false target, which then rests on the next spot of the colour. So a new target has

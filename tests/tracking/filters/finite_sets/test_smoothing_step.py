@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -80,7 +82,7 @@ def test_particles_that_leave_are_where_a_target_ended() -> None:
     # Two particles: the second left for certain. Nothing was measured, though what is there is always measured.
     before = TrackParticles(np.array([1]), np.array([0.8]), np.zeros((1, 2, 4)), np.log(np.array([[0.5, 0.5]])))
     with np.errstate(divide="ignore"):
-        back = SmoothingStep(before, np.array([0.4]), np.log(np.array([[1.0, 0.0]])), np.zeros(1), np.log([[0.5, 0.5]]))
-    smoothed = back.smoothed()
+        predicted = replace(before, existence=np.array([0.4]), log_weights=np.log(np.array([[1.0, 0.0]])))
+    smoothed = SmoothingStep(before, predicted, replace(before, existence=np.zeros(1))).smoothed()
     np.testing.assert_allclose(np.exp(smoothed.log_weights), [[0.0, 1.0]], atol=1e-12)
     assert smoothed.existence[0] == pytest.approx(0.4 / (0.4 + 0.2))
