@@ -243,3 +243,27 @@ def track_labels(solution: FlowSolution) -> IntArray:
         labels[following] = labels[current]
         current = following
     return labels
+
+
+@dataclass(frozen=True)
+class Ends:
+    """First and last detection of M tracks.
+
+    Attributes:
+        track: ``(M,)`` increasing numbers of the tracks.
+        first: ``(M,)`` index of its first detection.
+        last: ``(M,)`` index of its last one.
+    """
+
+    track: IntArray
+    first: IntArray
+    last: IntArray
+
+    @classmethod
+    def of(cls, labels: IntArray) -> Ends:
+        """The ends of all tracks in ``labels``."""
+        used = np.flatnonzero(labels >= 0)
+        order = used[np.argsort(labels[used], kind="stable")]
+        track, first = np.unique(labels[order], return_index=True)
+        last = np.append(first[1:], len(order))[: len(first)] - 1
+        return cls(track, order[first], order[last])

@@ -21,6 +21,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.association.nearby import sizes
+from tsuiseki.tracking.association.network_flow import Ends
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 
@@ -65,14 +66,10 @@ def starts_and_ends(
         known: the frames from which on starts, and up to which ends tell something.
         shortest: detections of the tracks that tell.
     """
-    used = np.flatnonzero(labels >= 0)
-    order = used[np.argsort(labels[used], kind="stable")]
-    long = order[np.bincount(labels[order], minlength=1)[labels[order]] >= shortest]
+    every, counts = Ends.of(labels), np.bincount(labels[labels >= 0])
+    long = counts[every.track] >= shortest
     starts, ends = np.zeros(len(labels), dtype=np.bool_), np.zeros(len(labels), dtype=np.bool_)
-    if len(long):
-        change = np.diff(labels[long]) != 0
-        starts[long[np.append(True, change)]] = True
-        ends[long[np.append(change, True)]] = True
+    starts[every.first[long]], ends[every.last[long]] = True, True
     return starts & (frames >= known[0]), ends & (frames <= known[1])
 
 

@@ -43,6 +43,7 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from tsuiseki.tracking.association.nearby import ranges
 from tsuiseki.tracking.association.network_flow import FlowGraph, FlowSolution, scaled, solution_of, solve
 from tsuiseki.tracking.types import BoolArray, IntArray
 
@@ -306,9 +307,8 @@ class _Residual:
         distance = self._start.copy()
         active = np.flatnonzero(distance < FAR)
         while len(active):
-            counts = first[active + 1] - first[active]
-            arcs = np.arange(counts.sum()) + np.repeat(first[active] - np.cumsum(counts) + counts, counts)
-            reached, length = heads[arcs], np.repeat(distance[active], counts) + costs[arcs]
+            tails, arcs = ranges(first[active], first[active + 1] - first[active])
+            reached, length = heads[arcs], distance[active[tails]] + costs[arcs]
             shorter = length < distance[reached]
             reached = reached[shorter]
             np.minimum.at(distance, reached, length[shorter])

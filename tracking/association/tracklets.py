@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -25,8 +25,8 @@ from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.evidence import LinkParts, link_evidence
 from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.association.link_cost import LinkCost
-from tsuiseki.tracking.association.nearby import Occluders, Pairs
-from tsuiseki.tracking.association.network_flow import FlowSolution, track_labels
+from tsuiseki.tracking.association.nearby import Occluders, Pairs, ranges
+from tsuiseki.tracking.association.network_flow import Ends, FlowSolution, track_labels
 from tsuiseki.tracking.geometry import shared_with_all
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 
@@ -66,8 +66,16 @@ class Tracklets:
         self._labels[numbers] = label[chain]
         leaving = (follower >= 0) & ~within
         self._labels[follower[leaving]] = label[chain[leaving]]
-        if features is not None:
-            self._add_features(self._labels[numbers], features)
+        if features is None:
+            return
+        known = np.flatnonzero(~np.isnan(features).any(axis=1))
+        sums = np.zeros((self._count, features.shape[1]))
+        sums[: len(self._sums), : self._sums.shape[1]] = self._sums
+        member = scipy.sparse.csr_array(
+            (np.ones(len(known)), (self._labels[numbers[known]], np.arange(len(known)))),
+            shape=(self._count, len(known)),
+        )
+        self._sums = sums + member @ features[known]
 
     def merge(self, numbers: IntArray, joined: IntArray) -> None:
         """Take detections of ``numbers`` ``(K,)`` for those of one tracklet where they have one number in ``joined``.
@@ -97,24 +105,13 @@ class Tracklets:
         """``(M, D)`` unit-length mean features of the tracklets, NaN where not known; None if nothing was described."""
         if self._sums.shape[1] == 0:
             return None
-        missing = self._count - len(self._sums)
-        sums = np.concatenate([self._sums, np.zeros((missing, self._sums.shape[1]))])
-        return unit_means(sums)
+        missing = np.zeros((self._count - len(self._sums), self._sums.shape[1]))
+        return unit_means(np.concatenate([self._sums, missing]))
 
     def _grow(self, count: int) -> None:
         more = count - len(self._labels)
         if more > 0:
             self._labels = np.append(self._labels, np.full(more, -1))
-
-    def _add_features(self, labels: IntArray, features: FloatArray) -> None:
-        known = ~np.isnan(features).any(axis=1)
-        labels, features = labels[known], features[known]
-        sums = np.zeros((self._count, features.shape[1]))
-        sums[: len(self._sums), : self._sums.shape[1]] = self._sums
-        member = scipy.sparse.csr_array(
-            (np.ones(len(labels)), (labels, np.arange(len(labels)))), shape=(self._count, len(labels))
-        )
-        self._sums = sums + member @ features
 
 
 # Longest gap that is joined, and longest one where the appearance of both is known, seconds.
@@ -151,13 +148,12 @@ def join(
     """
     link = replace(link, miss=MISS_OF_JOIN)
     for _ in range(JOIN_PASSES):
-        ends = Ends.of(labels)
-        if len(ends.track) == 0:
+        if not (labels >= 0).any():
             break
-        i, j, parts = join_parts(table, labels, ends, appearance, link)
-        cost = parts.cost
+        parts = join_parts(table, labels, appearance, link)
+        i, j, cost = labels[parts.i], labels[parts.j], parts.cost
         if changes is not None:
-            cost = cost + changes.joins(evidence_of_joins(table, labels, ends, parts, link))
+            cost = cost + changes.joins(evidence_of_joins(table, labels, parts, link))
         if started is not None:
             cost = np.where(started[j], np.inf, cost)
         if places is not None:
@@ -177,38 +173,9 @@ def join(
     return labels
 
 
-@dataclass(frozen=True)
-class Ends:
-    """First and last detection of M tracks.
-
-    Attributes:
-        track: ``(M,)`` increasing numbers of the tracks.
-        first: ``(M,)`` index of its first detection.
-        last: ``(M,)`` index of its last one.
-    """
-
-    track: IntArray
-    first: IntArray
-    last: IntArray
-
-    @classmethod
-    def of(cls, labels: IntArray) -> Ends:
-        """The ends of all tracks in ``labels``."""
-        used = np.flatnonzero(labels >= 0)
-        order = used[np.argsort(labels[used], kind="stable")]
-        track, first = np.unique(labels[order], return_index=True)
-        last = np.append(first[1:], len(order))[: len(first)] - 1
-        return cls(track, order[first], order[last])
-
-
-def join_parts(
-    table: DetectionTable,
-    labels: IntArray,
-    ends: Ends,
-    appearance: FloatArray | None,
-    link: LinkCost,
-) -> tuple[IntArray, IntArray, LinkParts]:
-    """Numbers of the tracks that may follow each other, and what it costs to join their ends."""
+def join_parts(table: DetectionTable, labels: IntArray, appearance: FloatArray | None, link: LinkCost) -> LinkParts:
+    """What it costs to join the ends of all tracks that may follow each other."""
+    ends = Ends.of(labels)
     i, j = _in_time(table, ends, APPEARANCE_WINDOW if appearance is not None else JOIN_WINDOW)
     past, future = beliefs_along(labels, table.measured, link.motion)
     tails, heads = ends.last[i], ends.first[j]
@@ -226,22 +193,14 @@ def join_parts(
     distance = np.full(len(i), np.nan)
     if appearance is not None:
         distance = cosine_distances(appearance, ends.track[i], ends.track[j])
-        cost = np.where(
-            np.isnan(distance) & (seconds > JOIN_WINDOW),
-            np.inf,
-            cost + link.appearance_cost(distance, averaged=True),
-        )
-    return (
-        ends.track[i],
-        ends.track[j],
-        LinkParts(tails, heads, past, future, seconds, distance, mismatch, hidden, cost, action),
-    )
+        unlike = link.appearance_cost(distance, averaged=True)
+        cost = np.where(np.isnan(distance) & (seconds > JOIN_WINDOW), np.inf, cost + unlike)
+    return LinkParts(tails, heads, past, future, seconds, distance, mismatch, hidden, cost, action)
 
 
-def evidence_of_joins(
-    table: DetectionTable, labels: IntArray, ends: Ends, parts: LinkParts, link: LinkCost
-) -> FloatArray:
+def evidence_of_joins(table: DetectionTable, labels: IntArray, parts: LinkParts, link: LinkCost) -> FloatArray:
     """``(P, 29)`` features of joins of tracklets: `JOIN_FEATURES`."""
+    ends = Ends.of(labels)
     counts = np.bincount(labels[labels >= 0], minlength=int(labels.max(initial=-1)) + 1)
     spans = np.zeros(len(counts), dtype=np.int64)
     spans[ends.track] = table.frames[ends.last] - table.frames[ends.first]
@@ -256,8 +215,8 @@ def _in_time(table: DetectionTable, ends: Ends, window: float) -> Pairs:
     starts, ending = table.frames[ends.first][order], table.frames[ends.last]
     first = np.searchsorted(starts, ending, side="right")
     count = np.searchsorted(starts, ending + window * table.frame_rate + 1e-9, side="right") - first
-    i = np.repeat(np.arange(len(starts)), count)
-    return i, order[np.arange(len(i)) - np.repeat(np.cumsum(count) - count - first, count)]
+    i, place = ranges(first, count)
+    return i, order[place]
 
 
 def cheapest_matching(i: IntArray, j: IntArray, cost: FloatArray) -> Pairs:

@@ -29,7 +29,7 @@ import numpy as np
 import scipy
 
 from tsuiseki.tracking.association.detection_tables import boxes_of_frames
-from tsuiseki.tracking.association.nearby import dense_reach, near_pairs, nearest, sizes
+from tsuiseki.tracking.association.nearby import dense_reach, near_pairs, nearest, ranges, sizes
 from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray
 
@@ -115,9 +115,7 @@ def _triples(i: IntArray, j: IntArray, count: int) -> tuple[IntArray, IntArray, 
     """Pairs that follow each other: the head of the first is the tail of the second."""
     order = np.argsort(i, kind="stable")
     start = np.searchsorted(i[order], np.arange(count + 1))
-    following = np.diff(start)[j]
-    first = np.repeat(np.arange(len(j)), following)
-    second = np.arange(len(first)) - np.repeat(np.cumsum(following) - following - start[j], following)
+    first, second = ranges(start[j], np.diff(start)[j])
     return i[first], j[first], j[order[second]]
 
 

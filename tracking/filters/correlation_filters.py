@@ -32,14 +32,14 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.types import IntArray
+from tsuiseki.tracking.types import Columns
 
 Float32Array = NDArray[np.float32]
 ComplexArray = NDArray[np.complex64]
 
 
 @dataclass(frozen=True)
-class Samples:
+class Samples(Columns):
     """Windows of features in the frequency domain.
 
     Attributes:
@@ -51,13 +51,6 @@ class Samples:
     spectra: ComplexArray
     energies: Float32Array
     shape: tuple[int, int]
-
-    def __len__(self) -> int:
-        return len(self.spectra)
-
-    def select(self, which: IntArray | slice) -> Samples:
-        """The windows at indices."""
-        return Samples(self.spectra[which], self.energies[which], self.shape)
 
     @property
     def size(self) -> int:
@@ -92,7 +85,7 @@ class GaussianKernel:
 
 
 @dataclass(frozen=True)
-class FilterBank:
+class FilterBank(Columns):
     """K filters.
 
     Attributes:
@@ -102,13 +95,6 @@ class FilterBank:
 
     templates: Samples
     coefficients: ComplexArray
-
-    def __len__(self) -> int:
-        return len(self.coefficients)
-
-    def select(self, which: IntArray | slice) -> FilterBank:
-        """The filters at indices."""
-        return FilterBank(self.templates.select(which), self.coefficients[which])
 
 
 def join(banks: list[FilterBank]) -> FilterBank:

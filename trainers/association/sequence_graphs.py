@@ -24,7 +24,8 @@ from tsuiseki.tracking.association.evidence import (
 from tsuiseki.tracking.association.flow_rounds import AVERAGED, mean_features
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.inference_times import InferenceTimes
-from tsuiseki.tracking.association.tracklets import MISS_OF_JOIN, MOST_FOR_JOIN, Ends, evidence_of_joins, join_parts
+from tsuiseki.tracking.association.network_flow import Ends
+from tsuiseki.tracking.association.tracklets import MISS_OF_JOIN, MOST_FOR_JOIN, evidence_of_joins, join_parts
 from tsuiseki.tracking.evaluation.coverage import IGNORED, UNMATCHED, owners_of
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
@@ -145,11 +146,11 @@ def _tracklet_graph(
     i, j, cost, rows = none, none, np.empty(0), np.empty((0, len(JOIN_FEATURES)))
     if count:
         link = replace(settings.costs.link, miss=MISS_OF_JOIN)
-        before, after, parts = join_parts(table, labels, ends, None, link)
+        parts = join_parts(table, labels, None, link)
         near = np.flatnonzero(parts.cost < 3 * MOST_FOR_JOIN)
-        i, j = np.searchsorted(ends.track, before[near]), np.searchsorted(ends.track, after[near])
+        i, j = (np.searchsorted(ends.track, labels[end[near]]) for end in (parts.i, parts.j))
         cost = parts.cost[near] - MOST_FOR_JOIN
-        rows = evidence_of_joins(table, labels, ends, parts, link)[near]
+        rows = evidence_of_joins(table, labels, parts, link)[near]
     majority = _owners_of_tracks(owners, labels, int(labels.max(initial=-1)) + 1)[ends.track]
     starts = table.frames[ends.first] if count else none
     graph = Graph(

@@ -21,7 +21,7 @@ from tsuiseki.tracking.association.evidence import (
 )
 from tsuiseki.tracking.association.inference_times import InferenceTimes
 from tsuiseki.tracking.association.link_cost import LinkCost
-from tsuiseki.tracking.association.tracklets import Ends, evidence_of_joins, join_parts
+from tsuiseki.tracking.association.tracklets import evidence_of_joins, join_parts
 from tsuiseki.tracking.people.flow_input import FlowInput, InputSettings
 from tsuiseki.tracking.types import Detections
 
@@ -121,15 +121,15 @@ def test_actions_that_are_not_known_are_said_so(why: str) -> None:
 def test_joins_see_what_people_do() -> None:
     seen, _, cost = acting()
     labels = np.array([0, 1, 2])
-    before, after, parts = join_parts(seen, labels, Ends.of(labels), None, cost)
-    unlike = dict(zip(zip(before.tolist(), after.tolist(), strict=True), parts.action, strict=True))
+    parts = join_parts(seen, labels, None, cost)
+    unlike = dict(zip(zip(parts.i.tolist(), parts.j.tolist(), strict=True), parts.action, strict=True))
     assert unlike[0, 2] > unlike[0, 1] + 5
 
 
 def test_features_of_joins() -> None:
     seen = seen_of([[[100, 100, 140, 200]] if k % 10 == 0 or k == 31 else [] for k in range(32)])
     labels = np.array([0, 0, 0, 0, 1])
-    rows = evidence_of_joins(seen, labels, Ends.of(labels), parts_of(seen, [3], [4]), COST)
+    rows = evidence_of_joins(seen, labels, parts_of(seen, [3], [4]), COST)
     np.testing.assert_allclose(rows[0, -4:], [np.log(4), 0, np.log(2), 0])
 
 
@@ -143,4 +143,4 @@ def test_nothing_to_link(boxes: list[list[list[float]]]) -> None:
         parts = parts_of(seen, none, none)
         alone = np.full(count, -1)
         assert link_evidence(seen, parts, COST.motion).shape == (0, len(LINK_FEATURES))
-        assert evidence_of_joins(seen, alone, Ends.of(alone), parts, COST).shape == (0, len(JOIN_FEATURES))
+        assert evidence_of_joins(seen, alone, parts, COST).shape == (0, len(JOIN_FEATURES))
