@@ -19,7 +19,7 @@ from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.link_cost import MOST_WORTH, LinkCost, Mismatch
 from tsuiseki.tracking.association.nearby import Occluders, Pairs, near_pairs, sizes
 from tsuiseki.tracking.geometry import centres, iou_pairs
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types import FloatArray, IntArray
 
 # Pairs of one call: as many as the processor holds close by.
 PAIRS_AT_ONCE = 16_384
@@ -181,8 +181,8 @@ def detection_evidence(table: DetectionTable, cost: FloatArray, logit: FloatArra
         return np.empty((0, len(DETECTION_FEATURES)))
     size = sizes(table.image)
     log_height = np.log(size[:, 1])
-    before, after = _overlaps(table, 1)
-    now, neighbours = _overlaps_now(table)
+    before, after, _ = _overlaps(table, table.boxes, 1)
+    now, _, neighbours = _overlaps(table, table.image, 0)
     ones = np.ones(count)
     columns = {
         "cost": cost,
@@ -295,25 +295,14 @@ def _borders(table: DetectionTable, height: FloatArray) -> dict[str, FloatArray]
     return {name: (value / height).clip(-1.0, FARTHEST) for name, value in away.items()}
 
 
-def _overlaps(table: DetectionTable, gap: int) -> tuple[FloatArray, FloatArray]:
-    """``(N,)`` largest intersection over union with a box of the frame before, and of the frame after."""
-    every, centre = np.arange(len(table)), centres(table.boxes)
-    i, j = near_pairs(table.frames, centre, sizes(table.boxes), gap, every, every)
-    overlap = iou_pairs(table.boxes[i], table.boxes[j])
+def _overlaps(table: DetectionTable, boxes: FloatArray, gap: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """``(N,)`` largest intersection over union with another box ``gap`` frames before, and after; how many overlap."""
+    every = np.arange(len(table))
+    i, j = near_pairs(table.frames, centres(boxes), sizes(boxes), gap, every, every)
+    other = i != j
+    i, j = i[other], j[other]
+    overlap = iou_pairs(boxes[i], boxes[j])
     before, after = np.zeros(len(table)), np.zeros(len(table))
     np.maximum.at(after, i, overlap)
     np.maximum.at(before, j, overlap)
-    return before, after
-
-
-def _overlaps_now(table: DetectionTable) -> tuple[FloatArray, FloatArray]:
-    """``(N,)`` largest intersection over union with another box of the frame, and how many overlap."""
-    every = np.arange(len(table))
-    i, j = near_pairs(table.frames, centres(table.image), sizes(table.image), 0, every, every)
-    other: BoolArray = i != j
-    i, j = i[other], j[other]
-    overlap = iou_pairs(table.image[i], table.image[j])
-    most = np.zeros(len(table))
-    np.maximum.at(most, i, overlap)
-    np.maximum.at(most, j, overlap)
-    return most, np.bincount(i[overlap > 0], minlength=len(table)).astype(np.float64)
+    return before, after, np.bincount(i[overlap > 0], minlength=len(table)).astype(np.float64)

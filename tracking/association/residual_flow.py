@@ -84,25 +84,21 @@ class ResidualFlow:
 
         New detections are forbidden, as in this flow.
         """
-        other, before, more = copy(self), self.count, len(graph) - self.count
-        each = before + np.arange(more)
-        parts = np.split(np.arange(len(self.cost)), [before, 2 * before, 3 * before])
-        links = np.zeros(len(graph.tail) - len(self.graph.tail), np.bool_)
-        other.graph, other.count = graph, len(graph)
-        other.used = np.concatenate(
-            [a for p in parts[:3] for a in (self.used[p], np.zeros(more, np.bool_))] + [self.used[parts[3]], links]
-        )
-        other.status = np.concatenate(
-            [self.status[parts[0]], np.full(more, FORBIDDEN, np.int64)]
-            + [a for p in parts[1:3] for a in (self.status[p], np.zeros(more, np.int64))]
-            + [self.status[parts[3]], links.astype(np.int64)]
-        )
+        other, before, count = copy(self), self.count, len(graph)
+        other.graph, other.count = graph, count
         other._number_arcs()
+        # Where this flow's arcs stand among the others.
+        old = [k * count + np.arange(before) for k in range(3)]
+        arcs = np.concatenate([*old, 3 * count + np.arange(len(self.graph.tail))])
+        other.used, other.status = np.zeros(len(other.cost), np.bool_), np.zeros(len(other.cost), np.int64)
+        other.used[arcs], other.status[arcs] = self.used, self.status
+        other.status[before:count] = FORBIDDEN
         ground = self.potential[-1]
-        potential = np.concatenate([self.potential[:-1], np.zeros(2 * more), [ground]])
-        potential[2 * each] = ground + other.cost[other.count + each]
-        potential[2 * each + 1] = ground - other.cost[2 * other.count + each]
-        new = 3 * other.count + len(self.graph.tail) + np.arange(len(links))
+        each = np.arange(before, count)
+        potential = np.concatenate([self.potential[:-1], np.zeros(2 * len(each)), [ground]])
+        potential[2 * each] = ground + other.cost[count + each]
+        potential[2 * each + 1] = ground - other.cost[2 * count + each]
+        new = np.arange(3 * count + len(self.graph.tail), len(other.cost))
         tail, head, cost = other.tail[new], other.head[new], other.cost[new]
         out, into = tail >= 2 * before, head >= 2 * before
         # Both ends of a link between two new detections hold as soon as the first one is high enough.

@@ -71,11 +71,8 @@ class Tracklets:
         known = np.flatnonzero(~np.isnan(features).any(axis=1))
         sums = np.zeros((self._count, features.shape[1]))
         sums[: len(self._sums), : self._sums.shape[1]] = self._sums
-        member = scipy.sparse.csr_array(
-            (np.ones(len(known)), (self._labels[numbers[known]], np.arange(len(known)))),
-            shape=(self._count, len(known)),
-        )
-        self._sums = sums + member @ features[known]
+        member = np.ones(len(known)), (self._labels[numbers[known]], np.arange(len(known)))
+        self._sums = sums + scipy.sparse.csr_array(member, shape=(self._count, len(known))) @ features[known]
 
     def merge(self, numbers: IntArray, joined: IntArray) -> None:
         """Take detections of ``numbers`` ``(K,)`` for those of one tracklet where they have one number in ``joined``.

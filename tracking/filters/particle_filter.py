@@ -21,7 +21,7 @@ from tsuiseki.tracking.filters.resampling import (
     probabilities,
     systematic,
 )
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import FloatArray
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,13 @@ class ParticleFilter(Generic[Observation]):
         self, state: ParticleState, observation: Observation, rng: np.random.Generator
     ) -> tuple[ParticleState, ParticleInfo]:
         """One observation further. When no particle explains it, the predicted weights are kept."""
-        ancestors, prior, resampled = self._select(state, rng)
+        # Ancestors with their normalised log-weights, drawn anew where few count, equations (16)-(20).
+        count = len(state)
+        ancestors, prior = np.arange(count), state.log_weights
+        resampled = effective_sample_size(prior) < self.threshold * count
+        if resampled:
+            ancestors = systematic(probabilities(prior), count, rng)
+            prior = np.full(count, -np.log(count))
         particles, correction = self.proposal(state.particles[ancestors], observation, rng)
         log_weights = prior + correction + self.log_likelihood(particles, observation)
         # The prior weights sum to one, so the evidence is the plain sum; the 1/L of (23) belongs to unit weights.
@@ -92,11 +98,3 @@ class ParticleFilter(Generic[Observation]):
         after = ParticleState(particles, normalise(log_weights if log_evidence > -np.inf else prior))
         size = effective_sample_size(after.log_weights)
         return after, ParticleInfo(log_evidence, size, resampled)
-
-    def _select(self, state: ParticleState, rng: np.random.Generator) -> tuple[IntArray, FloatArray, bool]:
-        """Ancestors, their normalised log-weights, and whether they were drawn anew, equations (16)-(20)."""
-        count = len(state)
-        if effective_sample_size(state.log_weights) >= self.threshold * count:
-            return np.arange(count), state.log_weights, False
-        drawn = systematic(probabilities(state.log_weights), count, rng)
-        return drawn, np.full(count, -np.log(count)), True

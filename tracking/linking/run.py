@@ -80,7 +80,10 @@ def link(
     if len({*names}) < len(names):
         names = [f"{k + 1}_{name}" for k, name in enumerate(names)]
     _refuse_twice(names, loaded)
-    passages = _passages(names, loaded, starts or [0.0] * len(loaded), _describer(appearance))
+    describer = None
+    if not (isinstance(appearance, str | Path) and str(appearance) == NONE):
+        describer = open_appearance(SHIPPED) if appearance is None else as_describer(appearance)
+    passages = _passages(names, loaded, starts or [0.0] * len(loaded), describer)
     return _joined(names, loaded, passages, linked(passages), margin)
 
 
@@ -91,12 +94,6 @@ def _refuse_twice(names: Sequence[str], results: Sequence[Result[Track]]) -> Non
             np.array_equal(x.frames, y.frames) and np.array_equal(x.boxes, y.boxes) for x, y in zip(a, b, strict=True)
         ):
             raise RequestError(f"expected different results, got the same tracks in {first} and {second}")
-
-
-def _describer(appearance: AppearanceLike | None) -> Describe | None:
-    if isinstance(appearance, str | Path) and str(appearance) == NONE:
-        return None
-    return open_appearance(SHIPPED) if appearance is None else as_describer(appearance)
 
 
 def _passages(
@@ -161,7 +158,7 @@ def _joined(
     names: Sequence[str], results: Sequence[Result[Track]], passages: Passages, links: Transits, margin: float
 ) -> Linked:
     sure = links.margins >= margin
-    ids = people_of(len(passages.view), links, sure.tolist())
+    ids = people_of(len(passages.view), links, sure)
     tracks = [track for result in results for track in boxes_of(result)]
     rows: dict[bool, list[tuple[Any, ...]]] = {True: [], False: []}
     for k in np.lexsort([links.later, links.earlier]):
@@ -169,13 +166,13 @@ def _joined(
         numbers = (float(round(part[k], 4)) for part in (links.seconds, links.likeness, links.margins))
         ends = names[passages.view[i]], tracks[i].id, names[passages.view[j]], tracks[j].id
         rows[bool(sure[k])].append((int(ids[i]), *ends, *numbers))
-    begin, found = 0, []
+    begin, linked_results = 0, []
     for result in results:
         own = boxes_of(result)
         numbered = zip(own, ids[begin : begin + len(own)].tolist(), strict=True)
-        found.append(replace(result, tracks=_merged(numbered), files={}, painter=None, points=None))
+        linked_results.append(replace(result, tracks=_merged(numbered), files={}, painter=None, points=None))
         begin += len(own)
-    return Linked(found, names, rows[True], rows[False])
+    return Linked(linked_results, names, rows[True], rows[False])
 
 
 def _merged(numbered: Any) -> list[Track]:
@@ -216,14 +213,14 @@ def link_results(
     """
     with output.run() as run:
         with run.times.measure("link"):
-            found = link(results, starts, appearance, margin, fps)
-        for name, result in zip(found.names, found.results, strict=True):
+            common = link(results, starts, appearance, margin, fps)
+        for name, result in zip(common.names, common.results, strict=True):
             run.write(f"{name}/tracks.txt", write_tracks, result.tracks)
             run.results[name] = result.known()
-        for name, rows in (("joins.csv", found.joins), ("unsure.csv", found.unsure)):
+        for name, rows in (("joins.csv", common.joins), ("unsure.csv", common.unsure)):
             run.write(name, write_joins, rows)
-        people = len({track.id for result in found.results for track in result})
-        summary = f"{people} people, {len(found.joins)} joins, {len(found.unsure)} unsure ones not made"
+        people = len({track.id for result in common.results for track in result})
+        summary = f"{people} people, {len(common.joins)} joins, {len(common.unsure)} unsure ones not made"
         run.done(f"{summary}: {output.out}")
     return run.status
 

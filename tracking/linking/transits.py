@@ -13,14 +13,13 @@ how much the best solution without it costs more.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
 
-from tsuiseki.tracking.association.network_flow import FlowGraph, build_graph, solve
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.association.network_flow import build_graph, solve
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Seconds by which clocks may differ and that a way takes at most; the least that is distinguished.
 EARLY, LONGEST, LEAST = 0.5, 300.0, 0.25
@@ -99,15 +98,10 @@ def linked(passages: Passages) -> Transits:
     graph = build_graph(np.zeros(len(passages.view)), [(pairs.earlier, pairs.later, -gains)], 0.0, 0.0)
     best = solve(graph)
     chosen = np.flatnonzero(best.follower[pairs.earlier] == pairs.later)
-    margins = [solve(_without(graph, pairs.earlier[k], pairs.later[k])).cost - best.cost for k in chosen]
     earlier, later, seconds = pairs.earlier[chosen], pairs.later[chosen], pairs.seconds[chosen]
+    others = [(graph.tail != i) | (graph.head != j) for i, j in zip(earlier, later, strict=True)]
+    margins = [solve(graph.with_transitions(kept)).cost - best.cost for kept in others]
     return Transits(earlier, later, seconds, np.array(margins), pairs.likeness[chosen])
-
-
-def _without(graph: FlowGraph, tail: int, head: int) -> FlowGraph:
-    kept = (graph.tail != tail) | (graph.head != head)
-    arcs = graph.tail[kept], graph.head[kept], graph.transition[kept]
-    return FlowGraph(graph.observation, graph.entry, graph.exit, *arcs)
 
 
 def _candidates(passages: Passages) -> Candidates:
@@ -239,10 +233,9 @@ def _peaks(pairs: Candidates, ways: int) -> FloatArray:
     return found
 
 
-def people_of(count: int, links: Transits, sure: Sequence[bool]) -> IntArray:
+def people_of(count: int, links: Transits, sure: BoolArray) -> IntArray:
     """``(N,)`` ids from 1 in the order of the tracks, the same for tracks that sure links join."""
-    kept = np.asarray(sure, dtype=np.bool_)
-    ones = np.ones(int(kept.sum()))
-    graph = scipy.sparse.coo_array((ones, (links.earlier[kept], links.later[kept])), shape=(count, count))
+    ones = np.ones(int(sure.sum()))
+    graph = scipy.sparse.coo_array((ones, (links.earlier[sure], links.later[sure])), shape=(count, count))
     labels = scipy.sparse.csgraph.connected_components(graph, directed=False)[1]
     return np.asarray(np.unique(labels, return_inverse=True)[1] + 1, dtype=np.int64)

@@ -84,8 +84,8 @@ def test_the_margin_is_what_the_best_solution_without_the_link_costs_more():
 
 def test_joined_tracks_have_one_id():
     links = Transits(np.array([0, 2]), np.array([2, 3]), np.zeros(2), np.ones(2), np.zeros(2))
-    assert people_of(5, links, [True, True]).tolist() == [1, 2, 1, 1, 3]
-    assert people_of(5, links, [True, False]).tolist() == [1, 2, 1, 3, 4]
+    assert people_of(5, links, np.array([True, True])).tolist() == [1, 2, 1, 1, 3]
+    assert people_of(5, links, np.array([True, False])).tolist() == [1, 2, 1, 3, 4]
 
 
 def results() -> list[Result]:

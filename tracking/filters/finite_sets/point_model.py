@@ -104,7 +104,9 @@ class GaussianSensor:
             which: ``(K,)`` which of them.
         """
         # Column by column: rows of two or three numbers cost several times more.
-        apart = [self._apart(column, projected, particle, measurements, which) for column in range(len(self.deviation))]
+        apart = [state[particle] - measured[which] for state, measured in zip(projected.T, measurements.T, strict=True)]
+        for column in self.circular:
+            apart[column] = (apart[column] + np.pi) % (2 * np.pi) - np.pi
         if self.roots is None:
             scaled = [column / deviation for column, deviation in zip(apart, self.deviation, strict=True)]
             constant = np.log(np.prod(np.sqrt(2 * np.pi) * self.deviation))
@@ -117,15 +119,6 @@ class GaussianSensor:
         for column in scaled:
             squares += column * column
         return np.asarray(-0.5 * squares - constant)
-
-    def _apart(
-        self, column: int, projected: FloatArray, particle: IntArray, measurements: FloatArray, which: IntArray
-    ) -> FloatArray:
-        """One column ``(K,)`` of state minus measurement."""
-        apart = projected[:, column][particle] - measurements[:, column][which]
-        if column in self.circular:
-            return np.asarray((apart + np.pi) % (2 * np.pi) - np.pi)
-        return np.asarray(apart)
 
 
 @dataclass(frozen=True)
