@@ -206,7 +206,7 @@ class TrackedPage:
                 images = "".join(embedded_image(crop) for crop in crops.get(who, ()))
                 cells = [*(_cell(table[name][number]) for name in names), *(f"{within[who, z]:.1f}" for z in zones)]
                 cells = [f'<span class="crops">{images}</span>', *cells] if crops else cells
-                rows.append((str(who), cells, [False] * len(cells)))
+                rows.append([str(who), *cells])
         if not rows:
             return ""
         head = ["id", *(["pictures"] if crops else []), *(UNITS.get(n, n) for n in names), *(f"{z}, s" for z in zones)]
@@ -218,7 +218,7 @@ class TrackedPage:
         rows = list(zip(*table.values(), strict=True))
         if not rows:
             return ""
-        lines = [(str(row[0]), [_cell(v) for v in row[1:]], [False] * (len(row) - 1)) for row in rows[:MOST]]
+        lines = [[str(first), *map(_cell, rest)] for first, *rest in rows[:MOST]]
         shown = html_table([one.replace("_", " ") for one in table], lines) + note
         return shown + self._more_than(len(rows), name) + (self._svg(plot) if plot else "")
 
@@ -227,10 +227,7 @@ class TrackedPage:
         if not table["count"]:
             return ""
         origins, destinations, counts = matrix(table)
-        rows = [
-            (origin, [str(count) for count in counts[k].tolist()], [False] * len(destinations))
-            for k, origin in enumerate(origins)
-        ]
+        rows = [[origin, *map(str, row)] for origin, row in zip(origins, counts.tolist(), strict=True)]
         return html_table(["from, to", *destinations], rows) + self._links(name)
 
     def _svg(self, name: str) -> str:

@@ -204,7 +204,7 @@ def write_pages(batch: Path, command: str, rows: Sequence[Row]) -> None:
         there = next((name for name in PAGES if (batch / row.name / name).exists()), None)
         link = "" if there is None else f'<a href="{quote(f"{row.name}/{there}")}">{there}</a>'
         tracks = "" if row.tracks is None else str(row.tracks)
-        shown.append((row.name, [row.status, str(row.frames), tracks, f"{row.seconds:.1f} s", link], [False] * 5))
+        shown.append((row.name, row.status, str(row.frames), tracks, f"{row.seconds:.1f} s", link))
     failed = {row.name: row.line for row in rows if row.status == "failed"}
     sections = [
         section("Crossings of all", listing(_crossings(batch, rows))),

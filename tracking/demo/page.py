@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -17,12 +17,11 @@ from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, e
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.geometry import centres, iou_matrix
-from tsuiseki.tracking.output import versions
 from tsuiseki.tracking.people.inputs import PeopleInputs, ground_of
 from tsuiseki.tracking.people.methods import people_tracker
 from tsuiseki.tracking.people.settings import PeopleMethod
 from tsuiseki.tracking.people.tracker import PeopleTracker
-from tsuiseki.tracking.report.page import BOXES_NOTE, Report, ReportedMethod
+from tsuiseki.tracking.report.page import BOXES_NOTE, Report
 from tsuiseki.tracking.types import BoolArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.source import Source
@@ -74,70 +73,32 @@ def scored(
     clip: str, truth: GroundTruth, tracks: Mapping[str, list[Track]], frames: int
 ) -> dict[str, PeopleEvaluation]:
     """The scores of the tracks of each method on the clip of that name, whose first ``frames`` were tracked."""
-    return {name: evaluate_sequences([SequencePair(clip, truth, found, frames)]) for name, found in tracks.items()}
+    return {name: evaluate_sequences([SequencePair(clip, truth, own, frames)]) for name, own in tracks.items()}
 
 
 # A track is of a thing that stands still if its centre moves by less than so many heights, and it is mostly a false
 # positive.
 STILL, MOSTLY = 0.5, 0.8
-STAGES = {
-    "generate": "generate the clip",
-    "decode": "decode",
-    "detect": "detect",
-    "describe": "describe",
-    "draw": "draw the overlay",
-}
 
 
-@dataclass(frozen=True)
-class DemoResult:
-    """What came out of a clip.
-
-    Attributes:
-        source: the clip.
-        truth: its labels.
-        tracks: by what each method is called, the one whose result is drawn last.
-        scores: likewise.
-        frames: that were tracked.
-        seconds: of each stage.
-        facts: what the page says of how it was made.
-        overlay: the video with the result drawn in, where there is one.
-    """
-
-    source: Source
-    truth: GroundTruth
-    tracks: Mapping[str, list[Track]]
-    scores: Mapping[str, PeopleEvaluation]
-    frames: int
-    seconds: Mapping[str, float] = field(default_factory=dict)
-    facts: Mapping[str, str] = field(default_factory=dict)
-    overlay: Path | None = None
-
-    @property
-    def people(self) -> int:
-        """How many there are in truth."""
-        return len(set(self.truth.ids.tolist()))
-
-
-def street_report(demo: DemoResult) -> Report:
-    """The page of people on a street."""
+def street_report(truth: GroundTruth, tracks: Mapping[str, list[Track]], frames: int) -> Report:
+    """The page of people on a street; ``tracks`` of its first ``frames`` are by what each method is called."""
+    scores = scored("street", truth, tracks, frames)
     introduction = (
-        f"{demo.people} people on a generated street, {demo.frames} frames. Networks trained on generated "
+        f"{len(np.unique(truth.ids))} people on a generated street, {frames} frames. Networks trained on generated "
         "scenes detected and described them once; three methods linked the detections, each scored against the truth."
     )
-    return _report(demo, "Tsuiseki demo", " ".join([introduction, *why_not_best(demo)]))
+    report = Report("Tsuiseki demo", introduction, truth, tracks, scores, frames)
+    return replace(report, introduction=" ".join([introduction, *why_not_best(report)]))
 
 
-def why_not_best(demo: DemoResult) -> list[str]:
+def why_not_best(report: Report) -> list[str]:
     """What the last method, which is drawn, does worse and better than the one of the highest HOTA, and where.
-
-    Args:
-        demo: the scores of at least one method, and its tracks.
 
     Returns:
         A sentence, and one about its false boxes if it has any; none where the last method is the best.
     """
-    scores = demo.scores
+    scores = report.scores
     drawn, best = list(scores)[-1], max(scores, key=lambda name: scores[name].combined.hota)
     ours, theirs = scores[drawn].combined, scores[best].combined
     if ours.hota >= theirs.hota:
@@ -150,7 +111,7 @@ def why_not_best(demo: DemoResult) -> list[str]:
     )
     if not ours.false_positives:
         return [line]
-    return [line, _where_false_boxes_come_from(demo.tracks[drawn], demo.truth, ours.false_positives)]
+    return [line, _where_false_boxes_come_from(report.tracks[drawn], report.truth, ours.false_positives)]
 
 
 def _where_false_boxes_come_from(tracks: Sequence[Track], truth: GroundTruth, count: int) -> str:
@@ -166,12 +127,12 @@ def _where_false_boxes_come_from(tracks: Sequence[Track], truth: GroundTruth, co
             still += int(false.sum())
         else:
             filled += int((false & ~track.observed).sum())
-    found = {
+    counts = {
         f"on things that never move and were taken for people all the time ({things})": still,
         "filled into gaps where no person is": filled,
         "beside people or on people who have a box already": count - still - filled,
     }
-    return f"Its false boxes: {', '.join(f'{number} {where}' for where, number in found.items() if number)}."
+    return f"Its false boxes: {', '.join(f'{number} {where}' for where, number in counts.items() if number)}."
 
 
 def _false_positives(track: Track, truth: GroundTruth) -> BoolArray:
@@ -183,27 +144,18 @@ def _false_positives(track: Track, truth: GroundTruth) -> BoolArray:
     return wrong
 
 
-def drone_report(demo: DemoResult, actions: DroneResult) -> Report:
-    """The page of people who act under a drone, and of what they do."""
-    report = _report(
-        demo,
+def drone_report(truth: GroundTruth, results: Mapping[str, DroneResult], frames: int) -> Report:
+    """The page of people who act under a drone, and of what they do by the last of the ``results``."""
+    tracks = {name: result.boxes for name, result in results.items()}
+    return Report(
         "Tsuiseki demo, from a drone",
-        f"{demo.people} people on generated ground under a drone that jerks, {demo.frames} frames. Networks "
+        f"{len(np.unique(truth.ids))} people on generated ground under a drone that jerks, {frames} frames. Networks "
         "trained on generated clips detected and described them and recognised what they do, once; three ways link "
         "the detections, each scored against the truth.",
-    )
-    return replace(report, overlay_note=BOXES_NOTE, more=[action_timelines(actions)])
-
-
-def _report(demo: DemoResult, title: str, introduction: str) -> Report:
-    return Report(
-        title=title,
-        introduction=introduction,
-        methods=[ReportedMethod(name, demo.scores[name].combined, tracks) for name, tracks in demo.tracks.items()],
-        truth=demo.truth,
-        length=demo.frames,
-        frame_rate=demo.source.frame_rate,
-        overlay=demo.overlay,
-        seconds={STAGES.get(stage, stage): value for stage, value in demo.seconds.items()},
-        facts=dict(demo.facts) | versions(),
+        truth,
+        tracks,
+        scored("drone", truth, tracks, frames),
+        frames,
+        more=[action_timelines([*results.values()][-1])],
+        overlay_note=BOXES_NOTE,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -12,13 +12,15 @@ from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.demo.page import DemoResult
-    from tsuiseki.tracking.drone.run import DroneResult
-    from tsuiseki.tracking.people.tracker import FrameLog
+    from tsuiseki.tracking.report.page import Report
+    from tsuiseki.tracking.types import Frame, ImageArray
+    from tsuiseki.tracking.video.source import Source
 
 REPORT_FILE, OVERLAY_FILE = "report.html", "overlay.webm"
 FRAMES, FRAME_RATE = 180, 25.0
 OUTPUT = SeededOutput(Path("out/demo"), seed=100)
+# What the page calls stages.
+STAGES = {"generate": "generate the clip", "draw": "draw the overlay"}
 
 
 def demo(
@@ -66,11 +68,18 @@ def _demo_street(
     """Generate a street, track it three ways, score and report."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
-    from tsuiseki.tracking.demo.page import DemoResult, scored, shipped_street, street_inputs, street_trackers
+    from tsuiseki.tracking.demo.page import (
+        STREET_METHODS,
+        shipped_street,
+        street_inputs,
+        street_report,
+        street_trackers,
+    )
     from tsuiseki.tracking.features.standing_camera import StandingCamera
     from tsuiseki.tracking.features.view_choice import report_models
-    from tsuiseki.tracking.formats.mot import read_ground_truth
+    from tsuiseki.tracking.formats.mot import read_ground_truth, write_tracks
     from tsuiseki.tracking.people.tracker import run_trackers
+    from tsuiseki.tracking.report.overlay import Overlay
     from tsuiseki.tracking.video.source import open_source
     from tsuiseki.trainers.shipped_models import make_models
 
@@ -85,45 +94,29 @@ def _demo_street(
         camera = StandingCamera()
         inputs = street_inputs(source, models, threads, camera, device)
         run.facts |= report_models(inputs.detect, inputs.describe)
-        found = inputs.detections(run.frames(source), run.times)
-        steps = run.steps(found)
+        steps = run.steps(inputs.detections(run.frames(source), run.times))
         tracks, log = run_trackers(steps, street_trackers(source, models, threads, camera), run.times)
         truth = read_ground_truth(clip / "gt" / "gt.txt").between(0, run.count - 1)
-        scores = scored("street", truth, tracks, run.count)
-        demo = DemoResult(source, truth, tracks, scores, run.count)
-        _write(run, demo, log, models)
+        report = street_report(truth, tracks, run.count)
+        names = {kind: path.name for kind, path in models.items()}
+        for method, name in STREET_METHODS.items():
+            run.write(f"{method}/tracks.txt", write_tracks, tracks[name])
+            seconds = {s: v for s, v in run.times.seconds.items() if s not in tracks or s == name}
+            settings = {"frames": run.count, "models": names, "method": method}
+            _record(run, settings, seconds, log.columns(tracks[name]))
+        run.facts["models"] = names
+        report = replace(report, facts={f"{kind} model": name for kind, name in names.items()})
+        _finish(run, source, report, Overlay([*tracks.values()][-1], source.frame_rate).draw)
     if run.status == 0:
-        _show(demo, output.out, "video and plots")
+        _show(report, output.out, "video and plots")
     return run.status
-
-
-def _write(run: Run, demo: DemoResult, log: FrameLog, models: Mapping[str, Path]) -> None:
-    """A folder for each method, the overlay, the report."""
-    from tsuiseki.tracking.demo.page import STREET_METHODS, street_report
-    from tsuiseki.tracking.formats.mot import write_tracks
-    from tsuiseki.tracking.report.overlay import write_overlay
-    from tsuiseki.tracking.report.page import write_report
-
-    names = {kind: path.name for kind, path in models.items()}
-    for method, name in STREET_METHODS.items():
-        tracks = demo.tracks[name]
-        run.write(f"{method}/tracks.txt", write_tracks, tracks)
-        seconds = {s: v for s, v in run.times.seconds.items() if s not in demo.tracks or s == name}
-        settings = {"frames": demo.frames, "models": names, "method": method}
-        _record(run, settings, seconds, log.columns(tracks))
-    run.facts["models"] = names
-    source, best = demo.source, demo.tracks[list(demo.tracks)[-1]]
-    overlay = run.draw(OVERLAY_FILE, lambda path: write_overlay(path, source.frames(), best, source.frame_rate))
-    facts = {f"{kind} model": name for kind, name in names.items()} | {"seed": str(run.output.settings["seed"])}
-    report = street_report(replace(demo, overlay=overlay, seconds=run.times.seconds, facts=facts))
-    run.write(REPORT_FILE, lambda path: write_report(path, report))
 
 
 def _demo_drone(output: SeededOutput, frames: int, threads: int, device: Device) -> int:
     """Generate a clip, detect people once, link them three ways, score and report; see `demo`."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
-    from tsuiseki.tracking.demo.page import DRONE_METHODS, DemoResult, scored
+    from tsuiseki.tracking.demo.page import DRONE_METHODS, drone_report
     from tsuiseki.tracking.drone.drone_models import DroneModels
     from tsuiseki.tracking.drone.run import link, observations
     from tsuiseki.tracking.drone.settings import DroneSettings
@@ -148,32 +141,15 @@ def _demo_drone(output: SeededOutput, frames: int, threads: int, device: Device)
             )
             for method, name in DRONE_METHODS.items()
         }  # fmt: skip
-        tracks = {name: [person.track for person in found] for name, found in results.items()}
-        scores = scored("drone", truth, tracks, frames)
-        demo = DemoResult(source, truth, tracks, scores, frames)
-        _write_drone(run, demo, results)
+        report = drone_report(truth, results, frames)
+        for method, name in DRONE_METHODS.items():
+            run.save(results[name], folder=method)
+            _record(run, results[name].settings, run.times.seconds, run.columns)
+        run.columns, run.facts = {}, {}
+        _finish(run, source, report, [*results.values()][-1].painter)
     if run.status == 0:
-        _show(demo, output.out, "video, actions and plots")
+        _show(report, output.out, "video, actions and plots")
     return run.status
-
-
-def _write_drone(run: Run, demo: DemoResult, results: Mapping[str, DroneResult]) -> None:
-    """A folder for each method, the overlay, the report."""
-    from tsuiseki.tracking.demo.page import DRONE_METHODS, drone_report
-    from tsuiseki.tracking.report.overlay import write_drawn
-    from tsuiseki.tracking.report.page import write_report
-
-    source, best = demo.source, results[list(results)[-1]]
-    rate, painter = source.frame_rate, best.painter
-    assert painter is not None
-    overlay = run.draw(OVERLAY_FILE, lambda path: write_drawn(path, source.frames(), rate, painter))
-    for method, name in DRONE_METHODS.items():
-        run.save(results[name], folder=method)
-        _record(run, results[name].settings, run.times.seconds, run.columns)
-    run.columns, run.facts = {}, {}
-    facts = {"seed": str(run.output.settings["seed"])}
-    report = drone_report(replace(demo, overlay=overlay, seconds=run.times.seconds, facts=facts), best)
-    run.write(REPORT_FILE, lambda path: write_report(path, report))
 
 
 def _record(
@@ -186,12 +162,26 @@ def _record(
     record.write(run.work / settings["method"])
 
 
-def _show(demo: DemoResult, out: Path, what: str) -> None:
+def _finish(run: Run, source: Source, report: Report, painter: Callable[[Frame], ImageArray] | None) -> None:
+    """Draw the overlay with ``painter``, and write the page."""
+    from tsuiseki.tracking.output import versions
+    from tsuiseki.tracking.report.overlay import write_drawn
+    from tsuiseki.tracking.report.page import report_page
+
+    assert painter is not None
+    overlay = run.draw(OVERLAY_FILE, lambda path: write_drawn(path, source.frames(), source.frame_rate, painter))
+    seconds = {STAGES.get(stage, stage): value for stage, value in run.times.seconds.items()}
+    facts = {**report.facts, "seed": str(run.output.settings["seed"]), **versions()}
+    page = report_page(replace(report, overlay=overlay, seconds=seconds, facts=facts))
+    run.write(REPORT_FILE, lambda path: path.write_text(page, encoding="utf-8"))
+
+
+def _show(report: Report, out: Path, what: str) -> None:
     """Print the scores of all methods, and where the report is; ``what`` it shows."""
     from tsuiseki.tracking.demo.page import why_not_best
     from tsuiseki.tracking.evaluation.tables import people_table, show
 
-    show(people_table(demo.scores))
-    for line in why_not_best(demo):
+    show(people_table(report.scores))
+    for line in why_not_best(report):
         print(line)
     print(f"report with {what}: {out / REPORT_FILE}")

@@ -102,14 +102,10 @@ def adapted_page(report: AdaptedReport) -> str:
 def _table(report: AdaptedReport) -> str:
     """A table with a row for each round, the one that is kept marked."""
     rows = [
-        (
-            "start" if number == 0 else f"round {number}",
-            [_number(values[key]) for key in HEADINGS],
-            [0 < number == report.best] * len(HEADINGS),
-        )
+        [f"round {number}" if number else "start", *(_number(values[key]) for key in HEADINGS)]
         for number, values in enumerate(report.rounds)
     ]
-    return html_table(["", *HEADINGS.values()], rows)
+    return html_table(["", *HEADINGS.values()], rows, lambda row, _: 0 < row == report.best)
 
 
 def _number(value: float) -> str:

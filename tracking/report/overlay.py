@@ -85,15 +85,6 @@ class Overlay:
         cv2.polylines(image, [_pixels(feet)], isClosed=False, color=colour, thickness=thin, lineType=cv2.LINE_AA)
 
 
-def write_overlay(path: Path, frames: Iterable[Frame], tracks: Iterable[Track], frame_rate: float) -> None:
-    """Write the video with its tracks as WebM; see `Overlay`.
-
-    Raises:
-        RunError: the video breaks off, or WebM cannot be written.
-    """
-    write_drawn(path, frames, frame_rate, Overlay(tracks, frame_rate).draw)
-
-
 def write_drawn(path: Path, frames: Iterable[Frame], frame_rate: float, draw: Callable[[Frame], ImageArray]) -> None:
     """Write what ``draw`` makes of each frame, freed of flicker, as a video.
 

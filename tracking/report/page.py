@@ -9,16 +9,17 @@ Who was when: a row of bars for each person or action, as SVG in a page.
 from __future__ import annotations
 
 import base64
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from html import escape
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
 import cv2
 
-from tsuiseki.tracking.evaluation.coverage import Coverage, coverage, spans
-from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
+from tsuiseki.tracking.evaluation.coverage import coverage, spans
+from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
 from tsuiseki.tracking.evaluation.tables import COLUMNS, cells
 from tsuiseki.tracking.report.overlay import track_colour
 from tsuiseki.tracking.report.plots import comparison_figure, count_figure, inline_svg
@@ -96,37 +97,30 @@ def frame_ticks(first: int, length: int) -> range:
 MOST_EMBEDDED = 8_000_000
 """Bytes of the largest video inside a page."""
 LOWER_IS_BETTER = {"id_switches", "false_positives", "false_negatives"}
-
-
 BOXES_NOTE = "Each colour and number is one person. A dashed box is filled in: no detection supports it."
-
-
-@dataclass(frozen=True)
-class ReportedMethod:
-    """One way to track, and what came of it.
-
-    Attributes:
-        name: for people.
-        scores: against the truth.
-        tracks: the result.
-    """
-
-    name: str
-    scores: PeopleScores
-    tracks: Sequence[Track]
+GLOSSARY = (
+    "<p class=note>HOTA balances finding people (DetA) and keeping their ids (AssA). MOTA counts missed people "
+    "(FN), false boxes (FP) and changes of id (IDSW); IDF1 is the share of boxes with the right id throughout. "
+    "MOTP is the mean overlap of right boxes, Rcll and Prcn recall and precision. Boxes match from an overlap of "
+    "0.5 on.</p>"
+)
+FOLLOWED_NOTE = (
+    "<p class=note>A row is a person of the ground truth, a bar the time they are in view, its colour the id they "
+    "were given: one colour from end to end is perfect, a change of colour an id switch, grey a miss.</p>"
+)
 
 
 @dataclass(frozen=True)
 class Report:
-    """What the page shows.
+    """Several ways to track the people of a clip, compared with its truth on a page.
 
     Attributes:
         title: heading of the page.
         introduction: a sentence or two under it.
-        methods: compared with each other, the best last.
-        truth: the labels that they were scored against.
+        truth: the labels of the clip.
+        tracks: the result by name of the method, the best last.
+        scores: likewise, against the truth.
         length: number of frames.
-        frame_rate: frames per second.
         overlay: WebM video of the last method's tracks; None leaves it out.
         seconds: per stage of the run.
         facts: names and values for the foot of the page: models, versions, seed.
@@ -136,10 +130,10 @@ class Report:
 
     title: str
     introduction: str
-    methods: Sequence[ReportedMethod]
     truth: GroundTruth
+    tracks: Mapping[str, list[Track]]
+    scores: Mapping[str, PeopleEvaluation]
     length: int
-    frame_rate: float
     overlay: Path | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
@@ -147,26 +141,18 @@ class Report:
     overlay_note: str = f"{BOXES_NOTE} Lines show where they walked."
 
 
-def write_report(path: Path, report: Report) -> None:
-    """Write the page of ``report``."""
-    path.write_text(report_page(report), encoding="utf-8")
-
-
 def report_page(report: Report) -> str:
     """The page as HTML."""
-    results = {m.name: PeopleEvaluation({"": m.scores}, m.scores) for m in report.methods}
-    counts = {m.name: list(m.tracks) for m in report.methods}
+    truth, tracks, length = report.truth, report.tracks, report.length
+    overlay, heading = report.overlay, f"Tracks by {[*tracks][-1]}"
     sections = [
-        section("Scores", _table(report.methods) + _glossary()),
-        _overlay(report),
-        section("Comparison", scrolling(inline_svg(lambda ink: comparison_figure(results, ink), "comparison"))),
-        _timelines(report),
-        section(
-            "People in view",
-            scrolling(inline_svg(lambda ink: count_figure(report.truth, counts, report.length, ink), "counts")),
-        ),
+        section("Scores", _table(report.scores) + GLOSSARY),
+        section(heading, embedded_video(overlay, heading, report.overlay_note)) if overlay is not None else "",
+        section("Comparison", scrolling(inline_svg(partial(comparison_figure, report.scores), "comparison"))),
+        section("Who was followed when", FOLLOWED_NOTE + "".join(_timeline(report, name) for name in tracks)),
+        section("People in view", scrolling(inline_svg(partial(count_figure, truth, tracks, length), "counts"))),
         *report.more,
-        section("Time", seconds_table(report.seconds, report.length)),
+        section("Time", seconds_table(report.seconds, length)),
         section("How it was made", listing(report.facts)),
     ]
     return html_page(report.title, report.introduction, sections)
@@ -200,49 +186,34 @@ def listing(values: Mapping[str, str]) -> str:
     return f"<dl>{rows}</dl>" if rows else ""
 
 
-def html_table(head: Sequence[str], rows: Iterable[tuple[str, Sequence[str], Sequence[bool]]]) -> str:
+def html_table(
+    head: Sequence[str], rows: Iterable[Sequence[str]], is_best: Callable[[int, int], bool] = lambda *_: False
+) -> str:
     """A table with a heading for each column and row.
 
     Args:
-        head: headings, the first of the names of the rows.
-        rows: name and cells of each, and which of the cells are marked as the best.
+        head: headings, the first of the names of the rows; none without a row of headings.
+        rows: name, as text, and cells of each, as HTML.
+        is_best: whether the cell of a row and column, counted from 0 without the names, is marked as the best.
     """
     lines = []
-    for name, values, best in rows:
-        marks = [' class="best"' if mark else "" for mark in best]
+    for row, (name, *values) in enumerate(rows):
+        marks = [' class="best"' if is_best(row, column) else "" for column in range(len(values))]
         shown = "".join(f"<td{mark}>{text}</td>" for mark, text in zip(marks, values, strict=True))
         lines.append(f"<tr><th scope=row>{escape(name)}</th>{shown}</tr>")
     headings = "".join(f"<th scope=col>{escape(heading)}</th>" for heading in head)
-    return scrolling(f"<table><thead><tr>{headings}</tr></thead><tbody>{''.join(lines)}</tbody></table>")
+    headings = f"<thead><tr>{headings}</tr></thead>" if head else ""
+    return scrolling(f"<table>{headings}<tbody>{''.join(lines)}</tbody></table>")
 
 
-def _table(methods: Sequence[ReportedMethod]) -> str:
-    best = {
-        name: (min if name in LOWER_IS_BETTER else max)(getattr(m.scores, name) for m in methods)
-        for _, name, _ in COLUMNS
-    }
-    several = len(methods) > 1
-    rows = [
-        (m.name, cells(m.scores), [several and getattr(m.scores, name) == best[name] for _, name, _ in COLUMNS])
-        for m in methods
-    ]
-    return html_table(["Method", *(heading for heading, _, _ in COLUMNS)], rows)
-
-
-def _glossary() -> str:
-    return (
-        "<p class=note>HOTA balances finding people (DetA) and keeping their ids (AssA). MOTA counts missed people "
-        "(FN), false boxes (FP) and changes of id (IDSW); IDF1 is the share of boxes with the right id throughout. "
-        "MOTP is the mean overlap of right boxes, Rcll and Prcn recall and precision. Boxes match from an overlap of "
-        "0.5 on.</p>"
-    )
-
-
-def _overlay(report: Report) -> str:
-    if report.overlay is None:
-        return ""
-    heading = f"Tracks by {report.methods[-1].name}"
-    return section(heading, embedded_video(report.overlay, heading, report.overlay_note))
+def _table(results: Mapping[str, PeopleEvaluation]) -> str:
+    """The scores of each result, the best of several marked."""
+    values = [[getattr(one.combined, field) for _, field, _ in COLUMNS] for one in results.values()]
+    better = [min if field in LOWER_IS_BETTER else max for _, field, _ in COLUMNS]
+    best = [choose(column) for choose, column in zip(better, zip(*values, strict=True), strict=True)]
+    rows = [[name, *cells(one.combined)] for name, one in results.items()]
+    head = ["Method", *(heading for heading, _, _ in COLUMNS)]
+    return html_table(head, rows, lambda row, column: len(rows) > 1 and values[row][column] == best[column])
 
 
 def embedded_image(image: ImageArray, alt: str = "") -> str:
@@ -275,26 +246,17 @@ def embedded_overlay(folder: Path, name: str = "overlay", label: str = "", note:
     return embedded_video(drawn[0], label, note, inside) if drawn else ""
 
 
-def _timelines(report: Report) -> str:
-    parts = []
-    for m in report.methods:
-        rows = [_followed(person) for person in coverage(report.truth, m.tracks)]
-        parts.append(f"<h3>{escape(m.name)}</h3>{timeline(rows, 0, report.length, m.name, left=44)}")
-    note = (
-        "<p class=note>A row is a person of the ground truth, a bar the time they are in view, its colour the id they "
-        "were given: one colour from end to end is perfect, a change of colour an id switch, grey a miss.</p>"
-    )
-    return section("Who was followed when", note + "".join(parts))
-
-
-def _followed(person: Coverage) -> tuple[str, list[Bar]]:
-    bars = [
-        Bar(span.first, span.last, f"person {person.id}: id {span.value}", span.value)
-        if span.value
-        else Bar(span.first, span.last, f"person {person.id}: missed", pale=True)
-        for span in spans(person.frames, person.track_ids)
-    ]
-    return str(person.id), bars
+def _timeline(report: Report, method: str) -> str:
+    rows = []
+    for person in coverage(report.truth, report.tracks[method]):
+        bars = [
+            Bar(span.first, span.last, f"person {person.id}: id {span.value}", span.value)
+            if span.value
+            else Bar(span.first, span.last, f"person {person.id}: missed", pale=True)
+            for span in spans(person.frames, person.track_ids)
+        ]
+        rows.append((str(person.id), bars))
+    return f"<h3>{escape(method)}</h3>{timeline(rows, 0, report.length, method, left=44)}"
 
 
 def seconds_table(seconds: Mapping[str, float], frames: int) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,9 +14,9 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.evaluation.space import distance_scores, distance_to_path, distance_to_position
+from tsuiseki.tracking.evaluation.space import distance_to_path, distance_to_position
 from tsuiseki.tracking.formats.world_tables import write_track3d
-from tsuiseki.tracking.report.page import embedded_overlay, html_page, listing, scrolling, section
+from tsuiseki.tracking.report.page import embedded_overlay, html_page, html_table, listing, scrolling, section
 from tsuiseki.tracking.report.plots import COLOURS, dress, inline_svg
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.tracker import SphereLog, SphereRun
@@ -280,8 +279,7 @@ def _summary(log: SphereLog, cameras: Sequence[PlacedCamera], seconds: Mapping[s
         )
         rows.append((f"{placed.name}: frames, of them with the ball", f"{frames}, {detected}"))
     rows.append(("Filter, a moment", f"{1000 * seconds.get('filter', 0.0) / count:.1f} ms"))
-    cells = "".join(f"<tr><th scope=row>{escape(k)}</th><td>{escape(v)}</td></tr>" for k, v in rows)
-    return scrolling(f"<table><tbody>{cells}</tbody></table>")
+    return html_table((), rows)
 
 
 def distances_to_truth(positions: Sequence[Position], truth: Path3D) -> FloatArray:
@@ -296,11 +294,13 @@ def _track(positions: Sequence[Position]) -> Path3D:
 
 def _distances(positions: Sequence[Position], truth: Path3D) -> str:
     """Distances of the estimates to the truth, centimetres."""
-    track, away, rows = _track(positions), distances_to_truth(positions, truth), ""
-    for name, values in (("true position", away), ("true path", distance_to_path(track.points, truth.points))):
-        if len(values):
-            scores = distance_scores(values)
-            cells = "".join(f"<td>{100 * v:.2f} cm</td>" for v in (scores.mean, scores.maximum, scores.deviation))
-            rows += f"<tr><th scope=row>{name}</th>{cells}</tr>"
-    heads = "".join(f"<th scope=col>{name}</th>" for name in ("To the", "Mean", "Largest", "Deviation"))
-    return scrolling(f"<table><thead><tr>{heads}</tr></thead><tbody>{rows}</tbody></table>")
+    away = {
+        "true position": distances_to_truth(positions, truth),
+        "true path": distance_to_path(_track(positions).points, truth.points),
+    }
+    rows = [
+        [name, *(f"{100 * value:.2f} cm" for value in (values.mean(), values.max(), values.std()))]
+        for name, values in away.items()
+        if len(values)
+    ]
+    return html_table(("To the", "Mean", "Largest", "Deviation"), rows)

@@ -1,12 +1,12 @@
 """What the demo says where the method that is drawn is not the best."""
 
 from dataclasses import replace
-from unittest.mock import Mock
 
 import numpy as np
 
-from tsuiseki.tracking.demo.page import DemoResult, why_not_best
+from tsuiseki.tracking.demo.page import why_not_best
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
+from tsuiseki.tracking.report.page import Report
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -18,9 +18,9 @@ EVERY = np.ones(10, dtype=bool)
 TRUTH = GroundTruth(FRAMES, np.ones(10, dtype=int), np.tile(BOX, (10, 1)), EVERY, ~EVERY, np.ones(10))
 
 
-def demo(**tracks: list[Track]) -> DemoResult:
+def demo(**tracks: list[Track]) -> Report:
     scores = {name: evaluate_sequences([SequencePair("walk", TRUTH, each, 10)]) for name, each in tracks.items()}
-    return DemoResult(Mock(), TRUTH, tracks, scores, 10)
+    return Report("", "", TRUTH, tracks, scores, 10)
 
 
 def track(number: int, shift: float = 0.0) -> Track:

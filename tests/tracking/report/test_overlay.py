@@ -15,7 +15,7 @@ from tsuiseki.tracking.report.overlay import (
     line_unit,
     track_colour,
     without_flicker,
-    write_overlay,
+    write_drawn,
 )
 from tsuiseki.tracking.types import Frame, ImageArray, Track
 from tsuiseki.tracking.video.source import open_source
@@ -76,7 +76,7 @@ def test_boxes_far_outside_the_image_do_no_harm() -> None:
 
 
 def test_the_overlay_has_all_frames_and_no_tracks_are_fine(tmp_path: Path) -> None:
-    write_overlay(tmp_path / "o.webm", (grey(n) for n in range(7)), [], 10)
+    write_drawn(tmp_path / "o.webm", (grey(n) for n in range(7)), 10, Overlay([], 10).draw)
     assert len(list(open_source(tmp_path / "o.webm").frames())) == 7
 
 

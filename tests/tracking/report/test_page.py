@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.evaluation.coverage import coverage, spans
-from tsuiseki.tracking.evaluation.multi import evaluate_sequence
+from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
 from tsuiseki.tracking.report import page
-from tsuiseki.tracking.report.page import Report, ReportedMethod, embedded_video, report_page
+from tsuiseki.tracking.report.page import Report, embedded_video, report_page
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -35,15 +35,16 @@ def truth_of(*tracks: Track) -> GroundTruth:
     return GroundTruth(frames, ids, boxes, every, ~every, every.astype(float)).select(np.argsort(frames, kind="stable"))
 
 
+def scored(truth: GroundTruth, results: dict[str, list[Track]]) -> dict[str, PeopleEvaluation]:
+    return {name: evaluate_sequences([SequencePair("", truth, one, LENGTH)]) for name, one in results.items()}
+
+
 def make_report(tmp_path: Path) -> Report:
     truth = truth_of(walk(1, range(LENGTH), 0), walk(2, range(5, 15), 100))
     video = tmp_path / "o.webm"
     video.write_bytes(b"video bytes")
     results = {"good": [walk(8, range(LENGTH), 0)], NASTY: [walk(3, range(10), 0), walk(4, range(10, 20), 0)]}
-    methods = [
-        ReportedMethod(name, evaluate_sequence(truth, tracks, LENGTH), tracks) for name, tracks in results.items()
-    ]
-    return Report(NASTY, NASTY, methods, truth, LENGTH, 10, video, {NASTY: 1.0}, {NASTY: NASTY})
+    return Report(NASTY, NASTY, truth, results, scored(truth, results), LENGTH, video, {NASTY: 1.0}, {NASTY: NASTY})
 
 
 class Page(HTMLParser):
@@ -114,8 +115,8 @@ def test_the_page_is_the_same_every_time(tmp_path: Path) -> None:
 @pytest.mark.parametrize("tracks", [[], [walk(1, range(3), 500)]])
 def test_results_that_find_nobody_have_a_page_too(tracks: list[Track]) -> None:
     truth = truth_of(walk(1, range(LENGTH), 0))
-    methods = [ReportedMethod("m", evaluate_sequence(truth, tracks, LENGTH), tracks)]
-    assert Page(report_page(Report("t", "i", methods, truth, LENGTH, 10))).open == []
+    report = Report("t", "i", truth, {"m": tracks}, scored(truth, {"m": tracks}), LENGTH)
+    assert Page(report_page(report)).open == []
 
 
 def test_coverage_says_who_followed_whom() -> None:
