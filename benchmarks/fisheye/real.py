@@ -35,7 +35,7 @@ from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
 from tsuiseki.tracking.evaluation.result_files import read_truths
 from tsuiseki.tracking.features.exported import Appearance, Detect, Detector
 from tsuiseki.tracking.fisheye.page import corners
-from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, UnrollingSettings
+from tsuiseki.tracking.fisheye.settings import FisheyeSettings
 from tsuiseki.tracking.fisheye.tracker import FloorMethod, link_on_floor
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, ceiling_detector
 from tsuiseki.tracking.fisheye.view import CeilingView
@@ -99,12 +99,12 @@ def main() -> None:
     for path in sorted((options.data / "calibrations").glob("*.txt")):
         lens(path)
     boards(options.data / "ocam-overhead")
-    views = UnrollingSettings(rings=tuple(int(n) for n in options.rings.split(",")))
+    rings = [int(n) for n in options.rings.split(",")]
     network = Detector(options.detector or shipped(DETECTORS[options.view]), 0.05, threads=1)
 
     @lru_cache(maxsize=4)
     def detector(width: int, height: int) -> Detect:
-        return ceiling_detector(network, _camera(width, height), options.view, views)
+        return ceiling_detector(network, _camera(width, height), options.view, rings)
 
     for name in ("rotated-boxes", "cepdof-sample"):
         detected(options.data / name, detector, labelled(options.data / name))
@@ -289,7 +289,7 @@ def ten_frames(folder: Path, detector: Callable[[int, int], Detect]) -> None:
                 found = found.select(found.scores >= LEAST_SCORE)
             frames.append(view.describe(image, view.locate(found)))
         for method in get_args(FloorMethod):
-            linked = link_on_floor(frames, 1.0, method, FisheyeSettings(), DEFAULT_FLOW, StageTimes())
+            linked = link_on_floor(frames, 1.0, method, FisheyeSettings(), StageTimes())
             for ids, known in (("as labelled", truth.labels), ("put right", _put_right(truth.labels, labels))):
                 pair = SequencePair(truth.name, known, [t.track for t in linked], truth.length)
                 scores = evaluate_sequences([pair]).combined

@@ -17,7 +17,6 @@ import numpy as np
 from tsuiseki.datamodules.scenes.room_clip import Room
 from tsuiseki.tracking.evaluation.detection import evaluate_rotated
 from tsuiseki.tracking.features.exported import Detect, Detector
-from tsuiseki.tracking.fisheye.settings import UnrollingSettings
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, ceiling_detector
 from tsuiseki.tracking.formats.rotated import RotatedBoxes, about_bodies
 from tsuiseki.tracking.geometry import xywh_from_corners
@@ -42,10 +41,10 @@ def main() -> None:
     for room in ROOMS:
         pictures = _pictures(room, options.seconds, options.calibration)
         for rings in options.rings:
-            views = UnrollingSettings(rings=tuple(int(n) for n in rings.split(",")))
+            counts = [int(n) for n in rings.split(",")]
             truth, found, taken = {}, {}, 0.0
             for sequence, shown in pictures:
-                detect = ceiling_detector(network, sequence.plan().cameras[sequence.camera], options.view, views)
+                detect = ceiling_detector(network, sequence.plan().cameras[sequence.camera], options.view, counts)
                 for name, image, boxes in shown:
                     start = time.process_time()
                     truth[name], found[name] = _unturned(boxes), _found(detect, image)

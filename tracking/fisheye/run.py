@@ -21,7 +21,7 @@ from tsuiseki.tracking.features.exported import (
     as_detector,
 )
 from tsuiseki.tracking.features.view_choice import devices_of
-from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, CeilingOptions, FisheyeSettings, FloorFlowSettings
+from tsuiseki.tracking.fisheye.settings import CeilingOptions, FisheyeSettings
 from tsuiseki.tracking.fisheye.tracker import FloorMethod, link_on_floor
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, ceiling_detector
 from tsuiseki.tracking.fisheye.view import CeilingSource, CeilingView, Passed, given_detections, open_ceiling
@@ -56,7 +56,6 @@ def track_fisheye(
     appearance: AppearanceLike | None = None,
     options: CeilingOptions = OPTIONS,
     hungarian: FisheyeSettings = HUNGARIAN,
-    flow: FloorFlowSettings = DEFAULT_FLOW,
     threads: int = 0,
     device: Device = "auto",
     seed: int = 0,
@@ -75,7 +74,6 @@ def track_fisheye(
             shipped one; ``"none"`` does without.
         options: see `CeilingOptions`.
         hungarian: settings of the method ``hungarian``.
-        flow: settings of the method ``flow``.
         threads: CPU threads of the networks; 0 takes all.
         device: what networks that are given as files run on, see `opened_on`.
         seed: draws nothing; the methods here are exact.
@@ -94,8 +92,7 @@ def track_fisheye(
     if video.live:
         raise RequestError(f"expected a video that ends, got {video.name}, which is live; record it, or give a list")
     made = {"method": method, "source": named(source), "seed": seed}
-    found = inputs.detections(video.frames(), times)
-    result = floor_result(inputs, found, method, hungarian, flow, times, made)
+    result = floor_result(inputs, inputs.detections(video.frames(), times), method, hungarian, times, made)
 
     def page(path: Path, folder: Path) -> None:
         shown = {name: str(value) for name, value in made.items()}
@@ -114,7 +111,6 @@ def fisheye(
     method: FloorMethod | None = None,
     detections: list[Path] | None = None,
     hungarian: FisheyeSettings = HUNGARIAN,
-    flow: FloorFlowSettings = DEFAULT_FLOW,
 ) -> int:
     """Track the people under ceiling cameras: where each is in the image and on the floor, in metres.
 
@@ -134,7 +130,6 @@ def fisheye(
             unrolled views, detector_drone.onnx for images.
         seed: of random numbers; kept in run.json, for nothing here draws any.
         hungarian: settings of --method hungarian.
-        flow: settings of --method flow.
     """
     from tsuiseki.tracking.features.view_choice import report_blank, report_models
     from tsuiseki.tracking.fisheye.page import floor_page
@@ -148,10 +143,10 @@ def fisheye(
                 break
             name, video = inputs.ceiling.placed.name, inputs.ceiling.source
             folder = "" if len(opened) == 1 else name
-            found = inputs.detections(run.frames(video, record=ceiling.overlay), run.times)
-            steps = run.steps(found, f"tracking {name}")
+            located = inputs.detections(run.frames(video, record=ceiling.overlay), run.times)
+            steps = run.steps(located, f"tracking {name}")
             chosen = method or ("hungarian" if video.live else "flow")
-            result = floor_result(inputs, steps, chosen, hungarian, flow, run.times, made)
+            result = floor_result(inputs, steps, chosen, hungarian, run.times, made)
             run.save(result, partial(ceiling.draw, run, video, result, folder), folder)
             sections.append(inputs.section(result, run.work / folder))
             summary = inputs.passed.summary(hungarian.start_score if chosen == "hungarian" else None)
@@ -205,11 +200,11 @@ class CeilingInputs:
             return
         for frame in frames:
             if isinstance(detect, Sequence):
-                found = given_at(detect, frame.index)
+                detections = given_at(detect, frame.index)
             else:
                 with times.measure("detect"):
-                    found = self.passed.keep(detect.detect([frame.image])[0])
-            yield view.describe(frame.image, view.locate(found, times), times)
+                    detections = self.passed.keep(detect.detect([frame.image])[0])
+            yield view.describe(frame.image, view.locate(detections, times), times)
 
     def section(self, result: Result[FloorTrack], folder: Path) -> FloorSection:
         """What the page shows of this camera; ``folder`` may hold an overlay."""
@@ -238,31 +233,29 @@ def opened_ceiling(
     views = open_ceiling(source, cameras, options.resize, needs_images=needs_images, only=only)
     for each in views:
         check_height(each.placed.camera, person)
-    found: list[Detect | list[Detections]] = []
+    detects: list[Detect | list[Detections]] = []
     detector: Detect | None = None
     if detections is None:
         path, turned = finding.detector or shipped(DETECTORS[options.view]), options.view == "image"
         how = finding.threads, options.detector_options, finding.device
-        soft_targets = as_detector(path, finding.score_threshold, *how, turned=turned)
-        detector = soft_targets
-        found += [ceiling_detector(soft_targets, each.placed.camera, options.view, options.unrolling) for each in views]
+        detector = as_detector(path, finding.score_threshold, *how, turned=turned)
+        detects += [ceiling_detector(detector, each.placed.camera, options.view) for each in views]
     else:
         given = [given_detections(p, each, finding.score_range) for p, each in zip(detections, views, strict=True)]
-        found += [[one.scoring(finding.score_threshold) for one in each] for each in given]
+        detects += [[one.scoring(finding.score_threshold) for one in each] for each in given]
     describe = None if network is None else as_describer(network, finding.threads, device=finding.device)
     passed = [Passed(each, person.height / 2, options.save_detections) for each in views]
     return [
         CeilingInputs(each, options, detect, detector, describe, person, one)
-        for each, detect, one in zip(views, found, passed, strict=True)
+        for each, detect, one in zip(views, detects, passed, strict=True)
     ]
 
 
 def floor_result(
     inputs: CeilingInputs,
-    found: Iterable[FloorDetections],
+    located: Iterable[FloorDetections],
     method: FloorMethod,
     hungarian: FisheyeSettings,
-    flow: FloorFlowSettings,
     times: StageTimes,
     settings: Mapping[str, Any],
 ) -> Result[FloorTrack]:
@@ -270,10 +263,9 @@ def floor_result(
 
     Args:
         inputs: of the camera.
-        found: the people of each frame.
+        located: the people of each frame.
         method: how they are linked.
         hungarian: settings of that method.
-        flow: likewise.
         times: of the run.
         settings: of the run.
     """
@@ -281,7 +273,7 @@ def floor_result(
 
     ceiling = inputs.ceiling
     floor, rate, camera = ceiling.floor, ceiling.rate, ceiling.placed.camera.position[None, :2]
-    tracks = link_on_floor(found, rate, method, hungarian, flow, times)
+    tracks = link_on_floor(located, rate, method, hungarian, times)
     files: dict[str, Writer] = {
         "tracks.txt": lambda path, _: write_tracks(path, [t.track for t in tracks]),
         "world.csv": lambda path, _: write_world(path, tracks, ceiling.seconds),

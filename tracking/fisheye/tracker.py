@@ -13,7 +13,7 @@ The thesis leaves these points open; here:
   one setting serves 1 frame a second and 15.
 * The first stage has the same gate. Two people in similar clothes are distinguished by their places.
 * The second stage leaves out pairs whose features differ by more than ``place_feature_gate``.
-* The prediction is that of an alpha-beta filter. Its velocity decays with the time constant ``memory``.
+* The prediction is that of an alpha-beta filter. Its velocity decays with the time constant `MEMORY`.
 
 `flow_on_floor` links the same detections by the minimum-cost flow, with distances on the floor.
 """
@@ -27,10 +27,11 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign
+from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.network_flow import build_graph, solve, track_labels
 from tsuiseki.tracking.association.pairwise_flow import GateSettings, HandSetCost, pairs_with_costs
-from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings, FloorFlowSettings
+from tsuiseki.tracking.fisheye.settings import FisheyeSettings
 from tsuiseki.tracking.people.lifecycle import Record
 from tsuiseki.tracking.people.sort import running_mean
 from tsuiseki.tracking.people.whole_flow import long_tracks
@@ -38,12 +39,19 @@ from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 
-# Side of the square that stands for a person on the floor's plan, metres: distances in heights are then in metres.
-SQUARE = 1.0
+# Seconds in which a track's velocity decays, and over which measured places are averaged; weight of the newest feature.
+MEMORY, NOISE, UPDATE = 1.0, 0.15, 0.3
 # Frames after which what came of no track is dropped.
 PRUNED = 200
-SHORTEST = 0.2
-"""Seconds of detections that a track of the flow has at least; one detection at least."""
+# A person is a square of 1 m on the floor's plan, so that distances in heights are in metres.
+SQUARE = 1.0
+# Of the flow: seconds between two linked detections at most; metres between them at most, at one time and more for each
+# second; cost of a track's start and of its end; seconds of detections that a track has at least, and one at least.
+WINDOW, REACH, SPEED, ENTRY, SHORTEST = 3.0, 0.8, 1.5, 2.0, 0.2
+# Scales of measured places of one person who stands still, metres, and of a person's velocity, m/s; see `HandSetCost`.
+PLACE_NOISE, PACE, APPEARANCE, NEUTRAL, BIAS = 0.25, 0.8, 10.0, 0.3, -4.0
+# At 1 frame a second a track has few detections, and they must outweigh the cost of its start and end.
+OBSERVATION = ObservationCost(alpha=2.0, beta=-6.0)
 FloorMethod: TypeAlias = Literal["hungarian", "flow"]
 
 
@@ -91,16 +99,16 @@ class FisheyeTracker:
         self._record = Record()
         self._names: dict[int, str] = {}
 
-    def update(self, found: FloorDetections) -> None:
+    def update(self, located: FloorDetections) -> None:
         """Take the detections of the next frame."""
         self._frame += 1
         width = 0 if self._live is None else self._live.appearance.shape[1]
-        features = found.detections.features
+        features = located.detections.features
         if features is None:
-            features = np.full((len(found), width), np.nan)
+            features = np.full((len(located), width), np.nan)
         live = self._expected(features.shape[1])
-        matched, detected = self._match(live, found, features)
-        self._live = self._advanced(live, found, features, matched, detected)
+        matched, detected = self._match(live, located, features)
+        self._live = self._advanced(live, located, features, matched, detected)
 
     def tracks(self) -> list[FloorTrack]:
         """The confirmed tracks of all frames so far, or since `forget`, by id."""
@@ -124,14 +132,14 @@ class FisheyeTracker:
         if live is None or (len(live.numbers) == 0 and live.appearance.shape[1] != width):
             none = np.empty((0, 2))
             return _Live(np.empty(0, np.int64), none, none, np.empty((0, width)), np.empty(0, np.int64), np.empty(0))
-        kept = float(np.exp(-self._step / self.settings.memory))
-        moved = live.places + live.velocities * self.settings.memory * (1 - kept)
+        kept = float(np.exp(-self._step / MEMORY))
+        moved = live.places + live.velocities * MEMORY * (1 - kept)
         return replace(live, places=moved, velocities=live.velocities * kept, undetected=live.undetected + self._step)
 
-    def _match(self, live: _Live, found: FloorDetections, features: FloatArray) -> tuple[IntArray, IntArray]:
+    def _match(self, live: _Live, located: FloorDetections, features: FloatArray) -> tuple[IntArray, IntArray]:
         """Rows of the matched tracks, and rows of their detections."""
         settings = self.settings
-        away = np.linalg.norm(live.places[:, None] - found.places[None], axis=2)
+        away = np.linalg.norm(live.places[:, None] - located.places[None], axis=2)
         gate = settings.reach + settings.speed * live.undetected[:, None]
         # Each distance as a share of its own gate, so that one limit serves all tracks.
         shares = away / gate
@@ -144,15 +152,15 @@ class FisheyeTracker:
             matched, detected = assign(costs, settings.feature_gate)
         if not settings.by_place:
             return matched, detected
-        rest, free = np.setdiff1d(np.arange(len(away)), matched), np.setdiff1d(np.arange(len(found)), detected)
+        rest, free = np.setdiff1d(np.arange(len(away)), matched), np.setdiff1d(np.arange(len(located)), detected)
         rows, columns = assign(shares[np.ix_(rest, free)], 1.0)
         return np.concatenate([matched, rest[rows]]), np.concatenate([detected, free[columns]])
 
     def _advanced(
-        self, live: _Live, found: FloorDetections, features: FloatArray, matched: IntArray, detected: IntArray
+        self, live: _Live, located: FloorDetections, features: FloatArray, matched: IntArray, detected: IntArray
     ) -> _Live:
         settings = self.settings
-        scores = found.detections.scores
+        scores = located.detections.scores
         free = np.isnan(scores) | (scores >= settings.start_score)
         free[detected] = False
         born = np.flatnonzero(free)
@@ -160,71 +168,53 @@ class FisheyeTracker:
         waiting[matched] = False
         old, kept = live.select(matched), live.select(np.flatnonzero(waiting))
         new = self._record.start(len(born))
-        away = found.places[detected] - old.places
+        away = located.places[detected] - old.places
         step = old.undetected[:, None]
-        alpha = 1 - np.exp(-step / settings.noise)
+        alpha = 1 - np.exp(-step / NOISE)
         beta = alpha**2 / (2 - alpha)
-        known = running_mean(old.appearance, features[detected], 1 - settings.update, settings.update)
+        known = running_mean(old.appearance, features[detected], 1 - UPDATE, UPDATE)
         zero = np.zeros(len(born))
         parts = (
             (old.numbers, kept.numbers, new),
-            (old.places + alpha * away, kept.places, found.places[born]),
+            (old.places + alpha * away, kept.places, located.places[born]),
             (old.velocities + beta * away / step, kept.velocities, np.zeros((len(born), 2))),
             (known, kept.appearance, features[born]),
             (old.hits + 1, kept.hits, np.ones(len(born), np.int64)),
             (np.zeros(len(matched)), kept.undetected, zero),
         )
         result = _Live(*(np.concatenate(part) for part in parts))
-        self._note(np.concatenate([old.numbers, new]), found, np.concatenate([detected, born]))
+        self._note(np.concatenate([old.numbers, new]), located, np.concatenate([detected, born]))
         self._record.confirm(result.numbers[(result.hits >= self._needed) & (result.undetected == 0)])
         if self._frame % PRUNED == 0:
             self._record.prune(result.numbers)
         return result
 
-    def _note(self, numbers: IntArray, found: FloorDetections, which: IntArray) -> None:
+    def _note(self, numbers: IntArray, located: FloorDetections, which: IntArray) -> None:
         """Record the tracks with these numbers at the detections ``which``."""
         if len(numbers):
-            given = found.detections
+            given = located.detections
             self._names |= given.names
-            rows = np.concatenate([given.boxes, found.rotated, found.places, given.origin], axis=1)[which]
+            rows = np.concatenate([given.boxes, located.rotated, located.places, given.origin], axis=1)[which]
             self._record.append(self._frame, numbers, rows, given.scores[which])
 
 
-def flow_on_floor(
-    found: Sequence[FloorDetections], frame_rate: float, settings: FloorFlowSettings = DEFAULT_FLOW
-) -> list[FloorTrack]:
-    """The tracks of a whole video by minimum-cost flow. A person is a square of 1 m on the floor's plan.
-
-    Args:
-        found: detections of each frame, in order.
-        frame_rate: frames per second.
-        settings: costs and gates.
-    """
+def flow_on_floor(located: Sequence[FloorDetections], frame_rate: float) -> list[FloorTrack]:
+    """The tracks of a whole video by minimum-cost flow, from the detections of each frame, in order."""
     step = 1.0 / frame_rate
-    gate = GateSettings(
-        window=max(1, round(settings.window * frame_rate)),
-        reach=(settings.reach + settings.speed * step) / SQUARE,
-        speed=settings.speed * step / SQUARE,
-    )
-    transition = HandSetCost(
-        bias=settings.bias,
-        noise=settings.noise / SQUARE,
-        speed=settings.pace * step / SQUARE,
-        appearance=settings.appearance,
-        neutral=settings.neutral,
-    )
-    squares = [np.concatenate([each.places - SQUARE / 2, each.places + SQUARE / 2], axis=1) for each in found]
+    gate = GateSettings(max(1, round(WINDOW * frame_rate)), reach=REACH + SPEED * step, speed=SPEED * step)
+    transition = HandSetCost(BIAS, PLACE_NOISE, speed=PACE * step, appearance=APPEARANCE, neutral=NEUTRAL)
+    squares = [np.concatenate([each.places - SQUARE / 2, each.places + SQUARE / 2], axis=1) for each in located]
     rows = rows_of(
-        [Detections(s, f.detections.scores, f.detections.features) for s, f in zip(squares, found, strict=True)], 0, 0
+        [Detections(s, f.detections.scores, f.detections.features) for s, f in zip(squares, located, strict=True)], 0, 0
     )
-    miss, entry = 0.1 * min(1.0, 10 * step), settings.entry
+    miss = 0.1 * min(1.0, 10 * step)
     pairs = pairs_with_costs(rows.frames, rows.boxes, rows.features, gate, transition, miss)
-    labels = track_labels(solve(build_graph(settings.observation(rows.scores), pairs, entry, entry)))
+    labels = track_labels(solve(build_graph(OBSERVATION(rows.scores), pairs, ENTRY, ENTRY)))
     boxes, scores, origin = (
-        np.concatenate([getattr(each.detections, name) for each in found]) for name in ("boxes", "scores", "origin")
+        np.concatenate([getattr(each.detections, name) for each in located]) for name in ("boxes", "scores", "origin")
     )
-    rotated, places = (np.concatenate([getattr(each, name) for each in found]) for name in ("rotated", "places"))
-    names = {kind: name for each in found for kind, name in each.detections.names.items()}
+    rotated, places = (np.concatenate([getattr(each, name) for each in located]) for name in ("rotated", "places"))
+    names = {kind: name for each in located for kind, name in each.detections.names.items()}
     matched, fewest = np.empty(0, np.bool_), max(1, round(SHORTEST * frame_rate))
     return [
         FloorTrack(
@@ -237,20 +227,19 @@ def flow_on_floor(
 
 
 def link_on_floor(
-    found: Iterable[FloorDetections],
+    located: Iterable[FloorDetections],
     rate: float,
     method: FloorMethod,
     hungarian: FisheyeSettings,
-    flow: FloorFlowSettings,
     times: StageTimes,
 ) -> list[FloorTrack]:
     """The tracks of one camera: ``hungarian`` decides frame by frame, ``flow`` links the whole video at the end."""
     online, kept = FisheyeTracker(rate, hungarian), []
-    for each in found:
+    for each in located:
         if method == "flow":
             kept.append(each)
             continue
         with times.measure("associate"):
             online.update(each)
     with times.measure("associate"):
-        return flow_on_floor(kept, rate, flow) if method == "flow" else online.tracks()
+        return flow_on_floor(kept, rate) if method == "flow" else online.tracks()

@@ -21,11 +21,19 @@ from tsuiseki.tracking.cameras.panorama import CylinderView, DownwardView
 from tsuiseki.tracking.cameras.person_model import FloorCamera
 from tsuiseki.tracking.cameras.projective import Camera
 from tsuiseki.tracking.features.exported import Detect
-from tsuiseki.tracking.fisheye.settings import UnrollingSettings
 from tsuiseki.tracking.geometry import rotated_intersections
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray
 
 Tile: TypeAlias = CylinderView | DownwardView
+# Tiles of each ring: more show people larger. With tiles of 4:3 a ring of n shows those whole who stand farther away
+# than n / 6 of the camera's height.
+RINGS = (1, 4)
+# Share of a tile that the next one shows again; row of a tile that is as high as the camera, share of the height.
+OVERLAP, HORIZON = 0.25, 0.03
+# Overlap from which two turned boxes are one person, and share of a box within one of another tile likewise.
+SAME, INSIDE = 0.4, 0.7
+# Least and greatest height over the floor that a person's box may reach, metres.
+HEIGHTS = (0.7, 2.4)
 # A box that ends within this share of a tile's side from its border is taken for cut off.
 AT_BORDER = 0.008
 # Of a box's diameter, how near to the point below the camera it must lie to be taken from the view down.
@@ -34,18 +42,16 @@ BELOW = 0.6
 BATCH = 8
 
 
-def tiles_around(camera: Camera, size: tuple[int, int], settings: UnrollingSettings) -> list[Tile]:
-    """The views from a camera; ``size`` is the height and width of a tile, pixels."""
+def tiles_around(camera: Camera, size: tuple[int, int], rings: Sequence[int] = RINGS) -> list[Tile]:
+    """The views from a camera, the one straight down last; ``size`` is the height and width of a tile, pixels."""
     height, width = size
     tiles: list[Tile] = []
-    for count in settings.rings:
-        scale = count * width * (1 - settings.overlap) / (2 * np.pi)
+    for count in rings:
+        scale = count * width * (1 - OVERLAP) / (2 * np.pi)
         for k in range(count):
             middle = -2 * np.pi * k / count
-            tiles.append(CylinderView(camera.position, middle, scale, settings.horizon * height, width, height))
-    if settings.downward:
-        tiles.append(DownwardView(camera.position, 0.0, 0.9 * height, width, height))
-    return tiles
+            tiles.append(CylinderView(camera.position, middle, scale, HORIZON * height, width, height))
+    return [*tiles, DownwardView(camera.position, 0.0, 0.9 * height, width, height)]
 
 
 class UnrolledDetector:
@@ -55,19 +61,12 @@ class UnrolledDetector:
         detector: finds upright people in pictures.
         camera: of the images, over the floor.
         size: height and width of a tile, pixels; best the detector's input.
-        settings: the views.
+        rings: number of tiles of each ring about the camera.
     """
 
-    def __init__(
-        self,
-        detector: Detect,
-        camera: Camera,
-        size: tuple[int, int],
-        settings: UnrollingSettings | None = None,
-    ) -> None:
+    def __init__(self, detector: Detect, camera: Camera, size: tuple[int, int], rings: Sequence[int] = RINGS) -> None:
         self.detector, self.camera = detector, camera
-        self.settings = settings or UnrollingSettings()
-        self.tiles = tiles_around(camera, size, self.settings)
+        self.tiles = tiles_around(camera, size, rings)
         self._maps = [_map(tile, camera) for tile in self.tiles]
 
     def unroll(self, image: ImageArray) -> list[ImageArray]:
@@ -83,37 +82,27 @@ class UnrolledDetector:
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB of the camera, with angles."""
         pictures = [tile for image in images for tile in self.unroll(image)]
-        found: list[Detections] = []
+        detections: list[Detections] = []
         for start in range(0, len(pictures), BATCH):
-            found += self.detector.detect(pictures[start : start + BATCH])
+            detections += self.detector.detect(pictures[start : start + BATCH])
         count = len(self.tiles)
-        return [self._rolled(found[n * count : (n + 1) * count]) for n in range(len(images))]
+        return [self._rolled(detections[n * count : (n + 1) * count]) for n in range(len(images))]
 
-    def _rolled(self, found: Sequence[Detections]) -> Detections:
-        """What was found in the tiles of one image as detections of the image."""
+    def _rolled(self, detections: Sequence[Detections]) -> Detections:
+        """The detections in the tiles of one image as detections of the image."""
         rotated, scores, owners = [np.empty((0, 5))], [np.empty(0)], [np.empty(0, dtype=np.int64)]
-        for number, (tile, each) in enumerate(zip(self.tiles, found, strict=True)):
-            kept = each.select(_whole(tile, each.boxes) & self._plausible(tile, each.boxes))
+        for number, (tile, each) in enumerate(zip(self.tiles, detections, strict=True)):
+            kept = each.select(_whole(tile, each.boxes) & _plausible(tile, each.boxes))
             boxes = in_image(tile, self.camera, kept.boxes)
             usable = np.isfinite(boxes).all(axis=1) & (boxes[:, 2:4] >= 1).all(axis=1)
             rotated.append(boxes[usable])
             scores.append(kept.scores[usable])
             owners.append(np.full(int(usable.sum()), number))
         boxes, score, owner = np.concatenate(rotated), np.concatenate(scores), np.concatenate(owners)
-        chosen = _distinct(boxes, score, owner, self.settings)
+        chosen = _distinct(boxes, score, owner)
         boxes, half = boxes[chosen], boxes[chosen, 2:4] / 2
         corners = np.concatenate([boxes[:, :2] - half, boxes[:, :2] + half], axis=1)
         return Detections(corners, score[chosen], angles=boxes[:, 4])
-
-    def _plausible(self, tile: Tile, boxes: FloatArray) -> BoolArray:
-        """``(N,)`` whether boxes are as high over the floor as people may be."""
-        if isinstance(tile, DownwardView):
-            return np.ones(len(boxes), dtype=np.bool_)
-        head, feet = boxes[:, 1] - tile.horizon, boxes[:, 3] - tile.horizon
-        low, high = self.settings.heights
-        # Feet at depression tan b stand H / tan b away, where a row of tan a is H (1 - tan a / tan b) over the floor.
-        above = tile.position[2] * (1 - head / np.maximum(feet, 1e-6))
-        return np.asarray((feet > 0) & (above >= low) & (above <= high))
 
 
 def in_image(tile: Tile, camera: Camera, boxes: FloatArray) -> FloatArray:
@@ -156,12 +145,12 @@ def _map(tile: Tile, camera: Camera) -> tuple[NDArray[Any], NDArray[Any], int]:
     x, y = np.meshgrid(np.arange(tile.width) + 0.5, np.arange(tile.height) + 0.5)
     pixels, depth = camera.project(tile.position + tile.rays(np.column_stack([x.ravel(), y.ravel()])))
     pixels[~(depth > 0)] = np.nan
-    found = pixels.reshape(tile.height, tile.width, 2)
-    steps = np.linalg.norm(np.diff(found, axis=1), axis=2)
+    places = pixels.reshape(tile.height, tile.width, 2)
+    steps = np.linalg.norm(np.diff(places, axis=1), axis=2)
     step = float(np.nanmedian(steps)) if np.isfinite(steps).any() else 1.0
     level = max(int(np.log2(max(step, 1.0)) + 0.3), 0)
-    found = np.nan_to_num(found / 2**level - 0.5, nan=-100.0).astype(np.float32)
-    whole, part = cv2.convertMaps(found[..., 0].copy(), found[..., 1].copy(), cv2.CV_16SC2)
+    places = np.nan_to_num(places / 2**level - 0.5, nan=-100.0).astype(np.float32)
+    whole, part = cv2.convertMaps(places[..., 0].copy(), places[..., 1].copy(), cv2.CV_16SC2)
     return np.asarray(whole), np.asarray(part), level
 
 
@@ -176,7 +165,17 @@ def _whole(tile: Tile, boxes: FloatArray) -> BoolArray:
     return np.asarray(aside & (boxes[:, 3] < (1 - AT_BORDER) * height))
 
 
-def _distinct(boxes: FloatArray, scores: FloatArray, owner: np.ndarray, settings: UnrollingSettings) -> np.ndarray:
+def _plausible(tile: Tile, boxes: FloatArray) -> BoolArray:
+    """``(N,)`` whether boxes are as high over the floor as people may be."""
+    if isinstance(tile, DownwardView):
+        return np.ones(len(boxes), dtype=np.bool_)
+    head, feet = boxes[:, 1] - tile.horizon, boxes[:, 3] - tile.horizon
+    # Feet at depression tan b stand H / tan b away, where a row of tan a is H (1 - tan a / tan b) over the floor.
+    above = tile.position[2] * (1 - head / np.maximum(feet, 1e-6))
+    return np.asarray((feet > 0) & (above >= HEIGHTS[0]) & (above <= HEIGHTS[1]))
+
+
+def _distinct(boxes: FloatArray, scores: FloatArray, owner: np.ndarray) -> np.ndarray:
     """Rows of the best boxes, from the best on; of two that are one person the worse goes."""
     order = np.argsort(-scores, kind="stable")
     size = boxes[:, 2] * boxes[:, 3]
@@ -185,7 +184,7 @@ def _distinct(boxes: FloatArray, scores: FloatArray, owner: np.ndarray, settings
         shared = rotated_intersections(boxes[k : k + 1], boxes[kept])[0]
         overlap = shared / np.maximum(size[k] + size[kept] - shared, 1e-9)
         inside = shared / np.maximum(np.minimum(size[k], size[kept]), 1e-9)
-        same = (overlap > settings.iou) | ((inside > settings.inside) & (owner[k] != owner[kept]))
+        same = (overlap > SAME) | ((inside > INSIDE) & (owner[k] != owner[kept]))
         if not same.any():
             kept.append(k)
     return np.array(kept, dtype=np.int64)
@@ -198,12 +197,10 @@ DETECTORS: dict[CeilingInput, str] = {"unrolled": "detector_ceiling", "image": "
 TILE = (480, 640)
 
 
-def ceiling_detector(
-    detector: Detect, camera: FloorCamera, view: CeilingInput, unrolling: UnrollingSettings | None = None
-) -> Detect:
+def ceiling_detector(detector: Detect, camera: FloorCamera, view: CeilingInput, rings: Sequence[int] = RINGS) -> Detect:
     """``detector`` on a ceiling camera's images: as they are, or on the views they unroll into."""
     if view == "image":
         return detector
     # A function does not say the size of its input.
     size: tuple[int, int] | None = getattr(detector, "input_size", None)
-    return UnrolledDetector(detector, camera, size or TILE, unrolling)
+    return UnrolledDetector(detector, camera, size or TILE, rings)

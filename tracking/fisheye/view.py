@@ -32,6 +32,7 @@ from tsuiseki.tracking.formats.rotated import (
     read_rotated_labels,
     turned_detections,
 )
+from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.tracks import FloorDetections
@@ -60,45 +61,39 @@ class CeilingView:
     appearance: Describe | None = None
     crops: Crops = "upright"
 
-    def locate(self, found: Detections, times: StageTimes | None = None) -> FloorDetections:
+    def locate(self, detections: Detections, times: StageTimes | None = None) -> FloorDetections:
         """Rotated boxes and places of detected boxes; ``times`` gets the stage ``look up``."""
         times = times or StageTimes()
         with times.measure("look up"):
-            if found.angles is None:
-                rotated, places = self.table.look_up(found.boxes)
-            else:
-                found, rotated, places = self._turned(found, found.angles)
-        return FloorDetections(found, rotated, places)
+            if detections.angles is None:
+                return FloorDetections(detections, *self.table.look_up(detections.boxes))
+            return self._turned(detections, detections.angles)
 
-    def _turned(self, found: Detections, angles: FloatArray) -> tuple[Detections, FloatArray, FloatArray]:
+    def _turned(self, detections: Detections, angles: FloatArray) -> FloorDetections:
         """Boxes that a network has turned itself, with the feet's end and the place of the upright box about each."""
-        given = np.column_stack([as_unturned(found.boxes)[:, :4], angles])
+        given = np.column_stack([as_unturned(detections.boxes)[:, :4], angles])
         upright = about_bodies(given)
         looked_up, places = self.table.look_up(upright)
         # Labels and networks tell the body's line, not which of its ends is up: the model does.
         flipped = np.cos(looked_up[:, 4] - angles) < 0
         rotated = given.copy()
         rotated[:, 4] = (angles + np.pi * flipped + np.pi) % (2 * np.pi) - np.pi
-        return replace(found, boxes=upright, angles=None), rotated, places
+        return FloorDetections(replace(detections, boxes=upright, angles=None), rotated, places)
 
-    def describe(self, image: ImageArray, found: FloorDetections, times: StageTimes | None = None) -> FloorDetections:
-        """``found`` with appearance features; ``times`` gets the stages ``rectify`` and ``describe``."""
-        if self.appearance is None or not len(found):
-            return found
+    def describe(self, image: ImageArray, located: FloorDetections, times: StageTimes | None = None) -> FloorDetections:
+        """``located`` with appearance features; ``times`` gets the stages ``rectify`` and ``describe``."""
+        if self.appearance is None or not len(located):
+            return located
         times = times or StageTimes()
         with times.measure("rectify"):
-            crops = self._cut_out(image, found)
+            boxes = located.rotated if self.crops == "upright" else as_unturned(located.detections.boxes)
+            crops = upright_crops(image, boxes, *CROP)
         with times.measure("describe"):
             # An appearance model takes an image and boxes: the crops are stacked to one image.
             rows = np.arange(len(crops))[:, None] * CROP[0]
             cells = np.concatenate([0 * rows, rows, 0 * rows + CROP[1], rows + CROP[0]], axis=1).astype(np.float64)
             features = self.appearance.describe(crops.reshape(-1, CROP[1], 3), cells)
-        return FloorDetections(found.detections.with_features(features), found.rotated, found.places)
-
-    def _cut_out(self, image: ImageArray, found: FloorDetections) -> ImageArray:
-        height, width = CROP
-        boxes = found.rotated if self.crops == "upright" else as_unturned(found.detections.boxes)
-        return upright_crops(image, boxes, height, width)
+        return replace(located, detections=located.detections.with_features(features))
 
 
 def as_unturned(boxes: FloatArray) -> FloatArray:
@@ -185,17 +180,12 @@ def open_ceiling(
     return views
 
 
-def _image_size(source: Source) -> tuple[int, int] | None:
-    """Width and height of a source's images, of a live one of its first; None for text that does not say."""
-    if isinstance(source, ImageFolder):
-        return source.size if min(source.size) > 0 else None
-    height, width = next(iter(source.frames())).image.shape[:2]
-    return width, height
-
-
 def _fitted(placed: CameraOverFloor, source: Source, resize: Scaling) -> CameraOverFloor:
     """The camera for the source's images."""
-    size = _image_size(source)
+    if isinstance(source, ImageFolder):
+        size = source.size if min(source.size) > 0 else None  # text that does not say
+    else:
+        size = next(iter(source.frames())).image.shape[1::-1]
     have = placed.camera.width, placed.camera.height
     if size is None or size == have:
         return placed
@@ -222,15 +212,14 @@ def given_detections(
         RequestError: the file is missing or malformed, names images that the source has not, or has boxes outside the
             image or the lens's rim or scores outside the range.
     """
-    rotated = path.is_dir() or path.suffix.lower() == ".json"
-    if rotated:
-        found = _given_rotated(path, view.source, score_range)
+    if path.is_dir() or path.suffix.lower() == ".json":
+        detections = _given_rotated(path, view.source, score_range)
     else:
-        found = read_detections(path, view.source.length, score_range)
+        detections = read_detections(path, view.source.length, score_range)
     size = np.array([view.placed.camera.width, view.placed.camera.height])
-    for index, each in enumerate(found):
+    for index, each in enumerate(detections):
         # A box outside would be looked up as the nearest one at the rim.
-        middle = (each.boxes[:, :2] + each.boxes[:, 2:]) / 2
+        middle = centres(each.boxes)
         outside = middle[((middle < 0) | (middle > size)).any(axis=1)]
         if len(outside):
             raise RequestError(
@@ -243,23 +232,23 @@ def given_detections(
                 f"{path}: frame {index + 1}: expected boxes of people on the floor, got one about {nowhere[0, 0]:g}, "
                 f"{nowhere[0, 1]:g}, where {view.placed.name} sees none: beyond the lens's rim or above the horizon"
             )
-    return found
+    return detections
 
 
 def _given_rotated(path: Path, source: Source, score_range: tuple[float, float] | None) -> list[Detections]:
-    found = read_rotated_labels(path) if path.is_dir() or is_rotated(path) else read_rotated_detections(path)
+    rotated = read_rotated_labels(path) if path.is_dir() or is_rotated(path) else read_rotated_detections(path)
     images = source.images if isinstance(source, ImageFolder) else ()
     if not images:
         raise RequestError(f"{path}: rotated boxes name images; expected a folder of images, got {source.name}")
     frames = {name: index for index, image in enumerate(images) for name in (image.name, image.stem)}
-    strangers = [name for name in found if name not in frames]
+    strangers = [name for name in rotated if name not in frames]
     if strangers:
         raise RequestError(
             f"{path}: expected boxes of the {len(images)} images of {source.name}, got some of {strangers[0]}"
         )
     low, high = score_range or (-np.inf, np.inf)
     result = [Detections.empty()] * len(images)
-    for name, each in found.items():
+    for name, each in rotated.items():
         outside = each.scores[~((each.scores >= low) & (each.scores <= high))]
         if len(outside):
             raise RequestError(f"{path}: {name}: expected scores from {low:g} to {high:g}, got {outside[0]:g}")
@@ -295,15 +284,15 @@ class Passed:
     best: float = -np.inf
     boxes: dict[str, RotatedBoxes] = field(default_factory=dict)
 
-    def keep(self, found: Detections) -> Detections:
+    def keep(self, detections: Detections) -> Detections:
         """The detections of those on the floor."""
         camera, floor = self.ceiling.placed.camera, self.ceiling.floor
-        places = camera.ground((found.boxes[:, :2] + found.boxes[:, 2:]) / 2, self.middle)[:, :2]
+        places = camera.ground(centres(detections.boxes), self.middle)[:, :2]
         allowed = MARGIN + SHARE * np.linalg.norm(places - camera.position[:2], axis=1, keepdims=True)
         # A pixel at or above the horizon has no place: every comparison with it is False.
         inside = ((places >= floor[:2] - allowed) & (places <= floor[2:] + allowed)).all(axis=1)
         self.left_out += int((~inside).sum())
-        return found if inside.all() else found.select(inside)
+        return detections if inside.all() else detections.select(inside)
 
     def watched(self, people: Iterable[FloorDetections]) -> Iterator[FloorDetections]:
         """The same, frame by frame."""

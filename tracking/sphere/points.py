@@ -15,7 +15,7 @@ from tsuiseki.tracking.formats.world_tables import read_ball_points
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.page import sphere_result
 from tsuiseki.tracking.sphere.settings import FrameTimes, SphereSettings, as_place, cameras_of, chosen_motion
-from tsuiseki.tracking.sphere.tracker import MomentViews, SphereRun, SphereTracker, Start
+from tsuiseki.tracking.sphere.tracker import MomentViews, SphereRun, SphereTracker
 from tsuiseki.tracking.sphere.views import PointLikelihood, Views
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, FloatArray, Position
@@ -183,12 +183,11 @@ def sphere_points_run(
 
     def matched(moments: Sequence[Moment]) -> Iterator[MomentViews]:
         for moment in moments:
-            found = [None if f is None else p[f] for f, p in zip(moment.frames, pixels, strict=True)]
-            yield moment, [None if f is None or np.isnan(f[0]) else f for f in found]
+            measured = [None if f is None else p[f] for f, p in zip(moment.frames, pixels, strict=True)]
+            yield moment, [None if one is None or np.isnan(one[0]) else one for one in measured]
 
     place = None if start is None else as_place(start)
-    begin = Start(place, settings.spread, settings.particles, search, SPEED)
-    return SphereRun(placed, stamps, settings.tolerance, tracker, begin, matched, radius)
+    return SphereRun(settings, placed, stamps, tracker, place, search, matched, radius, speed=SPEED)
 
 
 def _placed_by_rays(

@@ -31,7 +31,7 @@ from tsuiseki.tracking.sphere.settings import (
     chosen_motion,
     frame_times,
 )
-from tsuiseki.tracking.sphere.tracker import MomentViews, SphereLog, SphereRun, SphereTracker, Start
+from tsuiseki.tracking.sphere.tracker import MomentViews, SphereLog, SphereRun, SphereTracker
 from tsuiseki.tracking.sphere.views import (
     BackgroundLikelihood,
     PrintedContourLikelihood,
@@ -136,7 +136,6 @@ def sphere_run(
     weigh = chosen_likelihood(settings, placed, videos, radius, backgrounds)
     broad = weigh.broad() if isinstance(weigh, SphereContourLikelihood) else weigh
     search = partial(find_ball, weigh, broad, [p.camera for p in placed], radius, box, settings.particles)
-    start = Start(place, settings.spread, settings.particles, search)
     frames = [
         partial(frames_of_size, video, p.camera.width, p.camera.height) for video, p in zip(videos, placed, strict=True)
     ]
@@ -150,7 +149,7 @@ def sphere_run(
         return LatestFrames(frames, half if settings.tolerance is None else settings.tolerance).moments()
 
     taken, tracker = newest if live else recorded, _tracker(settings, weigh, radius)
-    return SphereRun(placed, stamps, settings.tolerance, tracker, start, taken, radius, videos)
+    return SphereRun(settings, placed, stamps, tracker, place, search, taken, radius, videos)
 
 
 def _start(
@@ -215,8 +214,7 @@ def chosen_likelihood(
     if settings.likelihood == "contour":
         if backgrounds is not None:
             raise RequestError("`backgrounds`: expected only with the likelihood background; the outline needs none")
-        printed = settings.preset == "paper"
-        if printed:
+        if settings.preset == "paper":
             return PrintedContourLikelihood(cameras, radius)
         return SphereContourLikelihood(cameras, radius, faint=settings.faint)
     if backgrounds is None:
@@ -308,8 +306,8 @@ def sphere(
 
 def _summary(positions: Sequence[Position], truth: Path3D | None, file: Path) -> str:
     """In how many moments the ball is known, and how far from the truth."""
-    found = sum(p.status == "tracking" for p in positions)
-    summary = f"ball known in {found} of {len(positions)} moments: {file}"
+    known = sum(p.status == "tracking" for p in positions)
+    summary = f"ball known in {known} of {len(positions)} moments: {file}"
     away = np.empty(0) if truth is None else distances_to_truth(positions, truth)
     if len(away):
         summary += f"\n{100 * away.mean():.2f} cm from the true position in the mean, {100 * away.max():.2f} at most"

@@ -54,7 +54,7 @@ def find_ball(
         views: of the cameras; None where there is none now.
         rng: random numbers.
     """
-    found = [np.empty((0, 3))]
+    candidates = [np.empty((0, 3))]
     for number, camera in enumerate(cameras):
         if views[number] is None:
             continue
@@ -62,9 +62,9 @@ def find_ball(
         values = _in_chunks(broad, places, [view if k == number else None for k, view in enumerate(views)])
         kept = places[np.argsort(values[:, number])[::-1][:KEPT]]
         depths = DEPTH_STEP ** np.linspace(-0.5, 0.5, FINE)
-        found.append((camera.position + depths[:, None, None] * (kept - camera.position)).reshape(-1, 3))
+        candidates.append((camera.position + depths[:, None, None] * (kept - camera.position)).reshape(-1, 3))
     low, high = volume
-    positions = np.concatenate(found)
+    positions = np.concatenate(candidates)
     if len(positions) == 0:
         return np.asarray(low + rng.random((count, 3)) * (high - low))
     # Weighed ever more sharply, drawn and moved by ever smaller steps over the same images (Deutscher and Reid,

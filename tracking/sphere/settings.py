@@ -149,11 +149,7 @@ class FrameTimes(Shared):
             if self.offsets is None and not any(p.offset for p in placed):
                 check_lengths(stamps, [s.name for s in sources])
             return stamps
-        stamps = [read_timestamps(path) for path in self.timestamps]
-        for path, stamp, length in zip(self.timestamps, stamps, lengths, strict=True):
-            if len(stamp) != length:
-                raise RequestError(f"{path}: expected {length} times, one a frame, got {len(stamp)}")
-        return self._shifted(stamps)
+        return self._read(self.timestamps, lengths)
 
     def of_pixels(self, pixels: Sequence[FloatArray], placed: Sequence[CameraOverFloor]) -> list[FloatArray]:
         """Likewise of the rows of every file of measured pixels.
@@ -162,16 +158,12 @@ class FrameTimes(Shared):
             RequestError: offsets, times and files differ in number, or a frame rate is not known.
         """
         self._check_number(len(pixels), "file")
-        lengths = [len(found) for found in pixels]
+        lengths = [len(rows) for rows in pixels]
         if self.timestamps is None:
             if without := [camera.name for camera in placed if camera.frame_rate is None]:
                 raise RequestError(f"`timestamps`: expected times, or a frame_rate of {without[0]} in the camera file")
             return self._even(lengths, [float(camera.frame_rate or 1.0) for camera in placed], placed)
-        stamps = [read_timestamps(path) for path in self.timestamps]
-        for path, stamp, length in zip(self.timestamps, stamps, lengths, strict=True):
-            if len(stamp) < length:
-                raise RequestError(f"{path}: expected at least {length} times, one a frame, got {len(stamp)}")
-        return self._shifted([stamp[:length] for stamp, length in zip(stamps, lengths, strict=True)])
+        return self._read(self.timestamps, lengths, "at least ")
 
     def _check_number(self, expected: int, what: str) -> None:
         for name, given in (("`offsets`", self.offsets), ("`timestamps`", self.timestamps)):
@@ -184,9 +176,15 @@ class FrameTimes(Shared):
         starts = [p.offset for p in placed] if self.offsets is None else self.offsets
         return [o + np.arange(n) / r for o, n, r in zip(starts, lengths, rates, strict=True)]
 
-    def _shifted(self, stamps: Sequence[FloatArray]) -> list[FloatArray]:
-        offsets = self.offsets or [0.0] * len(stamps)
-        return [stamp + offset for stamp, offset in zip(stamps, offsets, strict=True)]
+    def _read(self, files: Sequence[Path], lengths: Sequence[int], least: str = "") -> list[FloatArray]:
+        """The times in each file, of as many frames, or of ``least`` as many."""
+        stamps = []
+        for path, length, offset in zip(files, lengths, self.offsets or [0.0] * len(files), strict=True):
+            stamp = read_timestamps(path)
+            if len(stamp) < length or (len(stamp) > length and not least):
+                raise RequestError(f"{path}: expected {least}{length} times, one a frame, got {len(stamp)}")
+            stamps.append(stamp[:length] + offset)
+        return stamps
 
 
 def frame_times(source: Source) -> FloatArray:

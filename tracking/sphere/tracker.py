@@ -31,6 +31,7 @@ from tsuiseki.tracking.filters.resampling import (
     weighted_covariance,
     weighted_mean,
 )
+from tsuiseki.tracking.sphere.settings import SphereSettings
 from tsuiseki.tracking.sphere.views import ViewLikelihood, Views
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray, Position, Status
@@ -207,26 +208,6 @@ RECENT = 0.15
 MomentViews: TypeAlias = tuple[Moment, Views]
 
 
-@dataclass(frozen=True)
-class Start:
-    """Where the ball is searched first.
-
-    Attributes:
-        position: ``(3,)`` metres; None searches the volume.
-        spread: standard deviation around it, m.
-        particles: how many.
-        search: positions ``(particles, 3)`` after one search of the whole volume: the start without a position, and for
-            a ball that was lost.
-        speed: standard deviation of the velocity of a ball that was just found, along each axis, m/s.
-    """
-
-    position: FloatArray | None
-    spread: float
-    particles: int
-    search: Callable[[Views, np.random.Generator], FloatArray]
-    speed: float = START_SPEED
-
-
 @dataclass
 class SphereLog:
     """What a run keeps.
@@ -257,25 +238,29 @@ class SphereRun:
     """Everything that a run needs, checked.
 
     Attributes:
+        settings: how the ball is followed.
         placed: the cameras.
         stamps: ``(T,)`` of each camera, the time of every frame, seconds; none of live cameras.
-        tolerance: frames within so many seconds count as taken together; None takes a quarter of the shortest time
-            between frames.
         tracker: the filter.
-        start: where the ball is searched first.
+        start: ``(3,)`` the ball at first, metres; None searches the volume.
+        search: positions ``(N, 3)`` after one search of the whole volume: the start without a position, and for a ball
+            that was lost.
         views: measurements of the cameras at these moments; of live ones, from now on.
         radius: of the ball, metres; 0 of a point.
         sources: the videos, where there are some.
+        speed: standard deviation of the velocity of a ball that was just found, along each axis, m/s.
     """
 
+    settings: SphereSettings
     placed: Sequence[PlacedCamera]
     stamps: Sequence[FloatArray]
-    tolerance: float | None
     tracker: SphereTracker
-    start: Start
+    start: FloatArray | None
+    search: Callable[[Views, np.random.Generator], FloatArray]
     views: Callable[[Sequence[Moment]], Iterable[MomentViews]]
     radius: float
     sources: Sequence[Source] = ()
+    speed: float = START_SPEED
 
     @property
     def length(self) -> int | None:
@@ -312,22 +297,21 @@ class SphereRun:
         times, last_search = times or StageTimes(), -np.inf
         # The newest frame of each camera: cameras that are out of step never have frames together.
         recent: dict[int, tuple[float, NDArray[Any]]] = {}
-        tracker, start = self.tracker, self.start
+        tracker, given = self.tracker, self.settings
         for moment, views in watch(self._moments()):
             now = moment.time
             recent |= {k: (now, view) for k, view in enumerate(views) if view is not None}
             recent = {k: spot for k, spot in recent.items() if now - spot[0] <= RECENT}
-            if state is None and start.position is not None:
-                state = tracker.start_at(
-                    start.position, start.spread, start.particles, len(views), rng, now, start.speed
-                )
+            if state is None and self.start is not None:
+                begin = self.start, given.spread, given.particles, len(views), rng, now, self.speed
+                state = tracker.start_at(*begin)
             lost = state is None or state.undetected > tracker.patience
             if lost and len(recent) >= 2 and now - last_search > tracker.patience:
                 with times.measure("search"):
                     newest = [recent[k][1] if k in recent else None for k in range(len(views))]
-                    positions = start.search(newest, rng)
-                found = tracker.init(with_velocities(positions, start.speed, rng), len(views), now)
-                state, last_search = replace(found, undetected=0.0 if state is None else state.undetected), now
+                    positions = self.search(newest, rng)
+                begun = tracker.init(with_velocities(positions, self.speed, rng), len(views), now)
+                state, last_search = replace(begun, undetected=0.0 if state is None else state.undetected), now
                 if log is not None:
                     log.searches.append(len(log.positions))
             if state is None:
@@ -340,7 +324,7 @@ class SphereRun:
             yield position
 
     def _moments(self) -> Iterable[MomentViews]:
-        stamps = list(self.stamps)
-        if not stamps:
+        if not self.stamps:
             return self.views([])
-        return self.views(align(stamps, default_tolerance(stamps) if self.tolerance is None else self.tolerance))
+        wanted = self.settings.tolerance
+        return self.views(align(self.stamps, default_tolerance(self.stamps) if wanted is None else wanted))

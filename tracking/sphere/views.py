@@ -17,7 +17,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from typing import Any, Protocol, TypeAlias
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
@@ -31,39 +31,33 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 # cv2.remap takes fewer than 32768 columns.
 MOST_COLUMNS = 32000
-
+CONTRAST = 60.0
+"""Variation along a ray at which an edge counts half, grey levels summed over the three channels."""
+STEEPNESS = 60.0
+"""Log-likelihood of a perfect outline over none."""
+CLUTTER = 0.30
+"""Support of a view that changes no weight, in [0, 1]: that of strong and even texture, the mean of the Gaussian."""
+NOISE = 1.0
+"""Grey levels added to each difference from the background, so that one zero does not rule a particle out."""
 OutlinesOf: TypeAlias = Callable[[PinholeCamera, FloatArray, float], Outlines]
 """Outlines of spheres of a radius at ``(N, 3)`` centres."""
 
 
 @dataclass(frozen=True)
 class ContourSettings:
-    """What is sampled and how it counts.
+    """What is sampled.
 
     Attributes:
-        angles: A, number of rays around the centre.
-        radii: R, number of samples along each ray.
-        reach: half the sampled range of r / r0.
+        angles: A, number of rays around the centre, from 4.
+        radii: R, number of samples along each ray, from 3.
+        reach: half the sampled range of r / r0, in (0, 1).
         width: standard deviation of the Gaussian over r / r0.
-        contrast: variation along a ray at which an edge counts half, grey levels summed over the three channels.
-        steepness: log-likelihood of a perfect outline over none.
-        clutter: support of a view that changes no weight, in [0, 1]; by default what strong and
-            even texture gives, the mean of the Gaussian over the sampled range.
     """
 
     angles: int = 24
     radii: int = 16
     reach: float = 0.5
     width: float = 0.12
-    contrast: float = 60.0
-    steepness: float = 60.0
-    clutter: float = 0.30
-
-    def __post_init__(self) -> None:
-        if self.angles < 4 or self.radii < 3:
-            raise ValueError(f"expected at least 4 angles and 3 radii, got {self.angles} and {self.radii}")
-        if not (0 < self.reach < 1 and self.width > 0 and self.contrast > 0 and self.steepness > 0):
-            raise ValueError("expected a reach in (0, 1) and positive width, contrast and steepness")
 
 
 @dataclass(frozen=True)
@@ -134,7 +128,7 @@ def outline_sums(
 def outline_support(image: ImageArray, maps: PolarMaps, settings: ContourSettings) -> FloatArray:
     """``(N, 2)``: the support of each particle's outline in [0, 1], and the share of it that lies in the image."""
     peak, plain = outline_sums(image, maps, settings)
-    response = peak / (plain + np.float32(settings.contrast))
+    response = peak / (plain + np.float32(CONTRAST))
     count = maps.inside.sum(axis=1)
     support = np.einsum("na,na->n", response, maps.inside.astype(np.float32)) / np.maximum(count, 1)
     return np.stack([support, count / settings.angles], axis=1).astype(np.float64)
@@ -145,10 +139,10 @@ def fetch(image: ImageArray, maps: PolarMaps) -> ImageArray:
     parts = []
     for first in range(0, maps.columns.shape[1], MOST_COLUMNS):
         part = slice(first, first + MOST_COLUMNS)
-        found = cv2.remap(
+        samples = cv2.remap(
             image, maps.columns[:, part], maps.rows[:, part], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
         )
-        parts.append(found.reshape(len(found), -1))
+        parts.append(samples.reshape(len(samples), -1))
     return np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1), dtype=np.uint8)
 
 
@@ -208,18 +202,9 @@ BESIDE = _beside()
 """Where the support of what is no ball is measured: ``(64, 3)``, 2 to 5 radii from the particles' middle."""
 
 
-class ViewLikelihood(Protocol):
-    """``(N, C)`` log-ratio of what each view shows given each position ``(N, 3)`` to what it would show anyway.
-
-    Zero where a view says nothing: no frame, or the particle is out of its sight.
-    """
-
-    def __call__(self, positions: FloatArray, views: Views) -> FloatArray: ...
-
-
 @dataclass(frozen=True)
-class EachView(ABC):
-    """A likelihood that weighs by one view after the other.
+class ViewLikelihood(ABC):
+    """How well each view agrees with positions; of one camera after the other.
 
     Attributes:
         cameras: C cameras.
@@ -228,9 +213,12 @@ class EachView(ABC):
     cameras: Sequence[PinholeCamera]
 
     def __call__(self, positions: FloatArray, views: Views) -> FloatArray:
-        """See `ViewLikelihood`."""
+        """``(N, C)`` log-ratio of what each view shows given each position ``(N, 3)`` to what it would show anyway.
+
+        Zero where a view says nothing: no frame, or the particle is out of its sight.
+        """
         ratios = np.zeros((len(positions), len(self.cameras)))
-        for k, (_, view) in enumerate(zip(self.cameras, views, strict=True)):
+        for k, view in enumerate(views):
             if view is not None:
                 ratios[:, k] = self.weigh(k, positions, view)
         return ratios
@@ -241,15 +229,15 @@ class EachView(ABC):
 
 
 @dataclass(frozen=True)
-class SphereContourLikelihood(EachView):
+class SphereContourLikelihood(ViewLikelihood):
     """Section 2.2.2 with support instead of sums; see the module.
 
     Small and blurred outlines have less support than sharp ones, and so has all else in such an image. Where an outline
-    is faint the support that says nothing is the mean of that beside the particles, at most ``settings.clutter``.
+    is faint the support that says nothing is the mean of that beside the particles, at most `CLUTTER`.
 
     Attributes:
         radius: of the sphere, metres.
-        settings: of the samples, and how they count.
+        settings: of the samples.
         faint: whether outlines are; by default those of a radius below `SMALL` pixels.
     """
 
@@ -258,22 +246,22 @@ class SphereContourLikelihood(EachView):
     faint: bool | None = None
 
     def weigh(self, k: int, positions: FloatArray, view: ImageArray) -> FloatArray:
-        """See `EachView.weigh`."""
+        """See `ViewLikelihood.weigh`."""
         maps = polar_maps(self.cameras[k], positions, self.radius, self.settings)
         support, share = outline_support(view, maps, self.settings).T
         clutter = self._clutter(self.cameras[k], view, np.median(positions, axis=0)) if len(positions) else 0.0
-        return np.asarray(self.settings.steepness * share * (support - clutter))
+        return np.asarray(STEEPNESS * share * (support - clutter))
 
     def _clutter(self, camera: PinholeCamera, image: ImageArray, middle: FloatArray) -> float:
         """The support that says nothing about ``middle`` ``(3,)``, metres."""
-        most, depth = self.settings.clutter, float(camera.to_camera(middle[None])[0, 2])
+        depth = float(camera.to_camera(middle[None])[0, 2])
         small = depth > 0 and camera.focal.mean() * self.radius < SMALL * depth
         if not (small if self.faint is None else self.faint):
-            return most
+            return CLUTTER
         maps = polar_maps(camera, middle + self.radius * BESIDE, self.radius, self.settings)
         support, share = outline_support(image, maps, self.settings).T
         visible = support[share > 0]
-        return min(most, float(visible.mean())) if len(visible) else most
+        return min(CLUTTER, float(visible.mean())) if len(visible) else CLUTTER
 
     def broad(self) -> SphereContourLikelihood:
         """One that notices a ball from farther off, at a third of the cost: for searching."""
@@ -281,25 +269,23 @@ class SphereContourLikelihood(EachView):
 
 
 @dataclass(frozen=True)
-class BackgroundLikelihood(EachView):
+class BackgroundLikelihood(ViewLikelihood):
     """Section 2.2.1: the colour differences from the background, multiplied over the cameras.
 
     Attributes:
         backgrounds: C images of the empty scene.
-        noise: grey levels added to each difference, so that one zero does not rule a particle out.
     """
 
     backgrounds: Sequence[ImageArray]
-    noise: float = 1.0
 
     def weigh(self, k: int, positions: FloatArray, view: ImageArray) -> FloatArray:
-        """See `EachView.weigh`."""
+        """See `ViewLikelihood.weigh`."""
         difference, inside = colour_difference(self.cameras[k], view, self.backgrounds[k], positions)
-        return np.asarray(np.where(inside, np.log(difference + self.noise), np.log(self.noise)))
+        return np.asarray(np.where(inside, np.log(difference + NOISE), np.log(NOISE)))
 
 
 @dataclass(frozen=True)
-class PointLikelihood(EachView):
+class PointLikelihood(ViewLikelihood):
     """Measured pixels of the target's centre: Gaussian with a share of false ones spread over the image.
 
     Attributes:
@@ -309,7 +295,7 @@ class PointLikelihood(EachView):
     sigma: FloatArray
 
     def weigh(self, k: int, positions: FloatArray, view: FloatArray) -> FloatArray:
-        """See `EachView.weigh`."""
+        """See `ViewLikelihood.weigh`."""
         camera, variance = self.cameras[k], self.sigma[k] ** 2
         square = np.square(camera.project(positions)[0] - view).sum(axis=1) / variance
         density = camera.width * camera.height / (2 * np.pi * variance)
@@ -317,13 +303,12 @@ class PointLikelihood(EachView):
 
 
 @dataclass(frozen=True)
-class PrintedContourLikelihood(EachView):
+class PrintedContourLikelihood(ViewLikelihood):
     """The logarithm of the plain sum, 2.2.2; rays that leave the image add nothing.
 
     Attributes:
         radius: of the sphere, metres.
-        settings: of the samples and the Gaussian; ``steepness`` and ``clutter`` are not used, nor, as printed,
-            ``contrast``.
+        settings: of the samples and the Gaussian.
         power: of the likelihood; 1 as printed.
     """
 
@@ -332,7 +317,7 @@ class PrintedContourLikelihood(EachView):
     power: float = 1.0
 
     def weigh(self, k: int, positions: FloatArray, view: ImageArray) -> FloatArray:
-        """See `EachView.weigh`."""
+        """See `ViewLikelihood.weigh`."""
         maps = polar_maps(self.cameras[k], positions, self.radius, self.settings, sphere_circles)
         total = np.where(maps.inside, outline_sums(view, maps, self.settings)[0], 0.0).sum(axis=1, dtype=np.float64)
         return np.asarray(self.power * logarithms(total))

@@ -30,7 +30,7 @@ from tsuiseki.tracking.evaluation.coverage import coverage
 from tsuiseki.tracking.evaluation.multi import PeopleScores, SequencePair, evaluate_sequences
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.filters.kalman import BoxMotion
-from tsuiseki.tracking.fisheye.settings import DEFAULT_FLOW, FisheyeSettings
+from tsuiseki.tracking.fisheye.settings import FisheyeSettings
 from tsuiseki.tracking.fisheye.tracker import FloorMethod, link_on_floor
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, ceiling_detector
 from tsuiseki.tracking.fisheye.view import CeilingView, Crops
@@ -223,7 +223,7 @@ def _hungarian(
 def _command(
     method: FloorMethod, found: Sequence[FloorDetections], rate: float, _: Choice, settings: FisheyeSettings = SHIPPED
 ) -> list[Track]:
-    return [one.track for one in link_on_floor(found, rate, method, settings, DEFAULT_FLOW, StageTimes())]
+    return [one.track for one in link_on_floor(found, rate, method, settings, StageTimes())]
 
 
 def _lifecycle(rate: float, choice: Choice) -> LifecycleSettings:

@@ -92,8 +92,6 @@ def test_detectors_look_at_unrolled_views_and_at_images(room, tmp_path):
             "none",
             "--cameras",
             str(room / "cameras.yaml"),
-            "--unrolling.rings",
-            "1,2",
         ]
         assert track(room, out, *more) == 0
         assert json.loads((out / "run.json").read_text())["seconds"]["detect"] > 0
@@ -191,12 +189,6 @@ def test_detections_are_written_as_they_are_read(room, tmp_path, capsys):
 def test_rotated_boxes_that_do_not_fit_are_named(room, tmp_path, capsys, change, message):
     assert track(room, tmp_path / "out", *rotated(room, tmp_path, change), sources=("camera1",)) == 2
     one_line(capsys, message)
-
-
-def test_impossible_views_are_refused(room, tmp_path, capsys):
-    more = ["--unrolling.rings", "0", "--cameras", str(room / "cameras.yaml")]
-    assert track(room, tmp_path / "out", *more) == 2
-    assert "rings of 1 to 16 tiles" in capsys.readouterr().err
 
 
 def one_line(capsys, text):

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.fisheye.settings import FisheyeSettings, FloorFlowSettings
+from tsuiseki.tracking.fisheye.settings import FisheyeSettings
 from tsuiseki.tracking.fisheye.tracker import PRUNED, FisheyeTracker, flow_on_floor
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.tracks import FloorDetections
@@ -175,7 +175,7 @@ def test_frames_without_people_and_looks_do_no_harm():
 
 def test_two_on_one_spot_stay_two():
     found = [floor_detections([[0, 0], [0, 0]])] * 4
-    tracks = flow_on_floor(found, 1.0, FloorFlowSettings())
+    tracks = flow_on_floor(found, 1.0)
     assert sorted(len(t.track) for t in tracks) == [4, 4]
 
 
