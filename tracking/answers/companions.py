@@ -9,7 +9,7 @@ supports.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -24,29 +24,12 @@ STEADY, WALKS = 0.3, 0.2
 SLACK = 0.1
 
 
-@dataclass(frozen=True, eq=False)
-class _Boxes:
-    """All boxes of tracks, by frame.
-
-    Attributes:
-        frames: ``(N,)``.
-        tracks: ``(N,)`` numbers of their tracks.
-        boxes: ``(N, 4)``.
-    """
+class _Boxes(NamedTuple):
+    """The boxes of all tracks by frame: ``(N,)`` frames and numbers of their tracks, and ``(N, 4)`` boxes."""
 
     frames: IntArray
     tracks: IntArray
     boxes: FloatArray
-
-    def hiding(self, own: int, box: FloatArray, frame: int) -> dict[int, float]:
-        """Share of a box ``(4,)`` that each nearer person but its ``own`` covers in a frame, by number of the track."""
-        rows = slice(*np.searchsorted(self.frames, [frame, frame + 1]))
-        others, high = self.boxes[rows], box[3] - box[1]
-        across = np.minimum(others[:, 2], box[2]) - np.maximum(others[:, 0], box[0])
-        down = np.minimum(others[:, 3], box[3]) - np.maximum(others[:, 1], box[1])
-        shares = np.maximum(across, 0) * np.maximum(down, 0) / max((box[2] - box[0]) * high, 1e-9)
-        near = (shares >= COVERED) & (self.tracks[rows] != own) & (others[:, 3] >= box[3] - SLACK * high)
-        return dict(zip(self.tracks[rows][near].tolist(), shares[near].tolist(), strict=True))
 
 
 def with_hidden(tracks: Sequence[Track], size: tuple[int, int] | None, length: int, rate: float) -> list[list[Track]]:
@@ -65,7 +48,7 @@ def with_hidden(tracks: Sequence[Track], size: tuple[int, int] | None, length: i
     every = _Boxes(frames[order], numbers[order], boxes[order])
     ends, begins = (
         {
-            number: every.hiding(number, track.boxes[row], int(track.frames[row]))
+            number: _hiding(every, number, track.boxes[row], int(track.frames[row]))
             for number, track in enumerate(tracks)
             if _midst(track, row, size, length)
         }
@@ -81,6 +64,17 @@ def with_hidden(tracks: Sequence[Track], size: tuple[int, int] | None, length: i
         before = _company(tracks, begins.get(n, {}), n, False, rate)
         chains.append([*before, *parts, *_company(tracks, ends.get(chain[-1], {}), chain[-1], True, rate)])
     return chains
+
+
+def _hiding(every: _Boxes, own: int, box: FloatArray, frame: int) -> dict[int, float]:
+    """Share of a box ``(4,)`` that each nearer person but its ``own`` covers in a frame, by number of the track."""
+    rows = slice(*np.searchsorted(every.frames, [frame, frame + 1]))
+    others, numbers, high = every.boxes[rows], every.tracks[rows], box[3] - box[1]
+    across = np.minimum(others[:, 2], box[2]) - np.maximum(others[:, 0], box[0])
+    down = np.minimum(others[:, 3], box[3]) - np.maximum(others[:, 1], box[1])
+    shares = np.maximum(across, 0) * np.maximum(down, 0) / max((box[2] - box[0]) * high, 1e-9)
+    near = (shares >= COVERED) & (numbers != own) & (others[:, 3] >= box[3] - SLACK * high)
+    return dict(zip(numbers[near].tolist(), shares[near].tolist(), strict=True))
 
 
 def _midst(track: Track, row: int, size: tuple[int, int] | None, length: int) -> bool:

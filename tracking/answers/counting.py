@@ -10,7 +10,7 @@ import numpy as np
 
 from tsuiseki.tracking.answers.companions import with_hidden
 from tsuiseki.tracking.answers.doubt import Doubt
-from tsuiseki.tracking.answers.line_tables import Columns, flows, line_tables, sides, turns
+from tsuiseki.tracking.answers.line_tables import flows, line_tables, sides, turns
 from tsuiseki.tracking.answers.paths import Paths, paths_of
 from tsuiseki.tracking.answers.scene import Scene, read_scene
 from tsuiseki.tracking.answers.settings import CountSettings
@@ -102,8 +102,7 @@ def count(
     where = "scene" if isinstance(scene, Scene) else str(scene)
     scene = scene if isinstance(scene, Scene) else read_scene(scene)
     scene.check_video(getattr(result, "size", None), where)
-    stated: float = getattr(result, "frame_rate", 0.0)
-    rate = stated if frame_rate is None else frame_rate
+    rate: float = getattr(result, "frame_rate", 0.0) if frame_rate is None else frame_rate
     if not 0 < rate < 1e4:
         raise RequestError(f"expected a frame rate above 0, got {rate:g}; give the video's as `fps`")
     if settings.anchor == "floor":
@@ -118,7 +117,7 @@ def count(
     known = scene.size or own
     if own is None and not bodies:  # one that knows its picture was tracked in it
         compare_with_picture("the result", np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]), known)
-    # Animals are filmed from above: none hides another.
+    # Who may have been hidden counts at lines and in zones. Animals are filmed from above: none hides another.
     every = paths if bodies else paths_of(with_hidden(tracks, known, length, rate), scene, settings)
     size = np.asarray(known or scene.pixels(paths.points).max(axis=0, initial=1.0), dtype=np.float64)
     span, doubt = (first, length), Doubt(every, scene, rate, length)
@@ -130,21 +129,12 @@ def count(
         "flows": flows(scene, crossings, settings.interval, length / rate),
         "turns": turns(crossings),
         **zones,
-        **_of_paths(paths, scene, settings, span, rate, size),
+        "sides": sides(paths, scene.pixels(paths.points), size),
+        "counts": counts_table(paths, span, rate),
+        "people": people(paths, rate),
+        "gatherings": gathering_table(paths, rate),
     }
     names = {track.id: track.class_name for track in tracks}
     for name in ("crossings", "people"):
         tables[name]["class"] = [names[number] for number in tables[name]["id"]]
     return Answers(tables, occupancy, scene, length, rate, size, paths)
-
-
-def _of_paths(
-    paths: Paths, scene: Scene, settings: CountSettings, span: tuple[int, int], rate: float, size: FloatArray
-) -> dict[str, Columns]:
-    """The tables that show what was followed, without who may have been hidden."""
-    return {
-        "sides": sides(paths, scene.pixels(paths.points), size),
-        "counts": counts_table(paths, span, rate),
-        "people": people(paths, rate),
-        "gatherings": gathering_table(paths, settings.gathering, rate),
-    }

@@ -41,9 +41,7 @@ def line_crossings(paths: Paths, scene: Scene, line: SceneLine, band: float) -> 
     found = changes(distances, band * paths.heights, paths)
     met = np.zeros(len(paths), dtype=np.int64)
     steps = np.flatnonzero(_turned(distances, paths))
-    share = distances[steps - 1] / (distances[steps - 1] - distances[steps])
-    place = along[steps - 1] + share * (along[steps] - along[steps - 1])
-    between = steps[(place >= 0) & (place <= 1)]
+    between = steps[meets(distances[steps - 1], distances[steps], along[steps - 1], along[steps])]
     met[between] = np.where(distances[between] > 0, 1, -1)
     total, last = np.cumsum(met), _last(met != 0)
     through = np.sign(total[found.after] - total[found.before]) == found.sides
@@ -61,6 +59,20 @@ def line_distances(points: FloatArray, scene: Scene, line: SceneLine) -> tuple[F
     length = float(np.hypot(*way))
     x, y = points[:, 0] - start[0], points[:, 1] - start[1]
     return scene.right_is * (way[0] * y - way[1] * x) / length, (way[0] * x + way[1] * y) / length**2
+
+
+def meets(before: FloatArray, after: FloatArray, along: FloatArray, further: FloatArray) -> BoolArray:
+    """``(B,)`` which ways meet a line between its ends.
+
+    Args:
+        before: ``(B,)`` signed distance from the line where each way begins.
+        after: where it ends.
+        along: ``(B,)`` place along the line, see `line_distances`, where each way begins.
+        further: where it ends.
+    """
+    turned = (before > 0) != (after > 0)
+    place = along + before / np.where(turned, before - after, 1.0) * (further - along)
+    return np.asarray(turned & (place >= 0) & (place <= 1))
 
 
 def zone_distances(points: FloatArray, zone: SceneZone) -> FloatArray:

@@ -13,20 +13,19 @@ share of what was filled in, and by its ends.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy
 
-from tsuiseki.tracking.answers.crossings import Crossings, line_distances
+from tsuiseki.tracking.answers.crossings import Crossings, line_distances, meets
 from tsuiseki.tracking.answers.paths import Paths
 from tsuiseki.tracking.answers.polygons import inside
 from tsuiseki.tracking.answers.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Fitted on generated streets of seeds from 1100 on, each with three simulated detectors: weights of a constant and of
-# `crossing_features`; the share of broken paths ahead of which a line was crossed; n above, the shape of the gamma, and
-# missed crossings of any line. The constant is chosen on real video (MOT15, TUD, PETS, KITTI).
+# what speaks against a crossing, see `Doubt.real`; the share of broken paths ahead of which a line was crossed; n
+# above, the shape of the gamma, and missed crossings of any line. The constant is chosen on real video (MOT15, TUD,
+# PETS, KITTI).
 CROSSING_WEIGHTS = np.array([3.5, -4.2, -1.9])
 BROKEN, CHANCES, SHAPE, ANY = 0.1, 1.9, 0.9, 0.05
 # Likewise: of what is filled in, the share by which a stay errs and the share of people who are not there; seconds by
@@ -40,30 +39,6 @@ LEVEL, WIDTH = 0.9, 1.645
 """Of the intervals; and of a normal one, to each side, in standard deviations."""
 
 
-def crossing_features(paths: Paths, found: Crossings, frame_rate: float) -> FloatArray:
-    """``(C, 2)`` what speaks against each crossing, [0, 1] each.
-
-    They are: the share of places within half a second that no detection supports, and the lack of path on the shorter
-    side of the line (1 for none, 0 from a second on).
-    """
-    if not len(found.rows):
-        return np.empty((0, 2))
-    half = max(1, round(0.5 * frame_rate))
-    lengths = np.diff(np.append(paths.starts, len(paths)))
-    pieces = np.searchsorted(paths.starts, found.rows, "right") - 1
-    start, end = paths.starts[pieces], paths.starts[pieces] + lengths[pieces] - 1
-    low, high = np.maximum(found.rows - half, start), np.minimum(found.rows + half, end) + 1
-    observed = np.append(0, np.cumsum(paths.observed))
-    count = observed[high] - observed[low]
-    shorter = np.minimum(found.rows - start, end - found.rows + 1)
-    return np.column_stack(
-        [
-            1 - count / (high - low),
-            1 - np.clip(shorter / frame_rate, 0, 1),
-        ]
-    )
-
-
 class Doubt:
     """The doubt in the tracks of one video.
 
@@ -74,31 +49,44 @@ class Doubt:
 
     def __init__(self, paths: Paths, scene: Scene, rate: float, length: int) -> None:
         self.paths, self.scene, self.rate = paths, scene, rate
-        self._broken = broken_ends(paths, scene, rate, length)
+        self._broken = _broken_ends(paths, scene, rate, length)
         whose = np.unique(paths.ids, return_inverse=True)[1]
         detected = np.bincount(whose, paths.observed) / np.maximum(np.bincount(whose), 1)
         tracked = 1 - (1 - np.clip(detected, LEAST_OBSERVED, 1)) ** CHANCES
         self.without: FloatArray = ((1 - tracked) / tracked)[whose]
 
     def real(self, found: Crossings) -> FloatArray:
-        """``(C,)`` probability that each crossing is one."""
-        odds = CROSSING_WEIGHTS[0] + crossing_features(self.paths, found, self.rate) @ CROSSING_WEIGHTS[1:]
-        return np.asarray(1 / (1 + np.exp(-odds)))
+        """``(C,)`` probability that each crossing is one.
+
+        Against it speak the share of places within half a second that no detection supports, and the lack of path on
+        the shorter side of the line (1 for none, 0 from a second on).
+        """
+        if not len(found.rows):
+            return np.empty(0)
+        paths, half = self.paths, max(1, round(0.5 * self.rate))
+        pieces = np.searchsorted(paths.starts, found.rows, "right") - 1
+        start, end = paths.starts[pieces], paths.ends[pieces]
+        low, high = np.maximum(found.rows - half, start), np.minimum(found.rows + half, end) + 1
+        observed = np.append(0, np.cumsum(paths.observed))
+        unsupported = 1 - (observed[high] - observed[low]) / (high - low)
+        shorter = np.minimum(found.rows - start, end - found.rows + 1)
+        against = np.column_stack([unsupported, 1 - np.clip(shorter / self.rate, 0, 1)])
+        return np.asarray(1 / (1 + np.exp(-(CROSSING_WEIGHTS[0] + against @ CROSSING_WEIGHTS[1:]))))
 
     def missed(self, line: SceneLine, found: Crossings) -> dict[int, float]:
         """Crossings of a line that are missed beside those ``found``, on average, by side."""
-        ends = self._broken
-        here, along = line_distances(ends.points, self.scene, line)
-        there, further = line_distances(ends.ahead, self.scene, line)
-        return self._missed(_between_ends(here, there, along, further), np.sign(there), found)
+        points, ahead, _ = self._broken
+        here, along = line_distances(points, self.scene, line)
+        there, further = line_distances(ahead, self.scene, line)
+        return self._missed(meets(here, there, along, further), np.sign(there), found)
 
     def missed_at_border(self, zone: SceneZone, found: Crossings) -> dict[int, float]:
         """Likewise, of the border of a zone."""
-        here, there = (inside(points, zone.corners) for points in (self._broken.points, self._broken.ahead))
+        here, there = (inside(points, zone.corners) for points in self._broken[:2])
         return self._missed(here != there, np.where(there, 1, -1), found)
 
     def _missed(self, meets: BoolArray, sides: FloatArray | IntArray, found: Crossings) -> dict[int, float]:
-        sides, without = self._broken.turned * sides, self.without[found.rows]
+        sides, without = self._broken[2] * sides, self.without[found.rows]
         return {
             side: float(BROKEN * (meets & (sides == side)).sum() + without[found.sides == side].sum() + ANY)
             for side in (1, -1)
@@ -127,23 +115,13 @@ class Doubt:
         return np.maximum(people, 0) / duration, np.maximum([mean - width, mean + width], 0)
 
 
-@dataclass(frozen=True, eq=False)
-class BrokenEnds:
-    """Where paths begin and end in the midst of the picture and of the video.
+def _broken_ends(paths: Paths, scene: Scene, rate: float, length: int) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Where paths begin and end in the midst of the picture and of the video, in the unit of the scene.
 
-    Attributes:
-        points: ``(B, 2)`` in the unit of the scene.
-        ahead: ``(B, 2)`` where the person would be `REACH` seconds later, or earlier where the path begins.
-        turned: ``(B,)`` 1 for ends, -1 for beginnings.
+    Returns:
+        The ends ``(B, 2)``; where the person would be `REACH` seconds later, or earlier where the path begins
+        ``(B, 2)``; and 1 for ends, -1 for beginnings ``(B,)``.
     """
-
-    points: FloatArray
-    ahead: FloatArray
-    turned: IntArray
-
-
-def broken_ends(paths: Paths, scene: Scene, rate: float, length: int) -> BrokenEnds:
-    """The ends of paths other than at the border of the picture and at the first and last frame."""
     parts = list[tuple[FloatArray, FloatArray, IntArray]]()
     step = max(1, round(rate))
     lengths = paths.ends - paths.starts
@@ -158,14 +136,7 @@ def broken_ends(paths: Paths, scene: Scene, rate: float, length: int) -> BrokenE
             midst &= ((point > margin) & (point < np.array(scene.size) - margin)).all(axis=1)
         parts.append((paths.points[rows][midst], ahead[midst], np.full(int(midst.sum()), sign)))
     points, ahead, turned = (np.concatenate(column) for column in zip(*parts, strict=True))
-    return BrokenEnds(points, ahead, turned)
-
-
-def _between_ends(here: FloatArray, there: FloatArray, along: FloatArray, further: FloatArray) -> BoolArray:
-    """``(B,)`` which ways meet a line between its ends."""
-    share = here / np.where(here == there, 1.0, here - there)
-    place = along + share * (further - along)
-    return np.asarray((here > 0) != (there > 0)) & (place >= 0) & (place <= 1)
+    return points, ahead, turned
 
 
 def interval_of(count: int, false: float, missed: float) -> tuple[int, int]:

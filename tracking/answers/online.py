@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.answers.crossings import line_distances, zone_distances
+from tsuiseki.tracking.answers.crossings import line_distances, meets, zone_distances
 from tsuiseki.tracking.answers.paths import anchored, counted
 from tsuiseki.tracking.answers.scene import Scene, read_scene
 from tsuiseki.tracking.answers.settings import CountSettings
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Targets
+from tsuiseki.tracking.types import FloatArray, IntArray, Targets
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class Counter:
         distances, along = self._places(points)
         for column, zone in enumerate(self._scene.zones, start=self._lines):
             self.occupancy[zone.name] = int((here & (distances[:, column] > 0)).sum())
-        found = list[Crossing]()
+        crossings = list[Crossing]()
         for row in np.flatnonzero(here).tolist():
             number, band = int(targets.ids[row]), self.settings.band * heights[row]
             crossed = self._step(number, targets.frame, distances[row], along[row], band)
@@ -111,10 +111,10 @@ class Counter:
                 name, directions = self._ways[column]
                 direction = directions[0 if side > 0 else 1]
                 self.counts[name][direction] += 1
-                found.append(Crossing(targets.frame, number, name, direction))
+                crossings.append(Crossing(targets.frame, number, name, direction))
         if targets.frame % 100 == 0:
             self._known = {n: k for n, k in self._known.items() if targets.frame - k.frame <= self.patience}
-        return found
+        return crossings
 
     def _places(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``(N, K)`` distances from each line and zone, and places along the lines."""
@@ -134,18 +134,10 @@ class Counter:
             sides[distances == 0] = 0
             self._known[number] = _Known(frame, distances, along, sides, np.zeros(len(sides), dtype=np.int64))
             return []
-        met = before.met + np.where(self._meets(before, distances, along), sides, 0)
+        met = before.met + np.where(meets(before.distances, distances, before.along, along), sides, 0)
         settled = np.abs(distances) > band
         changed = settled & (before.sides == -sides)
         changed[: self._lines] &= np.sign(met[: self._lines]) == sides[: self._lines]
         kept = np.where(settled, sides, before.sides)
         self._known[number] = _Known(frame, distances, along, kept, np.where(settled, 0, met))
         return [(column, int(sides[column])) for column in np.flatnonzero(changed).tolist()]
-
-    @staticmethod
-    def _meets(before: _Known, distances: FloatArray, along: FloatArray) -> BoolArray:
-        """``(K,)`` which lines the last step met between their ends."""
-        turned = (before.distances > 0) != (distances > 0)
-        share = before.distances / np.where(turned, before.distances - distances, 1.0)
-        place = before.along + share * (along - before.along)
-        return np.asarray(turned & (place >= 0) & (place <= 1))

@@ -33,11 +33,11 @@ def count(result: Path, /, scene: Path, how: CountSettings, output: Output, fps:
     from tsuiseki.tracking.answers.page import TrackedPage, summary
     from tsuiseki.tracking.result import Result
 
-    found: Result[Any] = Result.load(result)
+    loaded: Result[Any] = Result.load(result)
     with output.run() as run:
         with run.times.measure("count"):
-            answers = counting.count(found, str(scene), how, frame_rate=fps)
-        for name, write in TrackedPage(found, answers=answers).files().items():
+            answers = counting.count(loaded, str(scene), how, frame_rate=fps)
+        for name, write in TrackedPage(loaded, answers=answers).files().items():
             run.write(name, write, result if result.is_dir() else run.work)
         run.done("\n".join([*summary(answers), f"answers: {output.out}"]))
     return run.status
@@ -50,7 +50,6 @@ def scene(video: Path, /, output: OutputFile = SCENE_FILE) -> None:
         video: a video file, a folder of images, or a sequence folder.
         out: the scene file to write.
     """
-    from tsuiseki.tracking.answers.run import draw_scene
     from tsuiseki.tracking.answers.scene import scene_text
     from tsuiseki.tracking.video.source import open_source
 

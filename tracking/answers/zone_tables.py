@@ -19,86 +19,10 @@ from tsuiseki.tracking.answers.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-FEWEST = 3
-LEAST_SECONDS = 3.0
-"""Who passes each other gathers for less."""
-
-
-@dataclass(frozen=True)
-class SocialGroup:
-    """People near to each other.
-
-    Attributes:
-        first: 0-based frame.
-        last: likewise.
-        ids: of all who were in it.
-        most: people at a time.
-        x: middle of the places, in the unit of the scene.
-        y: likewise.
-    """
-
-    first: int
-    last: int
-    ids: frozenset[int]
-    most: int
-    x: float
-    y: float
-
-
-def gatherings_of(paths: Paths, reach: float, frame_rate: float) -> list[SocialGroup]:
-    """The gatherings, searched once a second.
-
-    Args:
-        paths: of everybody.
-        reach: between two people who are together, in heights.
-        frame_rate: frames a second.
-    """
-    step = max(1, round(frame_rate))
-    rows = np.flatnonzero(paths.frames % step == 0)
-    if not len(rows) or reach == 0:
-        return []
-    groups = _groups(paths, rows, reach)
-    open_ones, done = list[list[tuple[int, IntArray]]](), list[list[tuple[int, IntArray]]]()
-    for frame, members in groups:
-        done += [one for one in open_ones if one[-1][0] < frame - step]
-        open_ones = [one for one in open_ones if one[-1][0] >= frame - step]
-        ids = paths.ids[members]
-        before = [o for o in open_ones if o[-1][0] < frame and len(np.intersect1d(paths.ids[o[-1][1]], ids)) > 1]
-        if before:
-            max(before, key=len).append((frame, members))
-        else:
-            open_ones.append([(frame, members)])
-    found = [_gathering(paths, one) for one in done + open_ones]
-    return sorted(
-        (one for one in found if one.last - one.first >= LEAST_SECONDS * frame_rate), key=lambda one: one.first
-    )
-
-
-def _groups(paths: Paths, rows: IntArray, reach: float) -> list[tuple[int, IntArray]]:
-    """Frame and rows of each group of people within reach of each other, in the order of frames."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-    from scipy.spatial import cKDTree
-
-    # People of different frames are never near: the frame is a third coordinate, far apart.
-    limit = reach * paths.heights[rows]
-    places = np.column_stack([paths.points[rows], paths.frames[rows] * 2.0 * limit.max()])
-    pairs = cKDTree(places).query_pairs(float(limit.max()), output_type="ndarray")
-    apart = np.hypot(*(places[pairs[:, 0], :2] - places[pairs[:, 1], :2]).T)
-    pairs = pairs[apart <= np.minimum(limit[pairs[:, 0]], limit[pairs[:, 1]])]
-    joined = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(rows), len(rows)))
-    _, labels = connected_components(joined, directed=False)
-    some = np.flatnonzero(np.bincount(labels)[labels] >= FEWEST)
-    order = some[np.argsort(labels[some], kind="stable")]
-    large = np.split(rows[order], np.flatnonzero(np.diff(labels[order])) + 1) if len(order) else []
-    return sorted(((int(paths.frames[part[0]]), part) for part in large), key=lambda one: one[0])
-
-
-def _gathering(paths: Paths, parts: list[tuple[int, IntArray]]) -> SocialGroup:
-    rows = np.concatenate([part for _, part in parts])
-    x, y = paths.points[rows].mean(axis=0).tolist()
-    ids = frozenset(paths.ids[rows].tolist())
-    return SocialGroup(parts[0][0], parts[-1][0], ids, max(len(part) for _, part in parts), x, y)
+# So many gather, no farther from each other than so many heights. Who passes each other does so for fewer seconds.
+FEWEST, GATHERING, LEAST_SECONDS = 3, 0.8, 3.0
+# Speed below which a person in a zone waits, heights a second.
+WAITING = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,9 +100,7 @@ def zone_tables(
     zones, times = empty(*ZONES, *MORE), empty("time", "zone", "people", "low", "high", "most", "waiting")
     stays = empty("zone", "id", "start", "end", "seconds", "waited", "entered", "left")
     every = dict[str, IntArray]()
-    waits = (
-        speeds(paths, paths.points, doubt.rate) < settings.waiting * paths.heights if scene.zones else paths.observed
-    )
+    waits = speeds(paths, paths.points, doubt.rate) < WAITING * paths.heights if scene.zones else paths.observed
     for zone in scene.zones:
         within = inside(paths.points, zone.corners)
         crossed = border_crossings(paths, zone, settings.band)
@@ -200,7 +122,17 @@ def zone_tables(
         cells += [stayed, *_ends(stay, stayed, 2)]
         cells += [round(float(seconds.max(initial=0)), 2), None if space is None else round(mean / space, 4)]
         add(zones, zone.name, *cells)
-        _add_stays(stays, paths, zone, found, within & waits, doubt.rate)
+        waited = np.append(0, np.cumsum(within & waits))
+        start, end = paths.frames[found.first], paths.frames[found.last] + 1
+        add_rows(
+            stays,
+            np.full(len(start), zone.name),
+            paths.ids[found.first],
+            *(np.round(value / doubt.rate, 3) for value in (start, end, end - start)),
+            np.round((waited[found.last + 1] - waited[found.first]) / doubt.rate, 3),
+            found.entered,
+            found.left,
+        )
         without = np.bincount(paths.frames[within], doubt.without[within], minlength=length)[:length]
         false = ABSENT * people_in(paths, within & ~paths.observed, length)
         _add_times(times, zone.name, here, waiting, doubt.rate, first, np.array([false, without]))
@@ -221,20 +153,6 @@ def _square_metres(scene: Scene, zone: SceneZone) -> float | None:
     except RequestError:  # the zone reaches above the horizon
         return None
     return abs(area(floor.corners))
-
-
-def _add_stays(table: Columns, paths: Paths, zone: SceneZone, found: Stays, waiting: BoolArray, rate: float) -> None:
-    waited = np.append(0, np.cumsum(waiting))
-    start, end = paths.frames[found.first], paths.frames[found.last] + 1
-    add_rows(
-        table,
-        np.full(len(start), zone.name),
-        paths.ids[found.first],
-        *(np.round(value / rate, 3) for value in (start, end, end - start)),
-        np.round((waited[found.last + 1] - waited[found.first]) / rate, 3),
-        found.entered,
-        found.left,
-    )
 
 
 def counts_table(paths: Paths, span: tuple[int, int], rate: float) -> Columns:
@@ -292,11 +210,47 @@ def people(paths: Paths, rate: float) -> Columns:
     return table
 
 
-def gathering_table(paths: Paths, reach: float, rate: float) -> Columns:
-    """The table ``gatherings``."""
+def gathering_table(paths: Paths, rate: float) -> Columns:
+    """The table ``gatherings``, which are searched once a second."""
     table = empty("start", "end", "people", "most", "x", "y", "ids")
-    for one in gatherings_of(paths, reach, rate):
-        ids = " ".join(map(str, sorted(one.ids)))
-        times = round(one.first / rate, 3), round(one.last / rate, 3)
-        add(table, *times, len(one.ids), one.most, round(one.x, 2), round(one.y, 2), ids)
+    step = max(1, round(rate))
+    open_ones, done = list[list[tuple[int, IntArray]]](), list[list[tuple[int, IntArray]]]()
+    for frame, members in _groups(paths, np.flatnonzero(paths.frames % step == 0)):
+        done += [one for one in open_ones if one[-1][0] < frame - step]
+        open_ones = [one for one in open_ones if one[-1][0] >= frame - step]
+        ids = paths.ids[members]
+        before = [o for o in open_ones if o[-1][0] < frame and len(np.intersect1d(paths.ids[o[-1][1]], ids)) > 1]
+        if before:
+            max(before, key=len).append((frame, members))
+        else:
+            open_ones.append([(frame, members)])
+    for parts in sorted(done + open_ones, key=lambda one: one[0][0]):
+        first, last = parts[0][0], parts[-1][0]
+        if last - first >= LEAST_SECONDS * rate:
+            rows = np.concatenate([part for _, part in parts])
+            ids, (x, y) = np.unique(paths.ids[rows]), paths.points[rows].mean(axis=0).tolist()
+            most, names = max(len(part) for _, part in parts), " ".join(map(str, ids))
+            add(table, round(first / rate, 3), round(last / rate, 3), len(ids), most, round(x, 2), round(y, 2), names)
     return table
+
+
+def _groups(paths: Paths, rows: IntArray) -> list[tuple[int, IntArray]]:
+    """Frame and rows of each group of people within reach of each other, in the order of frames."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from scipy.spatial import cKDTree
+
+    if not len(rows):
+        return []
+    # People of different frames are never near: the frame is a third coordinate, far apart.
+    limit = GATHERING * paths.heights[rows]
+    places = np.column_stack([paths.points[rows], paths.frames[rows] * 2.0 * limit.max()])
+    pairs = cKDTree(places).query_pairs(float(limit.max()), output_type="ndarray")
+    apart = np.hypot(*(places[pairs[:, 0], :2] - places[pairs[:, 1], :2]).T)
+    pairs = pairs[apart <= np.minimum(limit[pairs[:, 0]], limit[pairs[:, 1]])]
+    joined = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(rows), len(rows)))
+    _, labels = connected_components(joined, directed=False)
+    some = np.flatnonzero(np.bincount(labels)[labels] >= FEWEST)
+    order = some[np.argsort(labels[some], kind="stable")]
+    large = np.split(rows[order], np.flatnonzero(np.diff(labels[order])) + 1) if len(order) else []
+    return sorted(((int(paths.frames[part[0]]), part) for part in large), key=lambda one: one[0])

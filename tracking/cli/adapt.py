@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.devices import Device
@@ -106,41 +106,24 @@ def adapt(
         view: tiles of a frame, as in track people.
         detector_options: what the file of the teacher does not tell, where that is another project's.
     """
-    parse_frames(frames)
-    settings = replace(how, seed=output.seed)
-    request = {"sources": sources, "frames": frames, "view": view, "options": asdict(detector_options)}
-    return _adapt(output, settings, request, detector, teacher, corrections, detector_options)
-
-
-def _adapt(
-    output: SeededOutput,
-    settings: AdaptSettings,
-    request: dict[str, Any],
-    detector: Path | None,
-    teacher: Path | None,
-    corrections: Path | None,
-    options: DetectorOptions,
-) -> int:
-    """Learn by ``settings``; ``request`` holds the words of the command that a later run must repeat to go on."""
     from tsuiseki.trainers.adapt.certain import certain_boxes, corrections_in
     from tsuiseki.trainers.adapt.rounds import Adaptation, contents_of, resumed
     from tsuiseki.trainers.adapt.watch import open_camera
-    from tsuiseki.trainers.exporting.exported_weights import layout_of
 
-    start = _detector(detector)
+    wanted, settings, work = parse_frames(frames), replace(how, seed=output.seed), output.out / WORK
     # What cannot be learnt from, or used, is refused before any detection.
-    layout_of(start)
-    first = _teacher(teacher, options, settings.device)
-    teacher = None if teacher is None else shipped_or_file("detector", teacher)
-    sources, work = request["sources"], output.out / WORK
+    start, first = _detector(detector), _teacher(teacher, detector_options, settings.device)
     lines = None if corrections is None else corrections_in(corrections, sources)
-    contents = contents_of(sources, start, teacher=teacher, corrections=lines)
+    named = None if teacher is None else shipped_or_file("detector", teacher)
+    # What the command must repeat for a later run to go on.
+    request = {"sources": sources, "frames": frames, "view": view, "options": asdict(detector_options)}
+    request |= {"settings": asdict(settings), **contents_of(sources, start, teacher=named, corrections=lines)}
     with output.run() as run:
         run.facts |= report_models(first)
-        if resumed(work, {**request, "settings": asdict(settings), **contents}):
+        if resumed(work, request):
             print("going on with what an earlier run has finished")
         with _kept(work):
-            camera = open_camera(sources, parse_frames(request["frames"]), work, settings, request["view"])
+            camera = open_camera(sources, wanted, work, settings, view)
             for line in _motion_lines(camera):
                 print(line, flush=True)
             default = shipped(PEOPLE_DETECTOR)
@@ -192,15 +175,16 @@ def _teacher(given: Path | None, options: DetectorOptions, device: Device) -> Si
 
 
 def _detector(given: Path | None) -> Path:
+    """The detector to start from, whose layout can be learnt."""
     from tsuiseki.tracking.onnx import kind_of
+    from tsuiseki.trainers.exporting.exported_weights import layout_of
 
-    if given is None:
-        return shipped(LEARNING_DETECTOR)
-    start = shipped_or_file("detector", given)
+    start = shipped(LEARNING_DETECTOR) if given is None else shipped_or_file("detector", given)
     if not kind_of(start):
         raise RequestError(
             f"{given}: expected a detector of this toolkit, which can learn, got another file; give it as `teacher`"
         )
+    layout_of(start)
     return start
 
 
@@ -214,23 +198,22 @@ def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
     from tsuiseki.trainers.adapt.summary import summary
 
     finished: list[Round] = []
-    for here in rounds(adaptation):
-        finished.append(here)
-        print(_line(here, finished[0]), flush=True)
+    for one in rounds(adaptation):
+        finished.append(one)
+        print(_line(one, finished[0]), flush=True)
     notes = _motion_lines(adaptation.camera)
-    notes += [_line(here, finished[0]) for here in finished if here.scores.collapsed(finished[0].scores)]
+    notes += [_line(one, finished[0]) for one in finished if one.scores.collapsed(finished[0].scores)]
     best = best_of(finished)
-    learnt_rounds = finished[1:]
-    if learnt_rounds:
+    if len(finished) > 1:
         default = default_round(adaptation)
         run.facts["default"] = asdict(default.scores)
-    for here in learnt_rounds:
-        beats, line = against_default(here, default)
+    for one in finished[1:]:
+        beats, line = against_default(one, default)
         notes.append(line)
         print(line, flush=True)
-        if here is best and not beats:
+        if one is best and not beats:
             best, unlearnt = finished[0], adaptation.default
-    run.facts["rounds"] = [asdict(here.scores) for here in finished]
+    run.facts["rounds"] = [asdict(one.scores) for one in finished]
     run.facts["best"] = best.number
     run.facts["start"] = adaptation.start.name
     run.facts["detector"] = f"learnt in round {best.number}" if best.number else unlearnt.name
@@ -243,12 +226,12 @@ def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
     print(f"to use it: tsuiseki track people VIDEO --detector {detector} --out DIR")
 
 
-def _line(here: Round, start: Round) -> str:
-    scores = here.scores
+def _line(one: Round, start: Round) -> str:
+    scores = one.scores
     collapsed = scores.collapsed(start.scores)
     fate = f"; stopped, for {collapsed}" if collapsed else ""
     return (
-        f"round {here.number}: {scores.people} people, {scores.boxes:.1f} boxes and {scores.rejected:.1f} rejected "
+        f"round {one.number}: {scores.people} people, {scores.boxes:.1f} boxes and {scores.rejected:.1f} rejected "
         f"detections a frame, agreement with the tracks {scores.agreement:.3f}{fate}"
     )
 

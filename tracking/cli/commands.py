@@ -9,12 +9,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
-
-if TYPE_CHECKING:
-    pass
-
-T = TypeVar("T")
+from typing import Any, TypeAlias
 
 
 @dataclass(frozen=True)

@@ -36,11 +36,6 @@ class Length(Shared):
             if not 1 <= value <= most:
                 raise RequestError(f"`{name}`: expected 1 to {most}, got {value}")
 
-    @property
-    def summary(self) -> str:
-        """What is drawn, for people."""
-        return f"{self.frames} frames"
-
 
 @dataclass(frozen=True)
 class Size(Length):
@@ -53,11 +48,6 @@ class Size(Length):
 
     width: int = 640
     height: int = 480
-
-    @property
-    def summary(self) -> str:
-        """What is drawn, for people."""
-        return f"{self.frames} frames of {self.width}x{self.height}"
 
 
 @dataclass(frozen=True)
@@ -102,7 +92,6 @@ def blobs(
     clip: FilmSize = BLOBS,
     objects: int = 5,
     colour: str = "red",
-    purity: tuple[float, float] = (0.45, 0.95),
     clutter: int = 12,
 ) -> int:
     """Make a clip of coloured objects moving over natural clutter, as a MOTChallenge sequence.
@@ -111,12 +100,11 @@ def blobs(
         out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
         objects: how many appear in all.
         colour: of the objects: red, orange, yellow, green, cyan, blue or magenta.
-        purity: least and greatest share of an object's pixels that has the colour.
         clutter: patches of the same colour, smaller than objects, in the background.
     """
     from tsuiseki.datamodules.scenes.blob_clip import BlobClip, BlobSceneSettings
 
-    settings = BlobSceneSettings(**asdict(clip), objects=objects, colour=colour, purity=purity, clutter=clutter)
+    settings = BlobSceneSettings(**asdict(clip), objects=objects, colour=colour, clutter=clutter)
     return _make(output, clip, partial(BlobClip, settings, output.seed))
 
 
@@ -125,10 +113,8 @@ def drone(
     clip: FilmSize = DRONE,
     people: int = 9,
     camera: Literal["still", "calm", "violent"] = "violent",
-    altitude: tuple[float, float] = (10.0, 45.0),
     tilt: tuple[float, float] = (45.0, 90.0),
     look_alikes: float = 0.3,
-    sun: float = 0.0,
     layout: Literal["mot", "okutama"] = "mot",
 ) -> int:
     """Make a clip of people who act under a drone, with a box, an id and one or two actions each in every frame.
@@ -137,18 +123,15 @@ def drone(
         out: folder for the clip; gets img1/000001.jpg and so on, gt/gt.txt, gt/actions.txt and seqinfo.ini.
         people: that act in view.
         camera: how much the drone moves.
-        altitude: lowest and highest, metres.
         tilt: flattest and steepest view under the horizon, degrees.
         look_alikes: share of people dressed much like somebody else.
-        sun: probability of a hard sun, in which one side of everybody is dark; else anything from overcast to mild.
         layout: mot is a MOTChallenge sequence with gt/actions.txt as Okutama-Action's; okutama is that data set's own.
     """
     from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
 
     settings = DroneSceneSettings(
-        **asdict(clip), people=people, camera=camera, altitude=altitude, tilt=tilt, look_alikes=look_alikes, sun=sun,
-        layout=layout,
-    )  # fmt: skip
+        **asdict(clip), people=people, camera=camera, tilt=tilt, look_alikes=look_alikes, layout=layout
+    )
     return _make(output, clip, partial(DroneClip, settings, output.seed))
 
 
@@ -157,7 +140,6 @@ def fisheye(
     clip: FilmSize = FISHEYE,
     room: Literal["large", "small"] = "large",
     people: int = 6,
-    repeated: float = 0.5,
     calibration: Path | None = None,
 ) -> int:
     """Make a clip of people in a room under two fisheye cameras on its ceiling, with their boxes and places.
@@ -169,13 +151,12 @@ def fisheye(
         out: folder for the clip.
         room: large is 8 by 16 m, small 4 by 9 m.
         people: who wander about.
-        repeated: share of people who wear the clothes of another, or nearly.
         calibration: lens of the cameras, enlarged to fill the images; by default an equidistant one.
     """
     from tsuiseki.datamodules.scenes.room_clip import SIZES, RoomClip, RoomSettings
     from tsuiseki.tracking.cameras.lens_files import read_lens
 
-    settings = RoomSettings(**asdict(clip), size=SIZES[room], people=people, repeated=repeated)
+    settings = RoomSettings(**asdict(clip), size=SIZES[room], people=people)
     lens = None if calibration is None else read_lens(calibration)
     return _make(output, clip, partial(RoomClip, settings, output.seed, lens))
 
@@ -237,7 +218,6 @@ def sphere(
     cameras: int = 2,
     frame_rate: float = 15.0,
     radius: float = 0.10,
-    noise: float = 3.0,
     cover: tuple[int, int, int] | None = None,
 ) -> int:
     """Film a ball that a walking person carries through a textured room, from two to six sides.
@@ -248,7 +228,6 @@ def sphere(
         frames: of each camera.
         frame_rate: frames per second.
         radius: of the ball, metres.
-        noise: of the sensor, standard deviation in grey levels of 255.
         cover: CAMERA,FIRST,LAST: a board hides the view of that camera in these frames, counted from 1.
     """
     from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, SphereClip
@@ -256,7 +235,7 @@ def sphere(
     if cover is not None and not (1 <= cover[0] <= cameras and 1 <= cover[1] <= cover[2]):
         raise RequestError(f"`cover`: expected CAMERA,FIRST,LAST counted from 1, got {','.join(map(str, cover))}")
     covers = () if cover is None else ((cover[0] - 1, cover[1] - 1, cover[2] - 1),)
-    settings = CarriedBallSettings(cameras, length.frames, frame_rate, radius, noise=noise, covers=covers)
+    settings = CarriedBallSettings(cameras, length.frames, frame_rate, radius, covers=covers)
     return _make(output, length, partial(SphereClip, settings, output.seed), f" of {cameras} cameras")
 
 
@@ -304,7 +283,8 @@ def _make(output: SeededOutput, length: Length, plan: partial[Any], more: str = 
     def write(folder: Path) -> object:
         return write_clip(folder, plan(), watch=_watched("drawing", length.frames))
 
-    return _fill(output, length.summary + more, write)
+    size = f" of {length.width}x{length.height}" if isinstance(length, Size) else ""
+    return _fill(output, f"{length.frames} frames{size}{more}", write)
 
 
 def _watched(doing: str, count: int) -> Callable[[Iterable[T]], Iterator[T]]:

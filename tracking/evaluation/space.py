@@ -18,11 +18,15 @@ class DistanceScores:
         mean: of all.
         maximum: of all.
         deviation: standard deviation.
+        median: of all.
+        count: how many.
     """
 
     mean: float
     maximum: float
     deviation: float
+    median: float
+    count: int
 
 
 def distance_scores(distances: FloatArray) -> DistanceScores:
@@ -33,7 +37,13 @@ def distance_scores(distances: FloatArray) -> DistanceScores:
     """
     if len(distances) == 0:
         raise ValueError("expected at least one distance, got none")
-    return DistanceScores(float(distances.mean()), float(distances.max()), float(distances.std()))
+    return DistanceScores(
+        float(distances.mean()),
+        float(distances.max()),
+        float(distances.std()),
+        float(np.median(distances)),
+        len(distances),
+    )
 
 
 def distance_to_position(track: Path3D, truth: Path3D) -> FloatArray:
