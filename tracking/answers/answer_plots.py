@@ -126,12 +126,7 @@ SAMPLES = 10
 
 
 def seconds_in_cells(answers: Answers, pixels: FloatArray) -> FloatArray:
-    """``(R, C)`` seconds that all together spent in each cell of the picture, row 0 at the top.
-
-    Args:
-        answers: with the paths.
-        pixels: ``(N, 2)`` of their rows.
-    """
+    """``(R, C)`` seconds spent in each cell of the picture by all of the ``(N, 2)`` pixels, row 0 at the top."""
     wide, high = answers.size.tolist()
     rows = max(1, round(COLUMNS * high / wide))
     edges = np.linspace(0, high, rows + 1), np.linspace(0, wide, COLUMNS + 1)

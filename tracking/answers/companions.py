@@ -35,11 +35,7 @@ class _Boxes(NamedTuple):
 def with_hidden(tracks: Sequence[Track], size: tuple[int, int] | None, length: int, rate: float) -> list[list[Track]]:
     """Tracks with the times at which their people were hidden, as chains of parts that are one person's.
 
-    Args:
-        tracks: as they came out.
-        size: width and height of the picture; None where its border is not known.
-        length: frames of the video.
-        rate: frames a second.
+    ``size`` are width and height of the picture, None where its border is not known; ``length`` is in frames.
     """
     frames = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
     boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])

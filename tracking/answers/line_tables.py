@@ -73,10 +73,7 @@ def turns(crossings: Columns) -> Columns:
 def sides(paths: Paths, pixels: FloatArray, size: FloatArray) -> Columns:
     """The table ``sides``: from which side of the picture to which everybody went.
 
-    Args:
-        paths: of everybody.
-        pixels: ``(N, 2)`` their places in the picture.
-        size: ``(2,)`` its width and height, pixels.
+    ``pixels`` ``(N, 2)`` are the places in a picture of width and height ``size`` ``(2,)``, pixels.
     """
     ids, first = np.unique(paths.ids, return_index=True)
     last = len(paths) - 1 - np.unique(paths.ids[::-1], return_index=True)[1]

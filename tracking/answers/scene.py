@@ -149,11 +149,7 @@ class Scene:
         return -1.0 if self.unit == "metres" and self.camera is not None else 1.0
 
     def check_video(self, size: tuple[int, int] | None, where: str = "scene") -> None:
-        """Refuse a scene that is of another picture.
-
-        Args:
-            size: width and height of the video; None where it is not known.
-            where: the scene was read, for the message.
+        """Refuse a scene that is of another picture; a size of None is not known, ``where`` is for messages.
 
         Raises:
             RequestError: the size is another, or a place lies outside.
@@ -193,12 +189,7 @@ def read_scene(path: str | Path) -> Scene:
 
 
 def scene_of(content: Any, where: str, folder: Path) -> Scene:
-    """The scene that a mapping describes.
-
-    Args:
-        content: as YAML or JSON has it.
-        where: it was read, for messages.
-        folder: in which camera files lie.
+    """The scene that a mapping of YAML or JSON describes; ``where`` is for messages, camera files lie in ``folder``.
 
     Raises:
         RequestError: see `read_scene`.

@@ -43,13 +43,7 @@ class Stays:
 
 
 def stays_of(paths: Paths, within: BoolArray, crossed: Crossings) -> Stays:
-    """The stays in a zone.
-
-    Args:
-        paths: of everybody.
-        within: ``(N,)`` rows in the zone.
-        crossed: of its border; who goes to and fro on it stays.
-    """
+    """The stays in a zone that rows ``within`` ``(N,)`` lie in; who goes to and fro on its border stays."""
     pieces = np.searchsorted(paths.starts, crossed.rows, "right") - 1
     # Before the first crossing of a piece its person was on the other side; without a crossing, where most rows are.
     own = np.add.reduceat(within.astype(np.int64), paths.starts) if len(paths.starts) else np.empty(0, np.int64)

@@ -12,13 +12,7 @@ SECONDS_BETWEEN_LINES = 10.0
 
 
 def progress(items: Iterable[T], what: str, total: int | None = None) -> Generator[T]:
-    """Pass ``items`` through and show how many went by.
-
-    Args:
-        items: what is worked on.
-        what: is being done, for the line.
-        total: number of items, where it is known.
-    """
+    """Pass ``items`` through and show how many went by, of a ``total`` where it is known; ``what`` is being done."""
     yield from (_bar if sys.stderr.isatty() else _lines)(items, what, total)
 
 

@@ -104,12 +104,7 @@ class Run:
         DEADLINE.drop()
 
     def frames(self, source: Source, record: bool = False) -> Iterator[Frame]:
-        """The frames of ``source``, up to where it breaks off.
-
-        Args:
-            source: the video.
-            record: keep the frames of a live source for `replay`.
-        """
+        """The frames of ``source``, up to where it breaks off; ``record`` keeps those of a live one for `replay`."""
         from tsuiseki.tracking.video.source import frames_expected
 
         self.sources.append(source)

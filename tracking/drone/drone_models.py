@@ -57,10 +57,7 @@ class DroneModels:
         *,
         camera_motion: bool = True,
     ) -> DroneModels:
-        """The models for a video; see `track_drone`.
-
-        Args:
-            tracks: file of tracks that are right already; only actions are named.
+        """The models for a video; see `track_drone`. People in the file ``tracks`` are right already.
 
         Raises:
             RequestError: something of this cannot be used; the message says what and why.
@@ -118,11 +115,7 @@ def _streams_key(streams: Sequence[Path]) -> dict[str, str | None]:
 
 
 def read_given_tracks(path: Path, source: Source) -> list[Track]:
-    """The tracks in a MOTChallenge file, or in a label file of Okutama-Action, whose ids, from 0, are counted from 1.
-
-    Args:
-        path: of the file.
-        source: the video that they belong to.
+    """The tracks in a MOTChallenge file, or of Okutama-Action's labels, whose ids, from 0, are counted from 1.
 
     Raises:
         RequestError: the file is missing or broken, or it labels frames that the video does not have.

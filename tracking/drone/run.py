@@ -147,18 +147,10 @@ def link(
     costs: CostNetwork | PrintedFlow | None = None,
     threshold: float = NAMED,
 ) -> DroneResult:
-    """The people of a video out of what was observed in its frames.
+    """The people of a video out of what ``models`` observed in its frames.
 
-    Args:
-        observations: of consecutive frames.
-        source: the video.
-        models: what observed them.
-        method: how people are linked.
-        settings: of the tracker.
-        times: of the run; gets the seconds of linking.
-        made: settings of the run.
-        costs: by how much learnt costs differ from the settings', by default not at all; or the flow as printed.
-        threshold: an action is named where its probability is above.
+    ``costs`` are by how much learnt costs differ from the settings', by default not at all, or the flow as printed. An
+    action is named where its probability is above the ``threshold``. ``made`` are settings of the run.
 
     Raises:
         RunError: there is no frame.

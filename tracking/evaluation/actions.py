@@ -196,9 +196,7 @@ def _within(labels: LabelledActions, frames: FrameRange) -> LabelledActions:
 def match_actions(truths: Sequence[LabelledActions], result: Path) -> ActionRows:
     """The rows of all clips with what the tracks in ``result`` say of them.
 
-    Args:
-        truths: the labels.
-        result: a ``tracks.json``, or a folder with NAME/tracks.json for each clip NAME (of one clip also tracks.json).
+    It is a ``tracks.json``, or a folder with NAME/tracks.json for each clip NAME (of one clip also tracks.json).
 
     Raises:
         RequestError: a result is missing or broken, or has other actions than the labels.
@@ -235,22 +233,15 @@ def action_rows(labels: LabelledActions, people: Sequence[ActingTrack]) -> Actio
     boxes = np.concatenate([np.empty((0, 4)), *(person.track.boxes for person in acting)])[order]
     single = np.concatenate([np.empty((0, width)), *(p.single for p in acting if p.single is not None)])[order]
     multi = np.concatenate([np.empty((0, width)), *(p.multi for p in acting if p.multi is not None)])[order]
-    match = _matched(labels.truth, frames, boxes)
+    label = matched_labels(frames, boxes, labels.truth)
+    matched = np.flatnonzero(label != UNMATCHED)
+    match = np.full(len(labels.truth), -1, dtype=np.int64)
+    match[label[matched]] = matched
     nothing = np.full((1, width), np.nan)
     counted = labels.truth.evaluated
     # Index -1, no match, picks the appended row.
     of_labels = [np.concatenate([part, nothing])[match[counted]] for part in (single, multi)]
-    unmatched = np.ones(len(frames), dtype=np.bool_)
-    unmatched[match[match >= 0]] = False
+    unmatched = label == UNMATCHED
     truth = np.concatenate([labels.actions[counted], np.zeros((int(unmatched.sum()), width), dtype=np.bool_)])
     rows = [np.concatenate([part, rest[unmatched]]) for part, rest in zip(of_labels, (single, multi), strict=True)]
     return ActionRows(truth, *rows)
-
-
-def _matched(truth: GroundTruth, frames: IntArray, boxes: FloatArray) -> IntArray:
-    """``(N,)`` row of the box that each label is matched to, -1 for none."""
-    match = np.full(len(truth), -1, dtype=np.int64)
-    label = matched_labels(frames, boxes, truth)
-    matched = np.flatnonzero(label != UNMATCHED)
-    match[label[matched]] = matched
-    return match

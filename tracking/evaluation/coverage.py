@@ -17,7 +17,7 @@ from tsuiseki.tracking.evaluation.result_files import (
     result_file,
     warn_of_other_frames,
 )
-from tsuiseki.tracking.evaluation.tables import by_sequence, score_table
+from tsuiseki.tracking.evaluation.tables import sequence_table
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
@@ -140,25 +140,23 @@ def cover_targets(
     Raises:
         RequestError: a sequence has no result, or it is broken, or ``frames`` reaches beyond it.
     """
-    return {one.name: _cover(one, result, len(sequences) == 1, overlap, frames) for one in sequences}
-
-
-def _cover(target: SingleSequence, result: Path, alone: bool, overlap: float, frames: FrameRange) -> TargetCoverage:
-    file = result_file(target.name, result, alone, RESULT_PLACES, SINGLE_RESULT_PLACES)
-    tracks = read_tracks(file)
-    wanted = frames.within(len(target.boxes))
-    assert wanted.last is not None
-    warn_of_other_frames(file, wanted.first, wanted.last)
-    boxes = target.boxes.copy()
-    boxes[~wanted.mask(np.arange(len(boxes)))] = np.nan
-    return target_coverage(boxes, restrict(tracks, wanted), overlap)
+    covered = {}
+    for target in sequences:
+        file = result_file(target.name, result, len(sequences) == 1, RESULT_PLACES, SINGLE_RESULT_PLACES)
+        tracks = read_tracks(file)
+        wanted = frames.within(len(target.boxes))
+        assert wanted.last is not None
+        warn_of_other_frames(file, wanted.first, wanted.last)
+        boxes = np.where(wanted.mask(np.arange(len(target.boxes)))[:, None], target.boxes, np.nan)
+        covered[target.name] = target_coverage(boxes, restrict(tracks, wanted), overlap)
+    return covered
 
 
 def coverage_table(results: Mapping[str, Mapping[str, TargetCoverage]]) -> Table:
     """A row a sequence and result."""
     headings = ("Frames", "Covered [%]", "Tracks on it", "Switches", "Longest", "First frame", "Other tracks")
-    rows = {name: {sequence: _cells(one) for sequence, one in found.items()} for name, found in results.items()}
-    return score_table(("Sequence", "Result"), headings, by_sequence(next(iter(rows.values())), rows))
+    rows = {name: {sequence: _cells(one) for sequence, one in every.items()} for name, every in results.items()}
+    return sequence_table(headings, rows)
 
 
 def _cells(one: TargetCoverage) -> list[str]:

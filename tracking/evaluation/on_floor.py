@@ -58,13 +58,7 @@ class OnFloorScores:
 def evaluate_on_floor(
     truth: PlacedTruth, found: PlacedTruth, distance: float = 1.0, near: float = 0.5
 ) -> OnFloorScores:
-    """Scores of a result.
-
-    Args:
-        truth: labelled places.
-        found: of the result.
-        distance: metres within which a track is on a person.
-        near: likewise for MODA and MODP.
+    """Scores of a result whose tracks are on a person within a ``distance``, metres; ``near`` is for MODA and MODP.
 
     Raises:
         RequestError: there is no label, or no result at a labelled time.
@@ -138,13 +132,7 @@ def _matched(apart: Sequence[FloatArray], near: float) -> tuple[int, float]:
 def evaluate_floor_files(
     truth: Path, results: Mapping[str, Path], distance: float = 1.0, near: float = 0.5
 ) -> dict[str, OnFloorScores]:
-    """Scores of several results.
-
-    Args:
-        truth: see `read_placed_truth`.
-        results: ``world.csv``, or folders with one, by name.
-        distance: see `evaluate_on_floor`.
-        near: likewise.
+    """Scores of several results by name: ``world.csv`` or folders with one; see `evaluate_on_floor`.
 
     Raises:
         RequestError: a file is missing or broken, or see `evaluate_on_floor`.

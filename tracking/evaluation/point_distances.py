@@ -6,7 +6,7 @@ Points are ``(N, 2)`` or ``(N, D)`` positions in the unit of the cut-off ``c``.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +18,7 @@ from tsuiseki.tracking.formats.measurement_tables import is_point_file, read_poi
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.geometry import centres
-from tsuiseki.tracking.types import FloatArray, IntArray, Track
+from tsuiseki.tracking.types import Columns, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 
 
@@ -90,7 +90,7 @@ def gospa(truth: FloatArray, found: FloatArray, c: float, p: float) -> Gospa:
 
 
 @dataclass(frozen=True)
-class PointTracks:
+class PointTracks(Columns):
     """Points through time, one row each.
 
     Attributes:
@@ -126,8 +126,7 @@ class PointTracks:
 
     def between(self, first: int, last: int) -> PointTracks:
         """The rows of frames ``first`` to ``last``, both included."""
-        inside = (self.frames >= first) & (self.frames <= last)
-        return PointTracks(self.frames[inside], self.ids[inside], self.positions[inside])
+        return self.select((self.frames >= first) & (self.frames <= last))
 
 
 def track_distances(truth: PointTracks, found: PointTracks, c: float) -> FloatArray:
@@ -209,7 +208,8 @@ def evaluate_points(truth: PointTracks, found: PointTracks, frames: int, c: floa
     filled = filled[(filled >= 0) & (filled < frames)]
     sets = [(truth.at(k), found.at(k)) for k in filled]
     parts = [gospa(a, b, c, 2.0) for a, b in sets]
-    ends = _window_ends(filled, frames, window)
+    # The last frames of all windows in which there is something.
+    ends = sorted({k for frame in filled.tolist() for k in range(frame, min(frame + window, frames))})
 
     def mean(values: list[float]) -> float:
         return float(np.sum(values) / frames)
@@ -225,12 +225,6 @@ def evaluate_points(truth: PointTracks, found: PointTracks, frames: int, c: floa
         identity_switches(truth, found, c),
         frames,
     )
-
-
-def _window_ends(filled: IntArray, frames: int, window: int) -> list[int]:
-    """The last frames of all windows in which there is something."""
-    ends = {k for frame in filled.tolist() for k in range(frame, min(frame + window, frames))}
-    return sorted(ends)
 
 
 def _distances(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -280,15 +274,10 @@ def evaluate_point_files(
         found = PointTracks(*read_point_tracks(path)) if is_point_file(path) else PointTracks.of(read_tracks(path))
         end = int(max(labels.frames.max(), found.frames.max(initial=0)))
         first, last = wanted.first, end if wanted.last is None else wanted.last
-        parts = [_counted_from(points, first, last) for points in (labels, found)]
-        scores[name] = evaluate_points(parts[0], parts[1], last - first + 1, cutoff, window)
+        inside = [points.between(first, last) for points in (labels, found)]
+        true, reported = (replace(points, frames=points.frames - first) for points in inside)
+        scores[name] = evaluate_points(true, reported, last - first + 1, cutoff, window)
     return scores
-
-
-def _counted_from(points: PointTracks, first: int, last: int) -> PointTracks:
-    """The points of these frames, the first of which becomes 0."""
-    inside = points.between(first, last)
-    return PointTracks(inside.frames - first, inside.ids, inside.positions)
 
 
 def read_labelled_points(path: Path) -> PointTracks:

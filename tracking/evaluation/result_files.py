@@ -157,13 +157,7 @@ def tracked_frames(result: Path) -> FrameRange | None:
 
 
 def warn_of_other_frames(result: Path, first: int, last: int) -> None:
-    """Say that frames are scored that were not tracked.
-
-    Args:
-        result: a file.
-        first: 0-based, of the labels that are scored.
-        last: 0-based.
-    """
+    """Say that of the file ``result`` frames ``first`` to ``last``, 0-based, are scored that were not tracked."""
     tracked = tracked_frames(result)
     if tracked is not None and (tracked.first > first or tracked.last is None or tracked.last < last):
         kind = "a partial result, of" if is_partial(result.parent) else "of"

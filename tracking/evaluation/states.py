@@ -19,7 +19,7 @@ from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.result_files import warn_of_other_frames
 from tsuiseki.tracking.formats.body_states import read_fields, read_states
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import Columns, FloatArray, IntArray
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 
 # Columns of the position, the first pair that a file has; and those of a line through the body, from back to front.
@@ -29,7 +29,7 @@ LINES = (("abdomen", "head"), ("thorax", "head"), ("tail", "head"))
 
 
 @dataclass(frozen=True)
-class Poses:
+class Poses(Columns):
     """Where bodies are and where they head, a row for each in each frame, ordered by frame.
 
     Attributes:
@@ -46,8 +46,7 @@ class Poses:
 
     def within(self, frames: FrameRange) -> Poses:
         """The rows of some frames."""
-        which = frames.mask(self.frames)
-        return Poses(self.frames[which], self.ids[which], self.points[which], self.headings[which])
+        return self.select(frames.mask(self.frames))
 
 
 @dataclass(frozen=True)
@@ -128,13 +127,7 @@ def _headings(columns: FloatArray) -> FloatArray:
 def evaluate_states(
     truth: Poses, found: Poses, distance: float = 20.0, frames: FrameRange = EVERY_FRAME
 ) -> StateScores:
-    """Scores of ``found`` against ``truth``.
-
-    Args:
-        truth: exact poses.
-        found: estimated ones.
-        distance: pixels within which a body is detected.
-        frames: to score.
+    """Scores of ``found`` against the exact ``truth``; within a ``distance``, pixels, a body is detected.
 
     Raises:
         RequestError: there is no body in those frames.
@@ -147,7 +140,9 @@ def evaluate_states(
     turns = truth.headings[rows] - found.headings[columns]
     turned = np.degrees(np.abs((turns + np.pi) % (2 * np.pi) - np.pi))
     turned = turned[np.isfinite(turned)]
-    by_body = [_followers(truth, found, rows, columns, body) for body in np.unique(truth.ids)]
+    followers = np.zeros(len(truth.frames), dtype=np.int64)  # the track on each body in each frame, 0 where none is
+    followers[rows] = found.ids[columns]
+    by_body = [followers[truth.ids == body] for body in np.unique(truth.ids)]
     return StateScores(
         success=len(rows) / len(truth.frames),
         followed=sum(bool((one == one[0]).all() and one[0] > 0) for one in by_body),
@@ -168,13 +163,7 @@ def evaluate_states(
 def evaluate_state_files(
     truth: Path, results: Mapping[str, Path], distance: float = 20.0, frames: FrameRange = EVERY_FRAME
 ) -> dict[str, StateScores]:
-    """Scores of several results.
-
-    Args:
-        truth: states.csv, or the folder that holds it; see `read_poses`.
-        results: likewise, by name.
-        distance: pixels within which a body is detected.
-        frames: to score.
+    """Scores of several results by name: ``states.csv``, or folders with one; see `evaluate_states`.
 
     Raises:
         RequestError: a file is missing or broken, or there is no body in those frames.
@@ -210,13 +199,6 @@ def _pairs(truth: Poses, found: Poses, distance: float) -> tuple[IntArray, IntAr
         rows.append(i + a.start)
         columns.append(j + b.start)
     return np.concatenate(rows), np.concatenate(columns)
-
-
-def _followers(truth: Poses, found: Poses, rows: IntArray, columns: IntArray, body: int) -> IntArray:
-    """``(T,)`` the track on a body in each of its frames, 0 where none is."""
-    ids = np.zeros(len(truth.frames), dtype=np.int64)
-    ids[rows] = found.ids[columns]
-    return np.asarray(ids[truth.ids == body])
 
 
 def _identity_f1(truth: Poses, found: Poses, distance: float) -> float:

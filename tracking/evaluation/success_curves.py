@@ -84,26 +84,29 @@ class SequenceScores(Curves):
 
 
 @dataclass(frozen=True)
-class SingleEvaluation:
+class MeanCurves(Curves):
+    """The mean of the curves of some sequences, each with the same weight.
+
+    Attributes:
+        sequences: how many.
+    """
+
+    sequences: int
+
+
+@dataclass(frozen=True)
+class Compared:
     """One tracker on several sequences.
 
     Attributes:
-        sequences: scores by name.
+        groups: curves of all sequences (``ALL``) and of those that show an attribute, by its short name.
+        sequences: scores by name; none where boxes are not known.
         missing: sequences for which there is no result.
-        attributes: by short name, the sequences that show it.
     """
 
+    groups: Mapping[str, MeanCurves]
     sequences: Mapping[str, SequenceScores]
     missing: tuple[str, ...]
-    attributes: Mapping[str, tuple[str, ...]]
-
-    def mean(self, names: tuple[str, ...] | None = None) -> SequenceScores:
-        """The mean curves over sequences, by default all."""
-        chosen = [self.sequences[name] for name in (names or tuple(self.sequences))]
-        success = np.mean([s.success for s in chosen], axis=0)
-        precision = np.mean([s.precision for s in chosen], axis=0)
-        overlaps = np.concatenate([s.overlaps for s in chosen])
-        return SequenceScores(success, precision, overlaps, sum(s.frames for s in chosen))
 
 
 def evaluate_boxes(truth: FloatArray, result: FloatArray, first_labelled_as_hit: bool = False) -> SequenceScores:
@@ -160,7 +163,7 @@ def _centres(boxes: FloatArray) -> FloatArray:
 
 def evaluate_single(
     sequences: list[SingleSequence], results: Mapping[str, FloatArray], first_labelled_as_hit: bool = False
-) -> SingleEvaluation:
+) -> Compared:
     """Score the results of one tracker, by name of the sequence.
 
     Raises:
@@ -175,32 +178,18 @@ def evaluate_single(
                 raise RequestError(f"{sequence.name}: {error}") from error
     if not scores:
         raise RequestError("expected a result for at least one of the sequences, found none; are these their names?")
-    shown = {
-        attribute: tuple(s.name for s in sequences if attribute in s.attributes and s.name in scores)
+    groups = {"ALL": [*scores.values()]} | {
+        attribute: [scores[s.name] for s in sequences if attribute in s.attributes and s.name in scores]
         for attribute in ATTRIBUTES
     }
-    missing = tuple(s.name for s in sequences if s.name not in scores)
-    return SingleEvaluation(scores, missing, {a: names for a, names in shown.items() if names})
-
-
-@dataclass(frozen=True)
-class MeanCurves(Curves):
-    """The mean of the curves of some sequences.
-
-    Attributes:
-        sequences: how many.
-    """
-
-    sequences: int
-
-
-@dataclass(frozen=True)
-class Compared:
-    """One result: its curves by group (``ALL`` and attributes), and where boxes are known its scores by sequence."""
-
-    groups: Mapping[str, MeanCurves]
-    sequences: Mapping[str, SequenceScores]
-    missing: tuple[str, ...]
+    curves = {
+        name: MeanCurves(
+            np.mean([s.success for s in group], axis=0), np.mean([s.precision for s in group], axis=0), len(group)
+        )
+        for name, group in groups.items()
+        if group
+    }
+    return Compared(curves, scores, tuple(s.name for s in sequences if s.name not in scores))
 
 
 def compare(sequences: list[SingleSequence], result: Path, published_precision: bool = False) -> Compared:
@@ -219,11 +208,7 @@ def compare(sequences: list[SingleSequence], result: Path, published_precision: 
     files = find_results(sequences, result)
     boxes = {name: read_result(path) for name, path in files.items()}
     wanted = [_scored(s, files[s.name], len(boxes[s.name])) if s.name in files else s for s in sequences]
-    evaluation = evaluate_single(wanted, boxes, published_precision)
-    groups = {"ALL": _curves(evaluation, None)} | {
-        attribute: _curves(evaluation, names) for attribute, names in evaluation.attributes.items()
-    }
-    return Compared(groups, evaluation.sequences, evaluation.missing)
+    return evaluate_single(wanted, boxes, published_precision)
 
 
 def _scored(sequence: SingleSequence, result: Path, count: int) -> SingleSequence:
@@ -257,37 +242,25 @@ def find_results(sequences: list[SingleSequence], result: Path) -> dict[str, Pat
         raise RequestError(f"expected a result file or a folder of results at {result}, found none")
     if len(sequences) == 1 and (result / "boxes.txt").is_file():
         return {sequences[0].name: result / "boxes.txt"}
-    found: dict[str, Path] = {}
+    files: dict[str, Path] = {}
     for path in sorted(result.iterdir()):
         if path.is_dir() and (path / "boxes.txt").is_file():
-            found[same_name(path.name)] = path / "boxes.txt"
+            files[same_name(path.name)] = path / "boxes.txt"
         elif path.suffix.lower() in (".txt", ".json"):
-            found.setdefault(same_name(path.stem), path)
-    return {s.name: found[same_name(s.name)] for s in sequences if same_name(s.name) in found}
-
-
-def _curves(evaluation: SingleEvaluation, names: tuple[str, ...] | None) -> MeanCurves:
-    mean = evaluation.mean(names)
-    return MeanCurves(mean.success, mean.precision, len(names) if names else len(evaluation.sequences))
+            files.setdefault(same_name(path.stem), path)
+    return {s.name: files[same_name(s.name)] for s in sequences if same_name(s.name) in files}
 
 
 def single_table(results: Mapping[str, Compared], by: str) -> Table:
-    """A row for each sequence or attribute with the area under the curve of every result, and the mean.
-
-    Args:
-        results: by name.
-        by: ``sequence`` or ``attribute``.
-    """
-    if by == "sequence":
-        found = {name: {key: one.auc for key, one in r.sequences.items()} for name, r in results.items()}
-    else:
-        found = {name: {key: one.auc for key, one in r.groups.items()} for name, r in results.items()}
+    """A row for each sequence or attribute with the area under the curve of every result by name, and the mean."""
+    curves = {name: r.sequences if by == "sequence" else r.groups for name, r in results.items()}
+    found = {name: {key: one.auc for key, one in every.items()} for name, every in curves.items()}
     keys = list(dict.fromkeys(key for r in found.values() for key in r if key != "ALL"))
     whole = [r.groups["ALL"] for r in results.values()]
     means = [
         ["AUC, 21 thresholds", *(_percent(c.auc) for c in whole)],
         ["AUC, 11 thresholds", *(_percent(c.thesis_auc) for c in whole)],
-        ["precision at 20 px", *(_percent(float(c.precision[PRECISION_AT])) for c in whole)],
+        ["precision at 20 px", *(_percent(c.precision_20) for c in whole)],
         ["sequences", *(str(c.sequences) for c in whole)],
     ]
     rows = [[key, *(_percent(one.get(key)) for one in found.values())] for key in keys]
@@ -300,13 +273,15 @@ def _percent(value: float | None) -> str:
 
 def single_values(results: Mapping[str, Compared]) -> dict[str, Any]:
     """Everything as plain values for JSON."""
+
+    def areas(curves: Curves) -> dict[str, Any]:
+        return {"auc": curves.auc, "auc_11_thresholds": curves.thesis_auc, "precision_20": curves.precision_20}
+
     return {
         name: {
             "groups": {
                 group: {
-                    "auc": c.auc,
-                    "auc_11_thresholds": c.thesis_auc,
-                    "precision_20": float(c.precision[PRECISION_AT]),
+                    **areas(c),
                     "sequences": c.sequences,
                     "success": c.success.tolist(),
                     "precision": c.precision.tolist(),
@@ -314,14 +289,7 @@ def single_values(results: Mapping[str, Compared]) -> dict[str, Any]:
                 for group, c in r.groups.items()
             },
             "sequences": {
-                sequence: {
-                    "auc": s.auc,
-                    "auc_11_thresholds": s.thesis_auc,
-                    "precision_20": s.precision_20,
-                    "frames": s.frames,
-                    "note": s.note,
-                }
-                for sequence, s in r.sequences.items()
+                sequence: {**areas(s), "frames": s.frames, "note": s.note} for sequence, s in r.sequences.items()
             },
             "missing": list(r.missing),
         }

@@ -15,20 +15,12 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.evaluation.detection import DetectionEvaluation, DetectionScores
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
 
-# Heading and field of every column, and whether it is a share or a count.
+# Heading, field and format of every column.
 COLUMNS = (
-    ("HOTA", "hota", True),
-    ("DetA", "det_a", True),
-    ("AssA", "ass_a", True),
-    ("MOTA", "mota", True),
-    ("MOTP", "motp", True),
-    ("IDF1", "idf1", True),
-    ("IDSW", "id_switches", False),
-    ("FP", "false_positives", False),
-    ("FN", "false_negatives", False),
-    ("Rcll", "recall", True),
-    ("Prcn", "precision", True),
-)
+    ("HOTA", "hota", ".3f"), ("DetA", "det_a", ".3f"), ("AssA", "ass_a", ".3f"), ("MOTA", "mota", ".3f"),
+    ("MOTP", "motp", ".3f"), ("IDF1", "idf1", ".3f"), ("IDSW", "id_switches", ""), ("FP", "false_positives", ""),
+    ("FN", "false_negatives", ""), ("Rcll", "recall", ".3f"), ("Prcn", "precision", ".3f"),
+)  # fmt: skip
 POINT_COLUMNS = (
     ("OSPA p=1", "ospa1", ".2f"), ("OSPA p=2", "ospa2", ".2f"), ("OSPA(2)", "ospa_tracks", ".2f"),
     ("GOSPA", "gospa", ".2f"), ("missed", "missed", ".2f"), ("false", "false", ".2f"),
@@ -81,22 +73,20 @@ def show(table: Table) -> None:
     Console(width=max(console.width, wanted)).print(table)
 
 
-def by_sequence(sequences: Iterable[str], results: Mapping[str, Mapping[str, Row]]) -> Iterable[Iterable[Row]]:
-    """A group of rows a sequence: its name once, the name of each result, and its cells there."""
-    for sequence in sequences:
-        cells = [(name, found[sequence]) for name, found in results.items()]
-        yield [("" if number else sequence, name, *row) for number, (name, row) in enumerate(cells)]
+def sequence_table(headings: Sequence[str], results: Mapping[str, Mapping[str, Row]]) -> Table:
+    """A group of rows a sequence: its name once, and by name of each result the cells there."""
+    groups = [
+        [("" if number else sequence, name, *rows[sequence]) for number, (name, rows) in enumerate(results.items())]
+        for sequence in next(iter(results.values()))
+    ]
+    return score_table(("Sequence", "Result"), headings, groups)
 
 
 def people_table(results: Mapping[str, PeopleEvaluation]) -> Table:
-    """The scores of several results by sequence and combined.
-
-    Args:
-        results: an evaluation by name of the result.
-    """
-    found = {name: _with_combined(one) for name, one in results.items()}
-    rows = {name: {sequence: cells(scores) for sequence, scores in one.items()} for name, one in found.items()}
-    return score_table(("Sequence", "Result"), [h for h, _, _ in COLUMNS], by_sequence(next(iter(rows.values())), rows))
+    """The scores of several results by sequence and combined; ``results`` are evaluations by name of the result."""
+    every = {name: _with_combined(one) for name, one in results.items()}
+    rows = {name: {sequence: cells(scores) for sequence, scores in one.items()} for name, one in every.items()}
+    return sequence_table([heading for heading, _, _ in COLUMNS], rows)
 
 
 def _with_combined(evaluation: PeopleEvaluation | DetectionEvaluation) -> dict[str, Any]:
@@ -104,18 +94,17 @@ def _with_combined(evaluation: PeopleEvaluation | DetectionEvaluation) -> dict[s
     return {**evaluation.sequences, **several}
 
 
-def cells(scores: PeopleScores) -> list[str]:
-    """One text for each of `COLUMNS`: shares with three decimals, counts as they are."""
-    values = dataclasses.asdict(scores)
-    return [f"{values[name]:.3f}" if share else str(values[name]) for _, name, share in COLUMNS]
+def cells(scores: Any, columns: Sequence[tuple[str, str, str]] = COLUMNS) -> list[str]:
+    """One text for each of ``columns``: heading, field or property of the scores, and format."""
+    return [_number(getattr(scores, field), form) for _, field, form in columns]
 
 
 def detection_table(results: Mapping[str, DetectionEvaluation], iou: float) -> Table:
     """The average precision of several results by sequence and combined."""
     headings = (f"AP{100 * iou:.0f}", "Recall", "Best F1", "at score", "Boxes")
-    found = {name: {**_with_combined(one), **one.visible} for name, one in results.items()}
-    rows = {name: {sequence: _detection_cells(s) for sequence, s in one.items()} for name, one in found.items()}
-    return score_table(("Sequence", "Result"), headings, by_sequence(next(iter(rows.values())), rows))
+    every = {name: {**_with_combined(one), **one.visible} for name, one in results.items()}
+    rows = {name: {sequence: _detection_cells(s) for sequence, s in one.items()} for name, one in every.items()}
+    return sequence_table(headings, rows)
 
 
 def _detection_cells(scores: DetectionScores) -> list[str]:
@@ -142,13 +131,8 @@ def _plain(scores: PeopleScores | DetectionScores) -> dict[str, Any]:
 
 
 def value_table(results: Mapping[str, Any], columns: Sequence[tuple[str, str, str]]) -> Table:
-    """The scores of several results, a row each.
-
-    Args:
-        results: scores by name of the result.
-        columns: the heading of each, the field or property of the scores, and its format.
-    """
-    rows = [[name, *(_number(getattr(s, field), form) for _, field, form in columns)] for name, s in results.items()]
+    """The scores of several results by their names, a row each; ``columns`` as for `cells`."""
+    rows = [[name, *cells(scores, columns)] for name, scores in results.items()]
     return score_table(("Result",), [heading for heading, _, _ in columns], [rows])
 
 
@@ -160,12 +144,9 @@ def action_table(results: Mapping[str, ActionScores]) -> Table:
     """F1 and average precision of every action, in percent, a column a result."""
     first = next(iter(results.values()))
     headings = ["rows", *(heading for name in results for heading in (f"{name}\nF1", "\nAP"))]
+    columns = [values for s in results.values() for values in (s.f1, s.average_precision)]
     rows = [
-        [
-            action,
-            str(first.positives[a]),
-            *(_percent(v[a]) for s in results.values() for v in (s.f1, s.average_precision)),
-        ]
+        [action, str(first.positives[a]), *(_percent(values[a]) for values in columns)]
         for a, action in enumerate(first.names)
     ]
     means = [_percent(value) for s in results.values() for value in (s.mean_f1, s.mean_average_precision)]

@@ -28,14 +28,7 @@ SIDE = 5.0
 
 
 def floor_figure(tracks: Sequence[FloorTrack], floor: FloatArray, cameras: FloatArray, ink: str = "black") -> Figure:
-    """The floor from above with everybody's path, an id at its end.
-
-    Args:
-        tracks: drawn in the colours of the overlay.
-        floor: ``(4,)`` x1, y1, x2, y2, metres.
-        cameras: ``(C, 2)`` where they hang, metres.
-        ink: colour of text and axes.
-    """
+    """The floor x1, y1, x2, y2 ``(4,)``, everybody's path with an id at its end, and cameras ``(C, 2)``; in metres."""
     figure, axes = _plan(floor, "Paths on the floor", ink)
     for each in tracks:
         colour = tuple(c / 255 for c in track_colour(each.track.id))

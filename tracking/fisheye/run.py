@@ -259,16 +259,7 @@ def floor_result(
     times: StageTimes,
     settings: Mapping[str, Any],
 ) -> Result[FloorTrack]:
-    """The result of a run under one camera, without its page.
-
-    Args:
-        inputs: of the camera.
-        located: the people of each frame.
-        method: how they are linked.
-        hungarian: settings of that method.
-        times: of the run.
-        settings: of the run.
-    """
+    """The result of a run under one camera, without its page; ``times`` and ``settings`` are of the run."""
     from tsuiseki.tracking.fisheye.page import dwell_figure, floor_figure, floor_painter
 
     ceiling = inputs.ceiling

@@ -143,14 +143,7 @@ def open_ceiling(
     needs_images: bool = True,
     only: str | None = None,
 ) -> list[CeilingSource]:
-    """Sources with their cameras, checked against each other.
-
-    Args:
-        sources: one for each camera, in their order.
-        cameras: the camera file.
-        resize: how a calibration is scaled to images of another size.
-        needs_images: refuse a sequence that is text only.
-        only: name of the camera to take; by default all.
+    """Sources with their cameras, in the same order, checked against each other; ``only`` takes the camera of a name.
 
     Raises:
         RequestError: there is no such camera, the numbers differ, there are no images, a calibration is of another

@@ -159,13 +159,7 @@ def report_page(report: Report) -> str:
 
 
 def html_page(title: str, introduction: str, sections: Iterable[str]) -> str:
-    """A page that needs nothing else.
-
-    Args:
-        title: text; also the heading.
-        introduction: text under it.
-        sections: HTML of `section`; empty ones are left out.
-    """
+    """A page that needs nothing else: title and introduction are text, sections HTML; empty ones are left out."""
     body = "\n".join(part for part in sections if part)
     return PAGE.format(title=escape(title), introduction=escape(introduction), style=STYLE, sections=body)
 

@@ -47,12 +47,7 @@ def _shown_rows(track: Track) -> list[int]:
 
 
 def pictures_of(frames: Iterable[Frame], tracks: Sequence[Track]) -> Pictures:
-    """Crops of tracks, and the view without them.
-
-    Args:
-        frames: those of `frames_to_show`, or as many of them as there are.
-        tracks: whose crops are taken.
-    """
+    """Crops of tracks, and the view without them, from the frames of `frames_to_show` that there are."""
     views, crops = list[ImageArray](), dict[int, list[ImageArray]]()
     rows = [(int(track.frames[row]), track.id, track.boxes[row]) for track in tracks for row in _shown_rows(track)]
     for frame in frames:

@@ -30,12 +30,7 @@ COUNTS = (("Id switches", "id_switches"), ("False boxes", "false_positives"), ("
 
 
 def comparison_figure(results: Mapping[str, PeopleEvaluation], ink: str = "black") -> Figure:
-    """Combined scores of several results side by side: shares on the left, errors on the right.
-
-    Args:
-        results: an evaluation by name of the result.
-        ink: colour of text and axes.
-    """
+    """Scores of all sequences by name of the result: shares on the left, errors on the right; ``ink`` is for text."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10, 0.6 + 3.2 + 0.22 * len(results)), layout="constrained")
@@ -65,14 +60,7 @@ def save_comparison(results: Mapping[str, PeopleEvaluation], path: Path) -> None
 
 
 def count_figure(truth: GroundTruth, results: Mapping[str, Sequence[Track]], length: int, ink: str = "black") -> Figure:
-    """Number of people in each frame: labelled, and by each result.
-
-    Args:
-        truth: the labels.
-        results: tracks by name of the result.
-        length: number of frames.
-        ink: colour of text and axes.
-    """
+    """Number of people in each frame: labelled, and by each result's tracks; ``ink`` is the colour of text."""
     from matplotlib.figure import Figure
     from matplotlib.ticker import MaxNLocator
 
@@ -147,11 +135,7 @@ STYLES = ("-", "--", ":")
 
 
 def curves_figure(results: Mapping[str, Mapping[str, MeanCurves]]) -> Figure:
-    """Success and precision over all sequences, and by attribute where there are attributes.
-
-    Args:
-        results: by name of the tracker and group (``ALL`` or an attribute).
-    """
+    """Success and precision over all sequences, and by attribute, by name of the tracker and group, such as ``ALL``."""
     from matplotlib.figure import Figure
 
     groups = [g for g in next(iter(results.values())) if g != "ALL"]

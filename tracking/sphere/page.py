@@ -43,13 +43,7 @@ def path_figure(
 ) -> Figure:
     """The path among the cameras from above, and close up from above (x right, y up) and from the side (z up).
 
-    The ellipses hold 95 % by the covariances.
-
-    Args:
-        positions: the estimates.
-        cameras: drawn in the first plot.
-        truth: drawn below the estimates.
-        ink: colour of text and axes.
+    The ellipses hold 95 % by the covariances; text and axes have the colour ``ink``.
     """
     from matplotlib.figure import Figure
 
@@ -204,15 +198,7 @@ def sphere_result(
     settings: Mapping[str, Any],
     truth: Path3D | None = None,
 ) -> Result[Position]:
-    """The result of a run: the ball's position at each moment.
-
-    Args:
-        chosen: what ran.
-        log: what was measured.
-        times: of the run.
-        settings: of the run.
-        truth: the true path to compare with on the page, where it is known.
-    """
+    """The result of a run: the ball's position at each moment; the page compares it with a ``truth`` that is known."""
     positions, cameras = log.positions, chosen.placed
 
     def plot(path: Path, _: Path) -> None:

@@ -44,15 +44,8 @@ def find_ball(
 ) -> FloatArray:
     """``(count, 3)`` positions, metres, drawn around the places that explain the views best.
 
-    Args:
-        likelihood: of positions by each view.
-        broad: the same with a peak wide enough for the steps of the search, and cheaper.
-        cameras: C cameras.
-        radius: of the ball, metres.
-        volume: ``(2, 3)`` lowest and highest corner, metres.
-        count: of positions.
-        views: of the cameras; None where there is none now.
-        rng: random numbers.
+    ``broad`` is the likelihood with a peak wide enough for the steps of the search, and cheaper; ``volume`` ``(2, 3)``
+    has the lowest and highest corner, metres.
     """
     candidates = [np.empty((0, 3))]
     for number, camera in enumerate(cameras):

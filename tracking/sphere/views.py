@@ -82,16 +82,10 @@ def polar_maps(
     settings: ContourSettings,
     outlines_of: OutlinesOf = sphere_outlines,
 ) -> PolarMaps:
-    """The polar samples around spheres at ``centres`` ``(N, 3)``.
+    """The polar samples around spheres at ``centres`` ``(N, 3)`` of a ``radius``, metres.
 
     A sample is ``centre + s (outline(t) - centre)``. OpenCV counts pixels from the first one's centre, here it is 0.5.
-
-    Args:
-        camera: that took the image.
-        centres: metres.
-        radius: of the spheres, metres.
-        settings: of the samples.
-        outlines_of: the true ellipses, or the circles of `sphere_circles`.
+    Outlines are the true ellipses, or the circles of `sphere_circles`.
     """
     outlines = outlines_of(camera, centres, radius)
     centre = outlines.centre - 0.5
@@ -156,13 +150,7 @@ def _radial_weights(settings: ContourSettings) -> NDArray[np.float32]:
 def colour_difference(
     camera: PinholeCamera, image: ImageArray, background: ImageArray, points: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """How far the colour at each projected point lies from the background's.
-
-    Args:
-        camera: the camera.
-        image: ``(H, W, 3)`` uint8.
-        background: the same view without anything that moves.
-        points: ``(N, 3)`` metres.
+    """How far the colour at each projected point ``(N, 3)``, metres, lies from that of the empty scene.
 
     Returns:
         ``(N,)`` Euclidean distance of the two colours, [0, 442], and ``(N,)`` bool whether the point is in the image;

@@ -63,9 +63,10 @@ def test_sequences_weigh_the_same_whatever_their_length():
     ]
     found = evaluate_single(sequences, {"a": np.add(TRUTH, [0, 0, 90, 90]), "b": TRUTH[:1]})
     half = (found.sequences["a"].auc + found.sequences["b"].auc) / 2
-    assert found.mean().auc == pytest.approx(half)
+    assert found.groups["ALL"].auc == pytest.approx(half)
     assert found.missing == ("c",)
-    assert found.attributes == {"OCC": ("a",)}
+    assert set(found.groups) == {"ALL", "OCC"}
+    assert found.groups["OCC"].auc == found.sequences["a"].auc
 
 
 @pytest.mark.parametrize("group", ["ALL", *ATTRIBUTES])
