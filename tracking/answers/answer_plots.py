@@ -113,9 +113,7 @@ def _axes(ink: str, across: str, up: str) -> tuple[Figure, Axes]:
 
     figure = Figure(figsize=(10, 3.2), dpi=110, layout="constrained")
     axes = figure.subplots()
-    dress(axes, ink)
-    axes.set_xlabel(across, color=ink)
-    axes.set_ylabel(up, color=ink)
+    dress(axes, ink, across, up)
     return figure, axes
 
 

@@ -124,7 +124,14 @@ def read_given_tracks(path: Path, source: Source) -> list[Track]:
         tracks = read_tracks(path)
         boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
         compare_with_picture(path, boxes, picture_size(source))
-        _check_length(path, tracks, source)
+        # The header of a video file only estimates its length.
+        length, slack = (source.promised, source.slack) if isinstance(source, VideoFile) else (source.length, 0)
+        last = max((int(track.frames[-1]) for track in tracks), default=0)
+        if length and last >= length + slack:
+            raise RequestError(
+                f"{path}: tracks reach frame {last + 1}, but the video has {length} frames; are these the tracks of "
+                "another video?"
+            )
         return tracks
     if not isinstance(source, ImageFolder):
         raise RequestError(f"{path}: expected a folder of the frames that these labels count, got a video; {ADVICE}")
@@ -134,17 +141,6 @@ def read_given_tracks(path: Path, source: Source) -> list[Track]:
     rows = [visible.select(np.flatnonzero(visible.ids == identity)) for identity in np.unique(visible.ids).tolist()]
     rows = [one.select(np.argsort(one.frames)) for one in rows]
     return [Track(int(one.ids[0]) + 1, one.frames, one.boxes, np.ones(len(one))) for one in rows]
-
-
-def _check_length(path: Path, tracks: Sequence[Track], source: Source) -> None:
-    # The header of a video file only estimates its length.
-    length, slack = (source.promised, source.slack) if isinstance(source, VideoFile) else (source.length, 0)
-    last = max((int(track.frames[-1]) for track in tracks), default=0)
-    if length and last >= length + slack:
-        raise RequestError(
-            f"{path}: tracks reach frame {last + 1}, but the video has {length} frames; are these the tracks of "
-            "another video?"
-        )
 
 
 def tracks_as_detections(tracks: Sequence[Track], length: int | None = None) -> tuple[list[Detections], IntArray]:

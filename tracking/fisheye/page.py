@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,6 +10,8 @@ import cv2
 import numpy as np
 from scipy.ndimage import gaussian_filter
 
+from tsuiseki.tracking.fisheye.view import CeilingSource
+from tsuiseki.tracking.following import count
 from tsuiseki.tracking.report.overlay import draw_label, track_colour
 from tsuiseki.tracking.report.page import embedded_overlay, html_page, listing, section
 from tsuiseki.tracking.report.plots import dress, inline_svg
@@ -37,7 +38,7 @@ def floor_figure(tracks: Sequence[FloorTrack], floor: FloatArray, cameras: Float
         axes.annotate(
             str(each.track.id), each.places[-1], xytext=(4, 3), textcoords="offset points", color=ink, fontsize=8
         )
-    axes.plot(cameras[:, 0], cameras[:, 1], "^", color=ink, markersize=8, fillstyle="none")
+    axes.plot(*cameras.T, "^", color=ink, markersize=8, fillstyle="none")
     return figure
 
 
@@ -77,9 +78,7 @@ def _plan(floor: FloatArray, title: str, ink: str) -> tuple[Figure, Axes]:
     axes.set_ylim(floor[1], floor[3])
     axes.set_aspect("equal")
     axes.set_title(title, loc="left", color=ink)
-    axes.set_xlabel("x, m", color=ink)
-    axes.set_ylabel("y, m", color=ink)
-    dress(axes, ink)
+    dress(axes, ink, "x, m", "y, m")
     return figure, axes
 
 
@@ -119,42 +118,29 @@ def floor_painter(tracks: Sequence[FloorTrack], frame_rate: float) -> Callable[[
     return lambda frame: draw_floor_tracks(frame.image, tracks, frame.index, trail)
 
 
-@dataclass(frozen=True)
-class FloorSection:
-    """What the page shows of one camera.
+def floor_section(
+    ceiling: CeilingSource, tracks: Sequence[FloorTrack], folder: Path, number: int = 0, inside: str = ""
+) -> str:
+    """Plan, dwell map and video of a camera.
 
-    Attributes:
-        name: of the camera.
+    Args:
+        ceiling: the camera over the floor.
         tracks: the people under it.
-        floor: ``(4,)`` x1, y1, x2, y2, metres.
-        camera: ``(2,)`` where it hangs, metres.
-        frame_rate: frames per second.
         folder: where an overlay may lie.
+        number: of the camera on the page.
+        inside: the same folder, as seen from the page.
     """
-
-    name: str
-    tracks: Sequence[FloorTrack]
-    floor: FloatArray
-    camera: FloatArray
-    frame_rate: float
-    folder: Path
-
-    def html(self, number: int, inside: str) -> str:
-        """Plan, dwell map and video, which lies in the folder ``inside`` beside the page."""
-        walked = sum(float(np.linalg.norm(np.diff(t.places, axis=0), axis=1).sum()) for t in self.tracks)
-        who = "1 person" if len(self.tracks) == 1 else f"{len(self.tracks)} people"
-        paths = inline_svg(lambda ink: floor_figure(self.tracks, self.floor, self.camera[None], ink), f"paths{number}")
-        dwell = inline_svg(lambda ink: dwell_figure(self.tracks, self.floor, self.frame_rate, ink), f"dwell{number}")
-        text = f'<p>{who}, {walked:.0f} m walked in all.</p><div class="plans">{paths}{dwell}</div>'
-        return text + embedded_overlay(self.folder, inside=inside)
+    floor, camera, rate = ceiling.floor, ceiling.placed.camera.position[None, :2], ceiling.rate
+    walked = sum(float(np.linalg.norm(np.diff(t.places, axis=0), axis=1).sum()) for t in tracks)
+    paths = inline_svg(lambda ink: floor_figure(tracks, floor, camera, ink), f"paths{number}")
+    dwell = inline_svg(lambda ink: dwell_figure(tracks, floor, rate, ink), f"dwell{number}")
+    who = count(len(tracks), "person", "people")
+    text = f'<p>{who}, {walked:.0f} m walked in all.</p><div class="plans">{paths}{dwell}</div>'
+    return section(ceiling.placed.name, text + embedded_overlay(folder, inside=inside))
 
 
-def floor_page(cameras: Sequence[FloorSection], seconds: Mapping[str, float], facts: Mapping[str, str]) -> str:
-    """`report.html` as text: floor plan, dwell map and overlay of each camera, and how it was made."""
-    sections = [
-        section(each.name, each.html(k, each.name if len(cameras) > 1 else "")) for k, each in enumerate(cameras)
-    ]
-    sections.append(section("Time in all", listing({name: f"{1000 * v:.0f} ms" for name, v in seconds.items()})))
-    sections.append(section("How it was made", listing(facts)))
+def floor_page(cameras: Sequence[str], seconds: Mapping[str, float], facts: Mapping[str, str]) -> str:
+    """`report.html` as text: a `floor_section` of each camera, and how it was made."""
     introduction = "Each colour and number is one person; the thick side of a box is the feet's. Triangles are cameras."
-    return html_page("People on the floor", introduction, sections)
+    took = section("Time in all", listing({name: f"{1000 * v:.0f} ms" for name, v in seconds.items()}))
+    return html_page("People on the floor", introduction, [*cameras, took, section("How it was made", listing(facts))])

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
 from tsuiseki.tracking.cli.run import SeededOutput
@@ -36,9 +36,6 @@ from tsuiseki.tracking.types import Detections, Frame
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 from tsuiseki.tracking.video.source import SourceLike, address_of, named
 from tsuiseki.tracking.weights import shipped
-
-if TYPE_CHECKING:
-    from tsuiseki.tracking.fisheye.page import FloorSection
 
 DETECTING = Detecting(score_range=(0.0, 1.0))
 HUNGARIAN = FisheyeSettings()
@@ -82,7 +79,7 @@ def track_fisheye(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    from tsuiseki.tracking.fisheye.page import floor_page
+    from tsuiseki.tracking.fisheye.page import floor_page, floor_section
 
     given: Any = {"detector": detector, "appearance": appearance, "threads": threads, "device": device}
     files = None if detections is None else [Path(detections)]
@@ -96,7 +93,8 @@ def track_fisheye(
 
     def page(path: Path, folder: Path) -> None:
         shown = {name: str(value) for name, value in made.items()}
-        path.write_text(floor_page([inputs.section(result, folder)], times.seconds, shown), encoding="utf-8")
+        sections = [floor_section(inputs.ceiling, result, folder)]
+        path.write_text(floor_page(sections, times.seconds, shown), encoding="utf-8")
 
     return replace(result, files={**result.files, "report.html": page})
 
@@ -132,7 +130,7 @@ def fisheye(
         hungarian: settings of --method hungarian.
     """
     from tsuiseki.tracking.features.view_choice import report_blank, report_models
-    from tsuiseki.tracking.fisheye.page import floor_page
+    from tsuiseki.tracking.fisheye.page import floor_page, floor_section
 
     opened = opened_ceiling(source, cameras, ceiling, finding, detections)
     sections, lines, made = [], [], output.settings
@@ -148,7 +146,7 @@ def fisheye(
             chosen = method or ("hungarian" if video.live else "flow")
             result = floor_result(inputs, steps, chosen, hungarian, run.times, made)
             run.save(result, partial(ceiling.draw, run, video, result, folder), folder)
-            sections.append(inputs.section(result, run.work / folder))
+            sections.append(floor_section(inputs.ceiling, result, run.work / folder, len(sections), folder))
             summary = inputs.passed.summary(hungarian.start_score if chosen == "hungarian" else None)
             lines.append(f"{name}: {count(len(result), 'person', 'people')}{summary}")
         report_blank(opened[0].detector)
@@ -205,15 +203,6 @@ class CeilingInputs:
                 with times.measure("detect"):
                     detections = self.passed.keep(detect.detect([frame.image])[0])
             yield view.describe(frame.image, view.locate(detections, times), times)
-
-    def section(self, result: Result[FloorTrack], folder: Path) -> FloorSection:
-        """What the page shows of this camera; ``folder`` may hold an overlay."""
-        from tsuiseki.tracking.fisheye.page import FloorSection
-
-        placed = self.ceiling.placed
-        return FloorSection(
-            placed.name, result.tracks, self.ceiling.floor, placed.camera.position[:2], self.ceiling.rate, folder
-        )
 
 
 def opened_ceiling(

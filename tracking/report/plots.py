@@ -5,7 +5,6 @@ Colours are readable on white and on black, and for the colour-blind (Okabe and 
 
 from __future__ import annotations
 
-import dataclasses
 import io
 from collections.abc import Callable, Mapping, Sequence
 from html import escape
@@ -35,15 +34,16 @@ def comparison_figure(results: Mapping[str, PeopleEvaluation], ink: str = "black
 
     figure = Figure(figsize=(10, 0.6 + 3.2 + 0.22 * len(results)), layout="constrained")
     shares, counts = figure.subplots(1, 2, width_ratios=(len(SHARES), len(COUNTS)))
-    _grouped_bars(shares, results, SHARES, "{:.2f}")
-    _grouped_bars(counts, results, COUNTS, "{:.0f}")
+    for axes, fields, form in ((shares, SHARES, "{:.2f}"), (counts, COUNTS, "{:.0f}")):
+        heights = {name: [getattr(one.combined, field) for _, field in fields] for name, one in results.items()}
+        _grouped_bars(axes, heights, [heading for heading, _ in fields], form)
     lowest = min(0.0, *(r.combined.mota for r in results.values()))
     shares.set_ylim(max(lowest, -1.0) * 1.08, 1.08)
     shares.set_title("Scores (higher is better)", color=ink, loc="left")
     counts.set_title("Errors (lower is better)", color=ink, loc="left")
     counts.set_yscale("symlog", linthresh=10)
     counts.yaxis.set_major_formatter("{x:.0f}")
-    most = max(dataclasses.asdict(r.combined)[field] for r in results.values() for _, field in COUNTS)
+    most = max(getattr(r.combined, field) for r in results.values() for _, field in COUNTS)
     counts.set_ylim(0, max(10.0, 1.8 * most))
     for axes in (shares, counts):
         dress(axes, ink)
@@ -73,11 +73,10 @@ def count_figure(truth: GroundTruth, results: Mapping[str, Sequence[Track]], len
         frames = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
         counts = np.bincount(frames, minlength=length)[:length]
         axes.step(numbers, counts, where="mid", color=COLOURS[n % len(COLOURS)], linewidth=1.2, label=literal(name))
-    axes.set_xlabel("frame", color=ink)
     axes.set_xlim(1, max(length, 2))
     axes.set_ylim(bottom=0)
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
-    dress(axes, ink)
+    dress(axes, ink, "frame")
     figure.legend(loc="outside lower center", ncols=min(4, len(results) + 1), frameon=False, labelcolor=ink)
     return figure
 
@@ -101,29 +100,27 @@ def inline_svg(draw: Callable[[str], Figure], name: str) -> str:
     return svg.replace("<svg", f'<svg class="plot" role="img" aria-label="{escape(name)}"', 1)
 
 
-def dress(axes: Axes, ink: str) -> None:
-    """Axes in the colour ``ink``, open above and on the right."""
+def dress(axes: Axes, ink: str, across: str = "", up: str = "") -> None:
+    """Axes in the colour ``ink``, open above and on the right, with labels ``across`` and ``up``."""
     axes.set_facecolor("none")
     axes.spines[["top", "right"]].set_visible(False)
     axes.spines[["left", "bottom"]].set_color(ink)
     axes.tick_params(colors=ink)
+    axes.set_xlabel(across, color=ink)
+    axes.set_ylabel(up, color=ink)
 
 
-def _grouped_bars(
-    axes: Axes, results: Mapping[str, PeopleEvaluation], fields: tuple[tuple[str, str], ...], label: str
-) -> None:
+def _grouped_bars(axes: Axes, results: Mapping[str, Sequence[float]], ticks: Sequence[str], form: str = "") -> None:
+    """A group of bars a tick, one by name of each result; of up to four results with their heights as ``form`` says."""
     width = 0.8 / len(results)
-    places = np.arange(len(fields))
-    for number, (name, evaluation) in enumerate(results.items()):
-        values = dataclasses.asdict(evaluation.combined)
-        heights = [values[field] for _, field in fields]
+    places = np.arange(len(ticks))
+    for number, (name, heights) in enumerate(results.items()):
         offset = (number - (len(results) - 1) / 2) * width
-        bars = axes.bar(
-            places + offset, heights, 0.92 * width, color=COLOURS[number % len(COLOURS)], label=literal(name)
-        )
-        if len(results) <= 4:
-            axes.bar_label(bars, [label.format(h) for h in heights], padding=2, fontsize=8, color="gray")
-    axes.set_xticks(places, [heading for heading, _ in fields])
+        colour = COLOURS[number % len(COLOURS)]
+        bars = axes.bar(places + offset, heights, 0.92 * width, color=colour, label=literal(name))
+        if form and len(results) <= 4:
+            axes.bar_label(bars, [form.format(h) for h in heights], padding=2, fontsize=8, color="gray")
+    axes.set_xticks(places, ticks)
 
 
 def literal(name: str) -> str:
@@ -154,20 +151,12 @@ def curves_figure(results: Mapping[str, Mapping[str, MeanCurves]]) -> Figure:
     _label(axes["success"], "Overlap threshold", "Frames above it [%]", "Success [area under the curve]")
     _label(axes["precision"], "Distance of the centres [pixels]", "Frames within it [%]", "Precision [at 20 pixels]")
     if groups:
-        _bars(axes["groups"], dict(ranked), groups)
+        heights = {name: [100 * c[g].auc if g in c else np.nan for g in groups] for name, c in ranked}
+        _grouped_bars(axes["groups"], heights, groups)
+        axes["groups"].set_ylabel("Area under the success curve [%]")
+        axes["groups"].set_title("By attribute", loc="left")
+        axes["groups"].spines[["top", "right"]].set_visible(False)
     return figure
-
-
-def _bars(axes: Axes, results: Mapping[str, Mapping[str, MeanCurves]], groups: list[str]) -> None:
-    width = 0.8 / len(results)
-    for number, curves in enumerate(results.values()):
-        heights = [100 * curves[g].auc if g in curves else np.nan for g in groups]
-        offset = (number - (len(results) - 1) / 2) * width
-        axes.bar(np.arange(len(groups)) + offset, heights, 0.92 * width, color=COLOURS[number % len(COLOURS)])
-    axes.set_xticks(np.arange(len(groups)), groups)
-    axes.set_ylabel("Area under the success curve [%]")
-    axes.set_title("By attribute", loc="left")
-    axes.spines[["top", "right"]].set_visible(False)
 
 
 def _label(axes: Axes, x: str, y: str, title: str) -> None:

@@ -55,12 +55,10 @@ def path_figure(
         if number == 0:
             _cameras(axes, cameras, pair, points, ink)
         axes.set_title(title, loc="left", color=ink)
-        axes.set_xlabel("x, m", color=ink)
-        axes.set_ylabel(f"{'xyz'[pair[1]]}, m", color=ink)
         axes.set_aspect("equal", adjustable="datalim")
         axes.margins(0.12)
         axes.grid(alpha=0.2, color=ink)
-        dress(axes, ink)
+        dress(axes, ink, "x, m", f"{'xyz'[pair[1]]}, m")
     handles, names = figure.axes[0].get_legend_handles_labels()
     if handles:
         figure.legend(handles, names, loc="outside lower center", ncols=5, frameon=False, labelcolor=ink)
@@ -80,12 +78,10 @@ def deviation_figure(positions: Sequence[Position], truth: Path3D | None = None,
         axes.plot(
             times, 100 * distance_to_position(_track(positions), truth), color=COLOURS[0], label="distance to the truth"
         )
-    axes.set_xlabel("time, s", color=ink)
-    axes.set_ylabel("cm", color=ink)
     axes.set_ylim(bottom=0)
     axes.grid(alpha=0.2, color=ink)
     axes.legend(frameon=False, labelcolor=ink)
-    dress(axes, ink)
+    dress(axes, ink, "time, s", "cm")
     return figure
 
 
@@ -205,7 +201,22 @@ def sphere_result(
         path_figure(positions, cameras, truth).savefig(path, dpi=120, facecolor="white")
 
     def page(path: Path, folder: Path) -> None:
-        path.write_text(sphere_page(chosen, log, truth, folder, times.seconds, settings), encoding="utf-8")
+        sections = [
+            section("What was found", _summary(log, cameras, times.seconds)),
+            section("Distance to the truth", "" if truth is None else _distances(positions, truth)),
+            section("Path", scrolling(inline_svg(partial(path_figure, positions, cameras, truth), "path")) + NOTE),
+            section(
+                "Uncertainty over time",
+                scrolling(inline_svg(partial(deviation_figure, positions, truth), "uncertainty")),
+            ),
+        ]
+        videos = [(placed.name, embedded_overlay(folder, f"overlay{k}")) for k, placed in enumerate(cameras, start=1)]
+        sections += [section(f"Overlay of {name}", video) for name, video in videos if video]
+        facts = {name: str(value) for name, value in settings.items() if value is not None}
+        ball = f"A ball of {100 * chosen.radius:g} cm radius" if chosen.radius > 0 else "A point"
+        introduction = f"{ball} followed by {len(cameras)} cameras."
+        sections.append(section("How it was made", listing(facts)))
+        path.write_text(html_page("Ball in space", introduction, sections), encoding="utf-8")
 
     first, camera = next(iter(chosen.sources), None), cameras[0].camera
     rate = cameras[0].frame_rate or (0.0 if first is None else first.frame_rate)
@@ -220,31 +231,6 @@ def sphere_result(
         files={"track3d.csv": lambda path, _: write_track3d(path, positions), "path.png": plot, "report.html": page},
         painter=sphere_painter(chosen, log, 0) if chosen.radius > 0 else None,
     )
-
-
-def sphere_page(
-    chosen: SphereRun,
-    log: SphereLog,
-    truth: Path3D | None,
-    folder: Path,
-    seconds: Mapping[str, float],
-    settings: Mapping[str, Any],
-) -> str:
-    """The page as HTML, self-contained; ``folder`` is where overlays may lie, the rest as in `sphere_result`."""
-    positions, cameras, radius = log.positions, chosen.placed, chosen.radius
-    sections = [
-        ("What was found", _summary(log, cameras, seconds)),
-        ("Distance to the truth", "" if truth is None else _distances(positions, truth)),
-        ("Path", scrolling(inline_svg(partial(path_figure, positions, cameras, truth), "path")) + NOTE),
-        ("Uncertainty over time", scrolling(inline_svg(partial(deviation_figure, positions, truth), "uncertainty"))),
-    ]
-    videos = [(placed.name, embedded_overlay(folder, f"overlay{k}")) for k, placed in enumerate(cameras, start=1)]
-    sections += [(f"Overlay of {name}", video) for name, video in videos if video]
-    facts = {name: str(value) for name, value in settings.items() if value is not None}
-    sections.append(("How it was made", listing(facts)))
-    ball = f"A ball of {100 * radius:g} cm radius" if radius > 0 else "A point"
-    introduction = f"{ball} followed by {len(cameras)} cameras."
-    return html_page("Ball in space", introduction, [section(*each) for each in sections])
 
 
 NOTE = (

@@ -74,6 +74,22 @@ class Columns:
         return replace(self, **joined)  # type: ignore[type-var]
 
 
+class FromDetections:
+    """What tells where its boxes come from, in ``(N, 2)`` `detection` and `classes`."""
+
+    origin: IntArray
+
+    @property
+    def detection(self) -> IntArray:
+        """``(N,)`` row of the detection of each, in what was given for the frame; -1 where none supports the box."""
+        return self.origin[:, 0]
+
+    @property
+    def classes(self) -> IntArray:
+        """``(N,)`` class of that detection, of targets that of most of theirs so far; -1 where none is known."""
+        return self.origin[:, 1]
+
+
 @dataclass(frozen=True, eq=False)
 class Frame(ComparedByValue):
     """One image of a video.
@@ -127,7 +143,11 @@ class Detections(Columns, ComparedByValue):
         if not isinstance(self.names, Mapping):
             raise RequestError(f"expected names of classes by number, got {type(self.names).__name__}")
         for name in ("features", "actions"):
-            self._check_rows(name)
+            if (given := getattr(self, name)) is not None:
+                rows = np.asarray(given, dtype=np.float64)
+                if rows.ndim != 2 or len(rows) != len(self.boxes):
+                    raise ValueError(f"expected {name} of shape ({len(self.boxes)}, D), got {rows.shape}")
+                object.__setattr__(self, name, rows)
         if self.angles is not None:
             object.__setattr__(self, "angles", np.asarray(self.angles, dtype=np.float64))
             if self.angles.shape != (len(self.boxes),) or not np.isfinite(self.angles).all():
@@ -137,15 +157,6 @@ class Detections(Columns, ComparedByValue):
                 object.__setattr__(self, name, np.asarray(given, dtype=np.int64))
                 if np.shape(given) != (len(self.boxes),):
                     raise ValueError(f"expected {len(self.boxes)} {name}, got shape {np.shape(given)}")
-
-    def _check_rows(self, name: str) -> None:
-        given = getattr(self, name)
-        if given is None:
-            return
-        rows = np.asarray(given, dtype=np.float64)
-        if rows.ndim != 2 or len(rows) != len(self.boxes):
-            raise ValueError(f"expected {name} of shape ({len(self.boxes)}, D), got {rows.shape}")
-        object.__setattr__(self, name, rows)
 
     @classmethod
     def empty(cls) -> Detections:
@@ -196,7 +207,7 @@ class Target(ComparedByValue):
 
 
 @dataclass(frozen=True, eq=False)
-class Targets(Columns, ComparedByValue):
+class Targets(FromDetections, Columns, ComparedByValue):
     """The targets of one frame; going through them gives one `Target` after the other.
 
     Attributes:
@@ -228,16 +239,6 @@ class Targets(Columns, ComparedByValue):
         for number, box, score, status, (row, kind) in zip(*columns, strict=True):
             yield Target(number, box, score, status, row, kind, self.names.get(kind, ""))
 
-    @property
-    def detection(self) -> IntArray:
-        """``(N,)`` row of the detection of each, in what was given for the frame; -1 where none supports it."""
-        return self.origin[:, 0]
-
-    @property
-    def classes(self) -> IntArray:
-        """``(N,)`` the class that most detections of each had so far; -1 where none is known."""
-        return self.origin[:, 1]
-
     @classmethod
     def empty(cls, frame: int) -> Targets:
         """No target in ``frame``."""
@@ -245,7 +246,7 @@ class Targets(Columns, ComparedByValue):
 
 
 @dataclass(frozen=True, eq=False)
-class Track(ComparedByValue):
+class Track(FromDetections, ComparedByValue):
     """One person or object through time.
 
     Attributes:
@@ -283,16 +284,6 @@ class Track(ComparedByValue):
 
     def __len__(self) -> int:
         return len(self.frames)
-
-    @property
-    def detection(self) -> IntArray:
-        """``(T,)`` row of the detection in what was given for the frame; -1 where none supports the box."""
-        return self.origin[:, 0]
-
-    @property
-    def classes(self) -> IntArray:
-        """``(T,)`` class of that detection; -1 where none is known."""
-        return self.origin[:, 1]
 
     @property
     def class_id(self) -> int:
