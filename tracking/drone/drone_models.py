@@ -12,7 +12,7 @@ import numpy as np
 from tsuiseki.tracking.drone.observations import Observers, file_digest
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser
-from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer
+from tsuiseki.tracking.features.exported import AppearanceLike, as_describer
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_tracks
@@ -34,16 +34,15 @@ class DroneModels:
     Attributes:
         observers: networks and estimates.
         names: of the actions; empty without action recognition.
-        key: plain values that identify the models and their settings, for the cache.
+        keys: plain values that identify the models and their settings, for the cache; of a run without actions then
+            those of the same observations with actions.
         given: tracks to use instead of tracking; None tracks.
-        superset_key: for runs without actions, the key of the same observations with actions.
     """
 
     observers: Observers
     names: tuple[str, ...]
-    key: Mapping[str, Any]
+    keys: Sequence[Mapping[str, Any]]
     given: Sequence[Track] | None = None
-    superset_key: Mapping[str, Any] | None = None
 
     @classmethod
     def choose(
@@ -64,30 +63,28 @@ class DroneModels:
         """
         if tracks is not None and (finding.detections is not None or finding.detector is not None):
             raise RequestError("expected one of `detections`, `detector` and `tracks`, got several")
-        paths: dict[str, Path | None] = {"detections": _file(finding.detections), "tracks": tracks}
         given = None if tracks is None else read_given_tracks(tracks, source)
         detect = people_detect(source, finding, DRONE_DETECTOR) if given is None else tracks_as_detections(given)[0]
         if isinstance(detect, ViewedDetector):
             # Who is seen from a drone is small to begin with: enlarged tiles find people in every bush.
             detect.enlarge = False
-        if not isinstance(detect, list):
-            paths["detector"] = _detector_file(finding.detector)
         network = shipped("appearance_people") if appearance is None else appearance
         used = given is None and not (isinstance(network, str | Path) and str(network) == NONE)
-        appearance_file = _file(network) if used else None
-        paths["appearance"] = None if appearance_file is None else shipped_or_file("appearance", appearance_file)
         describe = as_describer(network, finding.threads, device=finding.device) if used else None
         streams = _streams(method, actions, needed=given is not None)
         recognise = ActionRecogniser(streams, finding.threads, device=finding.device) if streams else None
         camera = camera_motion and given is None
-        key = {name: None if path is None else file_digest(path) for name, path in paths.items()}
-        key |= _streams_key(streams) | {"motion": str(camera)}
-        key |= {"score_threshold": str(finding.threshold), "score_range": str(finding.score_range)}
-        key |= finding.how
-        observers = Observers(detect, describe, recognise, camera, finding.batch_size)
+        key = {"detections": _digest(finding.detections), "tracks": _digest(tracks)}
+        if not isinstance(detect, list):
+            key["detector"] = _digest(finding.detector or shipped(DRONE_DETECTOR), "detector")
+        key |= {"appearance": _digest(network, "appearance") if used else None, "motion": str(camera)}
+        key |= {"score_threshold": str(finding.threshold), "score_range": str(finding.score_range)} | finding.how
+        keys = [key | _streams_key(streams)]
         spare = [] if streams else _streams("flow-maf", actions, needed=True)
-        superset_key = key | _streams_key(spare) if spare and all(path.is_file() for path in spare) else None
-        return cls(observers, recognise.names if recognise else (), key, given, superset_key)
+        if spare and all(path.is_file() for path in spare):
+            keys.append(key | _streams_key(spare))
+        observers = Observers(detect, describe, recognise, camera, finding.batch_size)
+        return cls(observers, recognise.names if recognise else (), keys, given)
 
 
 def _streams(method: DroneMethod, actions: Sequence[Path] | None, *, needed: bool) -> list[Path]:
@@ -97,17 +94,11 @@ def _streams(method: DroneMethod, actions: Sequence[Path] | None, *, needed: boo
     return list(actions) if actions is not None else [shipped(f"action_drone_{name}") for name in STREAMS]
 
 
-def _file(given: object) -> Path | None:
-    """The file that is given, where it is one."""
-    return Path(given) if isinstance(given, str | Path) else None
-
-
-def _detector_file(given: DetectorLike | None) -> Path | None:
-    """The file of the detector: the shipped one by default, or that of a shipped one's name; None of a function."""
-    if given is None:
-        return shipped(DRONE_DETECTOR)
-    file = _file(given)
-    return None if file is None else shipped_or_file("detector", file)
+def _digest(given: object, kind: str = "") -> str | None:
+    """Of the file that is given, or that the name of a model of a ``kind`` stands for; None of anything else."""
+    if not isinstance(given, str | Path):
+        return None
+    return file_digest(shipped_or_file(kind, given) if kind else Path(given))
 
 
 def _streams_key(streams: Sequence[Path]) -> dict[str, str | None]:

@@ -95,20 +95,20 @@ def observe(
     path = CameraPath() if observers.camera else None
     kept = 0 if observers.recognise is None else observers.recognise.history
     before: deque[ImageArray] = deque(maxlen=kept + 1)
-    for frame, found in stream(frames, observers.detect, observers.describe, observers.batch_size, times):
+    for frame, detections in stream(frames, observers.detect, observers.describe, observers.batch_size, times):
         before.append(frame.image)
         motion = None
         if path is not None:
             with times.measure("camera"):
-                path.add(frame.image, found.boxes)
+                path.add(frame.image, detections.boxes)
                 motion = path.step(len(path) - 1)
         if frame.index < first:
             continue
         actions = None
         if observers.recognise is not None:
             with times.measure("actions"):
-                actions = observers.recognise.recognise(list(before), found.boxes)
-        yield Observation(frame.index, found, actions, motion)
+                actions = observers.recognise.recognise(list(before), detections.boxes)
+        yield Observation(frame.index, detections, actions, motion)
 
 
 CHUNK = 100
@@ -123,10 +123,10 @@ def _digest(key: Any) -> str:
 
 def file_digest(path: Path) -> str:
     """A digest of what is in a file; of an ONNX file, in those that hold its weights, too."""
-    found = hashlib.sha256(path.read_bytes())
+    digest = hashlib.sha256(path.read_bytes())
     for file in weight_files(path):
-        found.update(file.read_bytes())
-    return found.hexdigest()[:32]
+        digest.update(file.read_bytes())
+    return digest.hexdigest()[:32]
 
 
 def _write(path: Path, observations: list[Observation]) -> None:
@@ -166,10 +166,10 @@ def _read(path: Path, first: int, last: int) -> list[Observation] | None:
         if head != MAGIC + zlib.crc32(body).to_bytes(4, "big"):
             raise ValueError("its checksum is wrong")
         with np.load(io.BytesIO(body), allow_pickle=False) as arrays:
-            found = _observations(dict(arrays))
-        if [o.frame for o in found] != list(range(first, last + 1)):
+            observations = _observations(dict(arrays))
+        if [o.frame for o in observations] != list(range(first, last + 1)):
             raise ValueError("it holds other frames")
-        return found
+        return observations
     except (OSError, ValueError, KeyError, EOFError) as error:
         print(f"tsuiseki: warning: {path} is no usable cache entry ({error}); made anew", file=sys.stderr)
         return None
@@ -204,23 +204,21 @@ def _observations(arrays: Mapping[str, np.ndarray[Any, Any]]) -> list[Observatio
 def video_observations(
     source: str | Path,
     observers: Observers,
-    key: Mapping[str, Any],
+    keys: Sequence[Mapping[str, Any]],
     cache: Path | None = None,
     frames: FrameRange | None = None,
     times: StageTimes | None = None,
-    superset_key: Mapping[str, Any] | None = None,
 ) -> Iterator[Observation]:
     """Observations of every frame, in order: detections, appearance features, action probabilities, camera motion.
 
     Args:
         source: a video that can be played again, see `open_source`.
         observers: the detector, the networks and the estimate of the camera motion.
-        key: plain values that identify the observers: models and settings.
+        keys: plain values that identify the observers: models and settings; then those of others whose observations
+            include all that these give. Where the cache holds theirs and not these, theirs are read.
         cache: folder of the stored observations; None stores nothing.
         frames: the range to process; by default all frames.
         times: gets the seconds of every stage.
-        superset_key: key of other observers whose observations include all that these give. Where the cache holds
-            theirs and not these, theirs are read.
 
     Raises:
         RequestError: there is a cache, but the length of the video is not known.
@@ -236,16 +234,16 @@ def video_observations(
     files = opened.images if isinstance(opened, ImageFolder) else (Path(source),)
     # By name, size and time of change: quick, whatever their number.
     facts = [(path.name, (status := path.stat()).st_size, status.st_mtime_ns) for path in files]
-    keys = [{**one, "video": _digest(facts), "start": wanted.first} for one in (key, superset_key) if one is not None]
+    keys = [{**one, "video": _digest(facts), "start": wanted.first} for one in keys]
     for first in range(wanted.first, wanted.last + 1, CHUNK):
         last = min(first + CHUNK - 1, wanted.last)
         part = {"first": first, "last": last, "version": VERSION}
         paths = [cache / f"{_digest({**one, **part})}.npz" for one in keys]
-        found = next((read for path in paths if (read := _read(path, first, last)) is not None), None)
-        if found is None:
+        observations = next((read for path in paths if (read := _read(path, first, last)) is not None), None)
+        if observations is None:
             # The frames before the first one are history for the optical flow.
             start = max(first - observers.history, wanted.first)
             again = open_source(source, FrameRange(start, last)).frames()
-            found = list(observe(again, observers, times, first))
-            _write(paths[0], found)
-        yield from found
+            observations = list(observe(again, observers, times, first))
+            _write(paths[0], observations)
+        yield from observations

@@ -238,7 +238,7 @@ def _named(
     unknown = np.empty((0, len(models.names)))
     parts = [unknown if one.actions is None else averaged(one.actions) for one in observations]
     boxes, labels = tracks_as_detections(given)
-    first = sum(len(found) for found in boxes[: log.frames[0]])
+    first = sum(len(own) for own in boxes[: log.frames[0]])
     labels = labels[first : first + sum(log.detections)]
     rows = rows_of(boxes[log.frames[0] : log.frames[-1] + 1] or [Detections.empty()], log.frames[0], 0)
     actions, half = np.concatenate(parts), round(settings.window / 2 * frame_rate)
@@ -318,4 +318,4 @@ def observations(
         return observe(run.frames(source), models.observers, run.times)
     name, folder = cache
     wanted = source.frames_wanted
-    return video_observations(name, models.observers, models.key, folder, wanted, run.times, models.superset_key)
+    return video_observations(name, models.observers, models.keys, folder, wanted, run.times)

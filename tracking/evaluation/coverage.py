@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP, restrict
+from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP, restrict, rows_by_frame
 from tsuiseki.tracking.evaluation.result_files import (
     RESULT_PLACES,
     SINGLE_RESULT_PLACES,
@@ -179,15 +179,13 @@ def matched_labels(frames: IntArray, boxes: FloatArray, truth: GroundTruth, leas
         least: intersection over union from which a box and a label match.
     """
     label = np.full(len(frames), UNMATCHED, dtype=np.int64)
-    orders = [np.argsort(numbers, kind="stable") for numbers in (frames, truth.frames)]
-    sorted_frames = [numbers[order] for numbers, order in zip((frames, truth.frames), orders, strict=True)]
-    for frame in np.intersect1d(frames, truth.frames).tolist():
-        here, there = (
-            order[slice(*np.searchsorted(numbers, [frame, frame + 1]))]
-            for numbers, order in zip(sorted_frames, orders, strict=True)
-        )
-        rows, columns = assign_overlaps(iou_matrix(truth.boxes[there], boxes[here]), least)
-        label[here[columns]] = there[rows]
+    shared, parts = np.intersect1d(frames, truth.frames), []
+    for numbers in (frames, truth.frames):
+        order = np.argsort(numbers, kind="stable")
+        parts.append([order[rows] for rows in rows_by_frame(numbers[order], shared)])
+    for own, labels in zip(*parts, strict=True):
+        rows, columns = assign_overlaps(iou_matrix(truth.boxes[labels], boxes[own]), least)
+        label[own[columns]] = labels[rows]
     return label
 
 

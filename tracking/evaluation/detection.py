@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.evaluation.multi import rows_by_frame
 from tsuiseki.tracking.formats.rotated import RotatedBoxes, read_rotated_detections, read_rotated_labels
 from tsuiseki.tracking.geometry import areas, intersections, iou_pairs, rotated_iou
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
@@ -75,9 +76,8 @@ class DetectionEvaluation:
 def labelled_boxes(truth: GroundTruth, frames: Sequence[int]) -> list[LabelledBoxes]:
     """The boxes of ``truth`` in each of the 0-based ``frames`` that count or are to be ignored."""
     relevant = truth.select(truth.evaluated | truth.ignored)
-    starts = np.searchsorted(relevant.frames, frames, side="left")
-    ends = np.searchsorted(relevant.frames, frames, side="right")
-    return [LabelledBoxes(relevant.boxes[a:b], ~relevant.evaluated[a:b]) for a, b in zip(starts, ends, strict=True)]
+    rows = rows_by_frame(relevant.frames, frames)
+    return [LabelledBoxes(relevant.boxes[own], ~relevant.evaluated[own]) for own in rows]
 
 
 def evaluate_detections(
@@ -123,8 +123,8 @@ def evaluate_classes(
         which = [(own == kind) | (own < 0) for own in labels]
         truth = [LabelledBoxes(each[w], own[w] < 0) for each, own, w in zip(boxes, labels, which, strict=True)]
         if len(names) == 1 or any((own == kind).any() for own in labels):
-            found = [d if d.classes is None else d.select(d.classes == kind) for d in detections]
-            scores[name] = evaluate_detections(truth, found, iou_threshold)
+            own = [d if d.classes is None else d.select(d.classes == kind) for d in detections]
+            scores[name] = evaluate_detections(truth, own, iou_threshold)
     if not scores:
         raise RequestError(f"expected labelled boxes of {', '.join(names)} to evaluate against, got none that counts")
     return scores
@@ -132,13 +132,13 @@ def evaluate_classes(
 
 def _scored(detections: Sequence[Detections]) -> Sequence[Detections]:
     """The detections with a score each: 1 where none is known of any."""
-    total, unknown = sum(map(len, detections)), sum(int(np.isnan(found.scores).sum()) for found in detections)
+    total, unknown = sum(map(len, detections)), sum(int(np.isnan(one.scores).sum()) for one in detections)
     if not unknown:
         return detections
     if unknown < total:
         raise RequestError(f"expected a score of each detection, got none of {unknown} of {total}")
     warnings.warn("no detection has a score; each counts with 1", InputWarning, stacklevel=3)
-    return [replace(found, scores=np.ones(len(found))) for found in detections]
+    return [replace(one, scores=np.ones(len(one))) for one in detections]
 
 
 def scores_of_matches(right: BoolArray, scores: FloatArray, count: int) -> DetectionScores:
@@ -181,9 +181,9 @@ def _match(
     images, most = len(detections), max((len(d) for d in detections), default=0)
     boxes = np.zeros((images, most, 4))
     scores = np.full((images, most), -np.inf)
-    for n, found in enumerate(detections):
-        order = np.argsort(-found.scores, kind="stable")
-        boxes[n, : len(found)], scores[n, : len(found)] = found.boxes[order], found.scores[order]
+    for n, own in enumerate(detections):
+        order = np.argsort(-own.scores, kind="stable")
+        boxes[n, : len(own)], scores[n, : len(own)] = own.boxes[order], own.scores[order]
     labels, free, ignored = _padded(truth)
     overlaps = iou_pairs(boxes[:, :, None], labels[:, None])
     right = np.zeros((images, most), dtype=np.bool_)
@@ -221,7 +221,7 @@ def evaluate_rotated_file(truth: Path, result: Path, iou: float = 0.5) -> Detect
 
 
 def evaluate_rotated(
-    truth: Mapping[str, RotatedBoxes], found: Mapping[str, RotatedBoxes], iou_threshold: float = 0.5
+    truth: Mapping[str, RotatedBoxes], detections: Mapping[str, RotatedBoxes], iou_threshold: float = 0.5
 ) -> DetectionScores:
     """Average precision over all images of ``truth``; detections of images that are not among them are refused.
 
@@ -230,24 +230,27 @@ def evaluate_rotated(
     Raises:
         RequestError: there is no labelled box, or detections belong to other images.
     """
-    strangers = sorted(set(found) - set(truth))
+    strangers = sorted(set(detections) - set(truth))
     if strangers:
         raise RequestError(f"expected detections of the labelled images, got some of {strangers[0]}")
     count = sum(len(each.boxes) for each in truth.values())
     if count == 0:
         raise RequestError("expected labelled boxes to evaluate against, got none")
-    taken = [np.empty(0, np.int64), *(_taken(each, truth[name].boxes, iou_threshold) for name, each in found.items())]
-    scores = [np.empty(0), *(each.scores for each in found.values())]
+    taken = [
+        np.empty(0, np.int64),
+        *(_taken(each, truth[name].boxes, iou_threshold) for name, each in detections.items()),
+    ]
+    scores = [np.empty(0), *(each.scores for each in detections.values())]
     return scores_of_matches(np.concatenate(taken) >= 0, np.concatenate(scores), count)
 
 
-def _taken(found: RotatedBoxes, labels: FloatArray, iou_threshold: float) -> IntArray:
+def _taken(detections: RotatedBoxes, labels: FloatArray, iou_threshold: float) -> IntArray:
     """``(N,)`` the label that each detection takes, -1 for none."""
-    taken = np.full(len(found.boxes), -1, dtype=np.int64)
+    taken = np.full(len(detections.boxes), -1, dtype=np.int64)
     if not len(labels):
         return taken
-    overlaps = rotated_iou(found.boxes, labels)
-    for k in np.argsort(-found.scores, kind="stable"):
+    overlaps = rotated_iou(detections.boxes, labels)
+    for k in np.argsort(-detections.scores, kind="stable"):
         best = int(overlaps[k].argmax())
         if overlaps[k, best] >= iou_threshold:
             overlaps[:, best] = -1.0

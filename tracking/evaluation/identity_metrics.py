@@ -49,6 +49,16 @@ class LabelledSequence:
     true_count: int
     reported_count: int
 
+    @classmethod
+    def of(cls, true: Sequence[IntArray], reported: Sequence[IntArray], overlaps: Sequence[FloatArray]) -> Self:
+        """The same with any ids ``(n,)`` and ``(m,)`` of each frame, which are numbered here."""
+        numbered, counts = [], []
+        for parts in (true, reported):
+            unique, numbers = np.unique(_joined(parts), return_inverse=True)
+            numbered.append(np.split(numbers.astype(np.int64), np.cumsum([len(part) for part in parts[:-1]])))
+            counts.append(len(unique))
+        return cls(*numbered, overlaps, *counts)
+
     def lengths(self) -> tuple[FloatArray, FloatArray]:
         """In how many frames each true and each reported identity is."""
         return (

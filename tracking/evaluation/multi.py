@@ -11,7 +11,7 @@ from __future__ import annotations
 import functools
 import operator
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -198,25 +198,20 @@ def _prepare(pair: SequencePair) -> LabelledSequence:
     result = TrackedBoxes._make(column[kept] for column in result)
     # Frames in which there is nothing change no score, and a file may have many of them.
     filled = np.unique(np.concatenate([labels.frames, result.frames]))
-    length, true_frames, frames = len(filled), *(np.searchsorted(filled, one.frames) for one in (labels, result))
-    label_starts, result_starts = (np.searchsorted(one, np.arange(length + 1)) for one in (true_frames, frames))
-    counted = np.ones(len(result.frames), dtype=np.bool_)
-    overlaps = []
-    for frame in range(length):
-        a = slice(label_starts[frame], label_starts[frame + 1])
-        b = slice(result_starts[frame], result_starts[frame + 1])
+    true, reported, overlaps = [], [], []
+    for a, b in zip(rows_by_frame(labels.frames, filled), rows_by_frame(result.frames, filled), strict=True):
         shared = iou_matrix(labels.boxes[a], result.boxes[b])
-        counted[b] = ~_on_ignored(shared, labels.ignored[a])
-        overlaps.append(shared[labels.evaluated[a]][:, counted[b]])
-    true_ids, true_count = _number_from_zero(labels.ids, labels.evaluated)
-    result_ids, result_count = _number_from_zero(result.ids, counted)
-    return LabelledSequence(
-        _split(true_ids, true_frames[labels.evaluated], length),
-        _split(result_ids, frames[counted], length),
-        overlaps,
-        true_count,
-        result_count,
-    )
+        counted = ~_on_ignored(shared, labels.ignored[a])
+        true.append(labels.ids[a][labels.evaluated[a]])
+        reported.append(result.ids[b][counted])
+        overlaps.append(shared[labels.evaluated[a]][:, counted])
+    return LabelledSequence.of(true, reported, overlaps)
+
+
+def rows_by_frame(ordered: IntArray, frames: Sequence[int] | IntArray) -> list[slice]:
+    """The rows of each of some ``frames`` in ``(N,)`` numbers of frames that are in order."""
+    starts, ends = (np.searchsorted(ordered, frames, side=side).tolist() for side in ("left", "right"))
+    return [slice(start, end) for start, end in zip(starts, ends, strict=True)]
 
 
 def where_labelled(name: str, labels: IntArray, frames: IntArray, length: int | None, stated: bool) -> BoolArray:
@@ -259,12 +254,3 @@ def _on_ignored(overlaps: FloatArray, ignored: BoolArray) -> BoolArray:
     rows, columns = assign_overlaps(overlaps, MATCH_OVERLAP - np.finfo(np.float64).eps)
     found[columns[ignored[rows]]] = True
     return found
-
-
-def _number_from_zero(ids: IntArray, which: BoolArray) -> tuple[IntArray, int]:
-    unique, numbers = np.unique(ids[which], return_inverse=True)
-    return numbers.astype(np.int64), len(unique)
-
-
-def _split(ids: IntArray, frames: IntArray, length: int) -> list[IntArray]:
-    return np.split(ids, np.searchsorted(frames, np.arange(1, length)))

@@ -72,16 +72,12 @@ def evaluate_on_floor(
             f"expected results at the labels' times, {times[0]:g} to {times[-1]:g} s, got "
             f"{found.times.min():g} to {found.times.max():g} s"
         )
-    true_ids, true_number = np.unique(truth.ids, return_inverse=True)
-    reported_ids, number = np.unique(found.ids[kept], return_inverse=True)
-    places = found.places[kept]
+    ids, places = found.ids[kept], found.places[kept]
     moment = np.searchsorted(times, truth.times)
     sets = [(np.flatnonzero(moment == k), np.flatnonzero(at == k)) for k in range(len(times))]
     apart = [cdist(truth.places[a], places[b]).reshape(len(a), len(b)) for a, b in sets]
-    sequence = LabelledSequence(
-        [true_number[a] for a, _ in sets], [number[b] for _, b in sets],
-        [np.maximum(0.0, 1.0 - d / (2 * distance)) for d in apart], len(true_ids), len(reported_ids),
-    )  # fmt: skip
+    overlaps = [np.maximum(0.0, 1.0 - d / (2 * distance)) for d in apart]
+    sequence = LabelledSequence.of([truth.ids[a] for a, _ in sets], [ids[b] for _, b in sets], overlaps)
     counts = clear(sequence)
     hits, closeness = _matched(apart, near)
     return OnFloorScores(

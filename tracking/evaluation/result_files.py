@@ -250,31 +250,31 @@ def evaluate_detection_files(
     network = open_detector(result, max(score_range[0], LOWEST_SCORE)) if result.suffix == ".onnx" else None
     for truth in truths:
         if network is not None:
-            file, found = result, _detected(truth, network, score_range[1])
+            file, detections = result, _detected(truth, network, score_range[1])
         else:
             file = result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES, SINGLE_DETECTION_PLACES)
-            found = read_detections(file, truth.length, score_range)
-        compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), truth.size)
+            detections = read_detections(file, truth.length, score_range)
+        compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(each.boxes for each in detections)]), truth.size)
         warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
-        last = max(int(truth.labels.frames[-1]), len(found) - 1)
+        last = max(int(truth.labels.frames[-1]), len(detections) - 1)
         wanted = truth.frames.within(truth.length or last + 1)
         assert wanted.last is not None
         # Frames in which there is nothing change no score, and a file may have many of them.
-        filled = {*truth.labels.frames.tolist(), *(n for n, one in enumerate(found) if len(one))}
+        filled = {*truth.labels.frames.tolist(), *(n for n, one in enumerate(detections) if len(one))}
         numbers = sorted(number for number in filled if wanted.first <= number <= wanted.last)
         none = Detections.empty()
-        counted = np.repeat(numbers, [len(found[n]) if n < len(found) else 0 for n in numbers])
+        counted = np.repeat(numbers, [len(detections[n]) if n < len(detections) else 0 for n in numbers])
         kept = where_labelled(truth.name, truth.labels.frames, counted, truth.length, truth.length is not None)
         if network is None:
             _warn_of_a_segment(file, truth.labels, counted)
         left_out = {*counted[~kept].tolist()}
         numbers = [number for number in numbers if number not in left_out]
-        every[truth.name] = (truth.labels, numbers, [found[n] if n < len(found) else none for n in numbers])
+        every[truth.name] = (truth.labels, numbers, [detections[n] if n < len(detections) else none for n in numbers])
 
     def scored(given: Iterable[tuple[GroundTruth, list[int], list[Detections]]]) -> DetectionScores:
         parts = list(given)
         boxes = [image for labels, numbers, _ in parts for image in labelled_boxes(labels, numbers)]
-        return evaluate_detections(boxes, [image for _, _, found in parts for image in found], iou)
+        return evaluate_detections(boxes, [image for _, _, detections in parts for image in detections], iou)
 
     visible: dict[str, DetectionScores] = {}
     shares = np.concatenate([labels.visibility[labels.evaluated] for labels, _, _ in every.values()])
@@ -298,12 +298,12 @@ def _detected(truth: Truth, network: Detect, most: float) -> list[Detections]:
     if not truth.length or len(truth.files) != truth.length:
         raise RequestError(f"{truth.name}: expected images beside the labels, to detect in, found none")
     wanted = truth.frames.within(truth.length)
-    found = [Detections.empty()] * truth.length
+    detections = [Detections.empty()] * truth.length
     assert wanted.last is not None
     for number in range(wanted.first, wanted.last + 1):
-        here = network.detect([read_image(truth.files[number])])[0]
-        found[number] = here.select(here.scores <= most)
-    return found
+        own = network.detect([read_image(truth.files[number])])[0]
+        detections[number] = own.select(own.scores <= most)
+    return detections
 
 
 def _warn_of_a_segment(file: Path, labels: GroundTruth, frames: IntArray) -> None:

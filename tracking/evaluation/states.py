@@ -17,6 +17,7 @@ from scipy.optimize import linear_sum_assignment
 
 from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.multi import rows_by_frame
 from tsuiseki.tracking.evaluation.result_files import warn_of_other_frames
 from tsuiseki.tracking.formats.body_states import read_fields, read_states
 from tsuiseki.tracking.types import Columns, FloatArray, IntArray
@@ -183,8 +184,7 @@ def _states_file(path: Path) -> Path:
 def _in_frames(truth: Poses, found: Poses) -> list[tuple[slice, slice]]:
     """Rows of the truth and of what was reported in every frame that has some of the truth."""
     numbers = np.unique(truth.frames)
-    edges = [np.searchsorted(one.frames, [numbers, numbers + 1]) for one in (truth, found)]
-    return [(slice(*a), slice(*b)) for a, b in zip(edges[0].T.tolist(), edges[1].T.tolist(), strict=True)]
+    return list(zip(rows_by_frame(truth.frames, numbers), rows_by_frame(found.frames, numbers), strict=True))
 
 
 def _distances(truth: Poses, found: Poses, a: slice, b: slice) -> FloatArray:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
 from tsuiseki.tracking.cli.run import SeededOutput
@@ -24,16 +26,18 @@ from tsuiseki.tracking.features.view_choice import devices_of
 from tsuiseki.tracking.fisheye.settings import CeilingOptions, FisheyeSettings
 from tsuiseki.tracking.fisheye.tracker import FloorMethod, link_on_floor
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, ceiling_detector
-from tsuiseki.tracking.fisheye.view import CeilingSource, CeilingView, Passed, given_detections, open_ceiling
+from tsuiseki.tracking.fisheye.view import CeilingSource, CeilingView, given_detections, open_ceiling
 from tsuiseki.tracking.following import count
 from tsuiseki.tracking.formats.mot import write_tracks
-from tsuiseki.tracking.formats.rotated import write_rotated_detections
+from tsuiseki.tracking.formats.rotated import RotatedBoxes, half_turned, write_rotated_detections
 from tsuiseki.tracking.formats.world_tables import write_world
+from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
+from tsuiseki.tracking.video.image_folder import ImageFolder
 from tsuiseki.tracking.video.source import SourceLike, address_of, named
 from tsuiseki.tracking.weights import shipped
 
@@ -147,7 +151,7 @@ def fisheye(
             result = floor_result(inputs, steps, chosen, hungarian, run.times, made)
             run.save(result, partial(ceiling.draw, run, video, result, folder), folder)
             sections.append(floor_section(inputs.ceiling, result, run.work / folder, len(sections), folder))
-            summary = inputs.passed.summary(hungarian.start_score if chosen == "hungarian" else None)
+            summary = inputs.summary(hungarian.start_score if chosen == "hungarian" else None)
             lines.append(f"{name}: {count(len(result), 'person', 'people')}{summary}")
         report_blank(opened[0].detector)
         page = floor_page(sections, run.times.seconds, {name: str(value) for name, value in made.items()})
@@ -156,9 +160,13 @@ def fisheye(
     return run.status
 
 
-@dataclass(frozen=True)
+# How far outside somebody may seem to stand, metres, and besides as a share of the distance: boxes are not exact.
+MARGIN, SHARE = 1.0, 0.15
+
+
+@dataclass
 class CeilingInputs:
-    """Where the people under one camera come from: everything is opened and checked, and no frame is read.
+    """Where the people under one camera come from, opened and checked; keeps who stands on the floor.
 
     Attributes:
         ceiling: the source and its camera.
@@ -167,7 +175,11 @@ class CeilingInputs:
         detector: the detector behind that, where there is one.
         describe: what describes their appearance, if anything does.
         person: the model of a person.
-        passed: leaves out detections that are not on the floor, and notes the others.
+        left_out: detections so far that are not on the floor.
+        frames: so far.
+        number: of detections so far.
+        best: the highest score so far; infinite where a detection has none, for it may always start a track.
+        boxes: rotated boxes by the image's name: of a folder the file's without suffix, else its number from 1.
     """
 
     ceiling: CeilingSource
@@ -176,20 +188,24 @@ class CeilingInputs:
     detector: Detect | None
     describe: Describe | None
     person: PersonModel
-    passed: Passed
+    left_out: int = 0
+    frames: int = 0
+    number: int = 0
+    best: float = -np.inf
+    boxes: dict[str, RotatedBoxes] = field(default_factory=dict)
 
     def detections(self, frames: Iterable[Frame], times: StageTimes) -> Iterator[FloorDetections]:
         """The people of each frame, located and described; ``times`` gets the stages."""
         with times.measure("table"):
             view = self.ceiling.view(self.options.tables, self.person)
         view = replace(view, appearance=self.describe, crops=self.options.crops)
-        return self.passed.watched(self._located(frames, view, times))
+        return self._noted(self._located(frames, view, times))
 
     def _located(self, frames: Iterable[Frame], view: CeilingView, times: StageTimes) -> Iterator[FloorDetections]:
         """The people of each frame; no frame is read where boxes are given and no method needs images."""
 
         def given_at(given: Sequence[Detections], index: int) -> Detections:
-            return self.passed.keep(given[index]) if index < len(given) else Detections.empty()
+            return self._keep(given[index]) if index < len(given) else Detections.empty()
 
         detect, length = self.detect, self.ceiling.source.length
         if isinstance(detect, Sequence) and view.appearance is None:
@@ -201,8 +217,46 @@ class CeilingInputs:
                 detections = given_at(detect, frame.index)
             else:
                 with times.measure("detect"):
-                    detections = self.passed.keep(detect.detect([frame.image])[0])
+                    detections = self._keep(detect.detect([frame.image])[0])
             yield view.describe(frame.image, view.locate(detections, times), times)
+
+    def _keep(self, detections: Detections) -> Detections:
+        """The detections of those on the floor."""
+        camera, floor = self.ceiling.placed.camera, self.ceiling.floor
+        places = camera.ground(centres(detections.boxes), self.person.height / 2)[:, :2]
+        allowed = MARGIN + SHARE * np.linalg.norm(places - camera.position[:2], axis=1, keepdims=True)
+        # A pixel at or above the horizon has no place: every comparison with it is False.
+        inside = ((places >= floor[:2] - allowed) & (places <= floor[2:] + allowed)).all(axis=1)
+        self.left_out += int((~inside).sum())
+        return detections if inside.all() else detections.select(inside)
+
+    def _noted(self, people: Iterable[FloorDetections]) -> Iterator[FloorDetections]:
+        source = self.ceiling.source
+        images = source.images if isinstance(source, ImageFolder) else ()
+        for index, each in enumerate(people):
+            scores = each.detections.scores
+            self.frames += 1
+            self.number += len(scores)
+            self.best = max(self.best, float(np.nan_to_num(scores, nan=np.inf).max(initial=-np.inf)))
+            if self.options.save_detections:
+                rows = each.rotated.copy()
+                rows[:, 4] = half_turned(rows[:, 4])
+                name = images[index].stem if images else str(index + 1)
+                self.boxes[name] = RotatedBoxes(rows, np.full(len(rows), -1), scores)
+            yield each
+
+    def summary(self, start_score: float | None) -> str:
+        """What to tell of detections outside the floor, and where none starts a track from ``start_score`` on."""
+        text = ""
+        if self.left_out:
+            floor = ",".join(f"{value:g}" for value in self.ceiling.floor)
+            text = f"; {count(self.left_out, 'detection', 'detections')} left out, outside the floor {floor}"
+        if start_score is not None and self.number and self.best < start_score:
+            text += (
+                f"; none of {self.number} detections scores {start_score:g}, from which a track starts: the best has "
+                f"{self.best:.2f}; give a lower `hungarian.start_score`, or `method` flow"
+            )
+        return text
 
 
 def opened_ceiling(
@@ -233,10 +287,9 @@ def opened_ceiling(
         given = [given_detections(p, each, finding.score_range) for p, each in zip(detections, views, strict=True)]
         detects += [[one.scoring(finding.score_threshold) for one in each] for each in given]
     describe = None if network is None else as_describer(network, finding.threads, device=finding.device)
-    passed = [Passed(each, person.height / 2, options.save_detections) for each in views]
     return [
-        CeilingInputs(each, options, detect, detector, describe, person, one)
-        for each, detect, one in zip(views, detects, passed, strict=True)
+        CeilingInputs(each, options, detect, detector, describe, person)
+        for each, detect in zip(views, detects, strict=True)
     ]
 
 
@@ -261,13 +314,13 @@ def floor_result(
         "dwell.png": lambda path, _: dwell_figure(tracks, floor, rate).savefig(path, dpi=120, facecolor="white"),
     }
     if inputs.options.save_detections:
-        files["detections.json"] = lambda path, _: write_rotated_detections(path, inputs.passed.boxes)
+        files["detections.json"] = lambda path, _: write_rotated_detections(path, inputs.boxes)
     facts = {
         "method": method,
         "people": len(tracks),
-        "frames": inputs.passed.frames,
+        "frames": inputs.frames,
         "frame_rate": rate,
-        "outside_floor": inputs.passed.left_out,
+        "outside_floor": inputs.left_out,
     }
     return Result(
         tracks,

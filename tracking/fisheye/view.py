@@ -9,8 +9,8 @@ pixels to the image's.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, TypeAlias
 
@@ -21,12 +21,9 @@ from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, read_cameras
 from tsuiseki.tracking.cameras.person_model import PersonModel, PersonTable, cached_table
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Describe
-from tsuiseki.tracking.following import count
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.rotated import (
-    RotatedBoxes,
     about_bodies,
-    half_turned,
     is_rotated,
     read_rotated_detections,
     read_rotated_labels,
@@ -247,74 +244,6 @@ def _given_rotated(path: Path, source: Source, score_range: tuple[float, float] 
             raise RequestError(f"{path}: {name}: expected scores from {low:g} to {high:g}, got {outside[0]:g}")
         result[frames[name]] = turned_detections(each)
     return result
-
-
-# How far outside somebody may seem to stand, metres, and besides as a share of the distance: boxes are not exact.
-MARGIN, SHARE = 1.0, 0.15
-
-
-@dataclass
-class Passed:
-    """Keeps who stands on the floor, and notes what passes through to the tracker.
-
-    Attributes:
-        ceiling: the camera, its source and the floor.
-        middle: height of the middle of a person, metres.
-        keeps_boxes: whether `boxes` are kept.
-        left_out: detections so far that are not on the floor.
-        frames: so far.
-        number: of detections so far.
-        best: the highest score so far; infinite where a detection has none, for it may always start a track.
-        boxes: rotated boxes by the image's name: of a folder the file's without suffix, else its number from 1.
-    """
-
-    ceiling: CeilingSource
-    middle: float
-    keeps_boxes: bool = False
-    left_out: int = 0
-    frames: int = 0
-    number: int = 0
-    best: float = -np.inf
-    boxes: dict[str, RotatedBoxes] = field(default_factory=dict)
-
-    def keep(self, detections: Detections) -> Detections:
-        """The detections of those on the floor."""
-        camera, floor = self.ceiling.placed.camera, self.ceiling.floor
-        places = camera.ground(centres(detections.boxes), self.middle)[:, :2]
-        allowed = MARGIN + SHARE * np.linalg.norm(places - camera.position[:2], axis=1, keepdims=True)
-        # A pixel at or above the horizon has no place: every comparison with it is False.
-        inside = ((places >= floor[:2] - allowed) & (places <= floor[2:] + allowed)).all(axis=1)
-        self.left_out += int((~inside).sum())
-        return detections if inside.all() else detections.select(inside)
-
-    def watched(self, people: Iterable[FloorDetections]) -> Iterator[FloorDetections]:
-        """The same, frame by frame."""
-        source = self.ceiling.source
-        images = source.images if isinstance(source, ImageFolder) else ()
-        for index, each in enumerate(people):
-            scores = each.detections.scores
-            self.frames += 1
-            self.number += len(scores)
-            self.best = max(self.best, float(np.nan_to_num(scores, nan=np.inf).max(initial=-np.inf)))
-            if self.keeps_boxes:
-                rows = each.rotated.copy()
-                rows[:, 4] = half_turned(rows[:, 4])
-                name = images[index].stem if images else str(index + 1)
-                self.boxes[name] = RotatedBoxes(rows, np.full(len(rows), -1), scores)
-            yield each
-
-    def summary(self, start_score: float | None) -> str:
-        """What to tell of detections outside the floor, and where none starts a track from ``start_score`` on."""
-        text = ""
-        if self.left_out:
-            floor = ",".join(f"{value:g}" for value in self.ceiling.floor)
-            text = f"; {count(self.left_out, 'detection', 'detections')} left out, outside the floor {floor}"
-        if start_score is not None and self.number and self.best < start_score:
-            text += (
-                f"; none of {self.number} detections scores {start_score:g}, from which a track starts: the best has "
-                f"{self.best:.2f}; give a lower `hungarian.start_score`, or `method` flow"
-            )
-        return text
 
 
 def upright_crops(image: ImageArray, rotated: FloatArray, height: int, width: int) -> ImageArray:

@@ -116,17 +116,17 @@ def _pair(compared: BeforeAndAfter, later: str) -> str:
     before, after = compared.before, compared.after
     in_both = assign_overlaps(iou_matrix(before.boxes, after.boxes), _SAME)
     parts = [
-        f"<figure><figcaption>{name}: {len(found)} detected</figcaption>"
-        f"{_picture(compared.image, found, shared)}</figure>"
-        for name, found, shared in zip(("start", later), (before, after), in_both, strict=True)
+        f"<figure><figcaption>{name}: {len(detections)} detected</figcaption>"
+        f"{_picture(compared.image, detections, shared)}</figure>"
+        for name, detections, shared in zip(("start", later), (before, after), in_both, strict=True)
     ]
     return f'<h3>{escape(compared.caption)}</h3><div class="pair">{"".join(parts)}</div>'
 
 
-def _picture(image: ImageArray, found: Detections, in_both: IntArray) -> str:
+def _picture(image: ImageArray, detections: Detections, in_both: IntArray) -> str:
     scale = min(1.0, 2 * _LONGEST / max(image.shape[:2]))
     drawn = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    for row, (x1, y1, x2, y2) in enumerate((found.boxes * scale).round().astype(int).tolist()):
+    for row, (x1, y1, x2, y2) in enumerate((detections.boxes * scale).round().astype(int).tolist()):
         cv2.rectangle(drawn, (x1, y1), (x2, y2), _COLOUR if row in in_both else _ONLY_HERE, 2)
     return embedded_image(np.asarray(drawn, dtype=np.uint8))
 

@@ -75,22 +75,23 @@ class ClassChoice:
             f"`classes`: expected classes of {what} ({there}), got {one}{advice if isinstance(one, str) else ''}"
         )
 
-    def chosen(self, found: Detections, what: object) -> Detections:
-        """Those of ``found``, detections of a frame, that are of these classes.
+    def chosen(self, detections: Detections, what: object) -> Detections:
+        """The detections of a frame that are of these classes.
 
         Raises:
             RequestError: detections have no classes, or names are wanted and they have none; or their names tell more
                 classes than are in the frame, and one that is wanted is none of them.
         """
-        if not len(found):
-            return found
-        if found.classes is None:
+        if not len(detections):
+            return detections
+        if detections.classes is None:
             raise RequestError(f"`classes`: expected classes of {what}, got boxes without; leave `classes` out")
-        present = set(found.classes.tolist())
+        present, names = set(detections.classes.tolist()), detections.names
         # A list of all names tells what can never come.
-        if found.names.keys() - present or (not found.names and any(isinstance(one, str) for one in self.plain)):
-            self.numbers(found.names, found.names.keys() | present, what)
-        return found.select(np.isin(found.classes, [n for one in self.plain for n in called(one, found.names)]))
+        if names.keys() - present or (not names and any(isinstance(one, str) for one in self.plain)):
+            self.numbers(names, names.keys() | present, what)
+        wanted = [number for one in self.plain for number in called(one, names)]
+        return detections.select(np.isin(detections.classes, wanted))
 
 
 def called(one: int | str, names: Mapping[int, str]) -> list[int]:

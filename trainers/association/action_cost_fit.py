@@ -189,7 +189,7 @@ def fit_action_costs(
     }
     samples = []
     for sequence in sequences:
-        table = list(video_observations(sequence.folder, observers, key, cache))
+        table = list(video_observations(sequence.folder, observers, [key], cache))
         truth, size = read_ground_truth(sequence.ground_truth_path), (sequence.width, sequence.height)
         samples.append(link_samples(table, truth, sequence.frame_rate, size))
         print(f"{sequence.folder.name}: {len(samples[-1].same)} links, {_summary(samples[-1:])}")
