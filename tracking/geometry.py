@@ -76,10 +76,7 @@ def grown(boxes: FloatArray, share: float) -> FloatArray:
 def shared_with_all(boxes: FloatArray, others: FloatArray, which: BoolArray | None = None) -> FloatArray:
     """``(N,)`` share of each of ``(N, 4)`` boxes that lies on any of ``(M, 4)`` others.
 
-    Args:
-        boxes: pixels.
-        others: likewise.
-        which: ``(N, M)`` whether the other counts for the box; None takes all.
+    Of the others those count that are at ``which`` ``(N, M)``; None takes all.
     """
     if not len(boxes) or not len(others):
         return np.zeros(len(boxes))

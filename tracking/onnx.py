@@ -200,12 +200,7 @@ def _reason(error: Exception) -> str:
 
 
 def image_input(session: onnxruntime.InferenceSession, path: Path, *, floats: bool = False) -> WantedInput:
-    """The picture that a network of others takes.
-
-    Args:
-        session: of the network.
-        path: of its file, for messages.
-        floats: refuse bytes.
+    """The picture that a network of others takes; ``floats`` refuses bytes, ``path`` is for messages.
 
     Raises:
         RequestError: its input is no one picture with the channels before the rows.

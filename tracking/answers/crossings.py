@@ -81,13 +81,7 @@ def zone_distances(points: FloatArray, zone: SceneZone) -> FloatArray:
 
 
 def changes(distances: FloatArray, band: FloatArray, paths: Paths) -> Crossings:
-    """Where the settled side of paths changes.
-
-    Args:
-        distances: ``(N,)`` signed, of each row.
-        band: ``(N,)`` half its width, likewise.
-        paths: of the rows.
-    """
+    """Where the settled side of paths changes, by ``(N,)`` signed distances and half the band's width at each row."""
     width = band.copy()
     width[paths.starts] = width[paths.ends] = 0.0
     settled = np.flatnonzero(np.abs(distances) > width)

@@ -189,11 +189,7 @@ def read_scene(path: str | Path) -> Scene:
 
 
 def scene_of(content: Any, where: str, folder: Path) -> Scene:
-    """The scene that a mapping of YAML or JSON describes; ``where`` is for messages, camera files lie in ``folder``.
-
-    Raises:
-        RequestError: see `read_scene`.
-    """
+    """As `read_scene`, of a mapping of YAML or JSON; ``where`` is for messages, camera files lie in ``folder``."""
     known = ("size", "unit", "scale", "camera", "lines", "zones", "region", "ignored")
     _fields(content, known, where)
     unit = content.get("unit", "pixels")

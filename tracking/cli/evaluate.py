@@ -229,12 +229,16 @@ def floor(given: Comparison, distance: float = 1.0, near: float = 0.5) -> None:
         distance: metres within which a track is on a person, for IDF1, MOTA, HOTA and GOSPA.
         near: metres within which a detection is right, for MODA, MODP, recall and precision.
     """
-    from tsuiseki.tracking.evaluation.on_floor import evaluate_floor_files
+    from tsuiseki.tracking.cameras.multicamera import read_placed_truth
+    from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
     from tsuiseki.tracking.evaluation.tables import FLOOR_COLUMNS, value_table
 
     _check(distance > 0, "distance", "metres above 0", distance)
     _check(near > 0, "near", "metres above 0", near)
-    scores = evaluate_floor_files(given.truth, given.named(), distance, near)
+    labels, scores = read_placed_truth(given.truth), {}
+    for name, path in given.named().items():
+        reported = read_placed_truth(path / "world.csv" if path.is_dir() else path, empty=True)
+        scores[name] = evaluate_on_floor(labels, reported, distance, near)
     given.report(value_table(scores, FLOOR_COLUMNS), scores, {name: one.recall for name, one in scores.items()})
 
 
@@ -358,10 +362,15 @@ def states(given: Comparison, scored: ScoredFrames, distance: float = 20.0) -> N
         results: of the same kind, such as folders of tsuiseki track deformable; several are compared.
         distance: pixels within which a body is detected.
     """
-    from tsuiseki.tracking.evaluation.states import evaluate_state_files
+    from tsuiseki.tracking.evaluation.result_files import warn_of_other_frames
+    from tsuiseki.tracking.evaluation.states import evaluate_states, read_poses
     from tsuiseki.tracking.evaluation.tables import STATE_COLUMNS, value_table
 
     _check(distance > 0, "distance", "pixels above 0", distance)
-    scores = evaluate_state_files(given.truth, given.named(), distance, scored.range)
+    truth, *files = (path / "states.csv" if path.is_dir() else path for path in (given.truth, *given.results))
+    labels, scores = read_poses(truth).within(scored.range), {}
+    for name, file in zip(given.named(), files, strict=True):
+        scores[name] = evaluate_states(labels, read_poses(file), distance, scored.range)
+        warn_of_other_frames(file, int(labels.frames[0]), int(labels.frames[-1]))
     right = {name: one.success for name, one in scores.items()}
     given.report(value_table(scores, STATE_COLUMNS), {name: one.values() for name, one in scores.items()}, right)

@@ -278,9 +278,7 @@ def named_config(path: str | Path) -> Path:
 def read_config(path: Path, command: Sequence[str]) -> dict[str, Any]:
     """The options in a file: YAML, what ``--print-config`` prints, or the ``run.json`` of an earlier run.
 
-    Args:
-        path: of the file.
-        command: the program's words; a ``run.json`` must be of the same command.
+    A ``run.json`` must be of the same ``command``, the program's words.
 
     Raises:
         RequestError: there is no such file, it is no YAML of options, or the record of another command.

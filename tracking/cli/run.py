@@ -168,10 +168,7 @@ class Run:
     def steps(self, items: Iterable[T], what: str = "tracking", total: int | None = None) -> Iterator[T]:
         """``items``, with progress, up to an interrupt or to where they fail.
 
-        Args:
-            items: of the run.
-            what: is done, for the line.
-            total: number of items; by default that of the frames of the last source, where it is known.
+        By default there are as many as frames of the last source, where that is known.
 
         Raises:
             RunError: there is none.
@@ -262,10 +259,8 @@ class Run:
     def save(self, result: Result[Any], draw: Callable[[], object] = lambda: None, folder: str = "") -> None:
         """Write the files of ``result``, and take what it knows into ``run.json``.
 
-        Args:
-            result: of the run.
-            draw: makes what the pages of the result show; called when all other files are written.
-            folder: for the files, inside the output folder; by default that itself.
+        ``draw`` makes what the pages of the result show, when all other files are written; ``folder`` lies inside the
+        output folder.
         """
         DEADLINE.brief, self.columns = False, result.frames
         self.facts |= result.facts

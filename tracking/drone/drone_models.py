@@ -56,11 +56,7 @@ class DroneModels:
         *,
         camera_motion: bool = True,
     ) -> DroneModels:
-        """The models for a video; see `track_drone`. People in the file ``tracks`` are right already.
-
-        Raises:
-            RequestError: something of this cannot be used; the message says what and why.
-        """
+        """The models for a video, as `track_drone` says; people in the file ``tracks`` are right already."""
         if tracks is not None and (finding.detections is not None or finding.detector is not None):
             raise RequestError("expected one of `detections`, `detector` and `tracks`, got several")
         given = None if tracks is None else read_given_tracks(tracks, source)
@@ -74,11 +70,11 @@ class DroneModels:
         streams = _streams(method, actions, needed=given is not None)
         recognise = ActionRecogniser(streams, finding.threads, device=finding.device) if streams else None
         camera = camera_motion and given is None
-        key = {"detections": _digest(finding.detections), "tracks": _digest(tracks)}
+        key: dict[str, str | None] = {"detections": _digest(finding.detections), "tracks": _digest(tracks)}
         if not isinstance(detect, list):
             key["detector"] = _digest(finding.detector or shipped(DRONE_DETECTOR), "detector")
         key |= {"appearance": _digest(network, "appearance") if used else None, "motion": str(camera)}
-        key |= {"score_threshold": str(finding.threshold), "score_range": str(finding.score_range)} | finding.how
+        key |= {"score_threshold": str(finding.threshold), "score_range": str(finding.score_range), **finding.how}
         keys = [key | _streams_key(streams)]
         spare = [] if streams else _streams("flow-maf", actions, needed=True)
         if spare and all(path.is_file() for path in spare):
@@ -137,9 +133,7 @@ def read_given_tracks(path: Path, source: Source) -> list[Track]:
 def tracks_as_detections(tracks: Sequence[Track], length: int | None = None) -> tuple[list[Detections], IntArray]:
     """The boxes of ``tracks`` as detections, one entry a frame, and ``(N,)`` index of the track of each.
 
-    Args:
-        tracks: at least one.
-        length: number of frames; None ends with the last box.
+    A ``length`` of None ends with the last box.
 
     Raises:
         RequestError: there is no track.

@@ -117,7 +117,7 @@ def average_precisions(scores: FloatArray, truth: BoolArray) -> FloatArray:
     return np.asarray(np.divide(total, positives, out=nowhere, where=positives > 0))
 
 
-PLACES, SINGLE_PLACES = ("{name}/tracks.json", "{name}.json"), ("tracks.json",)
+PLACES = ("{name}/tracks.json", "{name}.json"), ("tracks.json",)
 
 
 @dataclass(frozen=True)
@@ -161,15 +161,11 @@ def read_labelled_actions(
     multiple_actions: bool = False,
     frames: FrameRange = EVERY_FRAME,
 ) -> list[LabelledActions]:
-    """The labels at ``path``.
+    """The labels at ``path``, see `open_labelled`, by a protocol of `okutama_truth`; all of Drone-Action's count.
 
-    Args:
-        path: see `open_labelled`.
-        protocol: by which labels count, see `okutama_truth`; all of Drone-Action's do.
-        size: width and height of the frames that were tracked, for Okutama-Action's labels; by default those of the
-            frames that lie with them, or else of those that come with the data.
-        multiple_actions: of Okutama-Action's folder, take ``MultiActionLabels``.
-        frames: to keep.
+    ``size`` has width and height of the frames that were tracked, for Okutama-Action's labels; by default those of the
+    frames that lie with them, or else of those that come with the data. Of its folder ``multiple_actions`` takes
+    ``MultiActionLabels``.
 
     Raises:
         RequestError: there are none, they are broken, or no person to score is labelled in these frames.
@@ -203,7 +199,7 @@ def match_actions(truths: Sequence[LabelledActions], result: Path) -> ActionRows
     """
     parts = []
     for labels in truths:
-        path = result_file(labels.name, result, len(truths) == 1, PLACES, SINGLE_PLACES)
+        path = result_file(labels.name, result, len(truths) == 1, PLACES)
         people, names = read_acting_tracks(path)
         warn_of_other_frames(path, int(labels.truth.frames.min()), int(labels.truth.frames.max()))
         if names != labels.names:

@@ -13,7 +13,6 @@ from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP, restrict, rows_by_frame
 from tsuiseki.tracking.evaluation.result_files import (
     RESULT_PLACES,
-    SINGLE_RESULT_PLACES,
     result_file,
     warn_of_other_frames,
 )
@@ -103,13 +102,7 @@ class TargetCoverage:
 
 
 def target_coverage(boxes: np.ndarray, tracks: Sequence[Track], overlap: float = 0.5) -> TargetCoverage:
-    """Which of ``tracks`` are on a target when.
-
-    Args:
-        boxes: ``(T, 4)`` of the target, NaN where it is out of view.
-        tracks: of everybody.
-        overlap: of boxes from which a track is on the target, in (0, 1].
-    """
+    """Which of ``tracks`` are on a target with boxes ``(T, 4)``, NaN out of view, from an ``overlap`` in (0, 1] on."""
     frames = np.flatnonzero(np.isfinite(boxes).all(axis=1))
     if not len(frames):
         return TargetCoverage(0, 0, 0, 0, 0, None, len(tracks))
@@ -127,22 +120,17 @@ def target_coverage(boxes: np.ndarray, tracks: Sequence[Track], overlap: float =
 def cover_targets(
     sequences: Sequence[SingleSequence], result: Path, overlap: float, frames: FrameRange = EVERY_FRAME
 ) -> dict[str, TargetCoverage]:
-    """Every labelled target, by the name of its sequence, against its tracks.
+    """Every labelled target, by the name of its sequence, against its tracks; see `target_coverage`.
 
-    A result that is of other frames than those that are scored is warned of.
-
-    Args:
-        sequences: with one labelled target each.
-        result: a MOTChallenge text file where there is one sequence, or a folder, see `pairs`.
-        overlap: see `target_coverage`.
-        frames: that are scored.
+    A result that is of other frames than those that are scored is warned of. It is a MOTChallenge text file where there
+    is one sequence, or a folder, see `result_file`.
 
     Raises:
         RequestError: a sequence has no result, or it is broken, or ``frames`` reaches beyond it.
     """
     covered = {}
     for target in sequences:
-        file = result_file(target.name, result, len(sequences) == 1, RESULT_PLACES, SINGLE_RESULT_PLACES)
+        file = result_file(target.name, result, len(sequences) == 1, RESULT_PLACES)
         tracks = read_tracks(file)
         wanted = frames.within(len(target.boxes))
         assert wanted.last is not None

@@ -211,11 +211,7 @@ def _padded(truth: Sequence[LabelledBoxes]) -> tuple[FloatArray, BoolArray, Bool
 
 
 def evaluate_rotated_file(truth: Path, result: Path, iou: float = 0.5) -> DetectionEvaluation:
-    """Average precision of the detections in a JSON file against labels of CEPDOF, MW-R or HABBOF.
-
-    Raises:
-        RequestError: see `read_rotated_labels`, `read_rotated_detections` and `evaluate_rotated`.
-    """
+    """Average precision of the detections in a JSON file against labels of CEPDOF, MW-R or HABBOF."""
     scores = evaluate_rotated(read_rotated_labels(truth), read_rotated_detections(result), iou)
     return DetectionEvaluation({truth.stem: scores}, scores)
 

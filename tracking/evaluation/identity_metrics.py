@@ -52,12 +52,9 @@ class LabelledSequence:
     @classmethod
     def of(cls, true: Sequence[IntArray], reported: Sequence[IntArray], overlaps: Sequence[FloatArray]) -> Self:
         """The same with any ids ``(n,)`` and ``(m,)`` of each frame, which are numbered here."""
-        numbered, counts = [], []
-        for parts in (true, reported):
-            unique, numbers = np.unique(_joined(parts), return_inverse=True)
-            numbered.append(np.split(numbers.astype(np.int64), np.cumsum([len(part) for part in parts[:-1]])))
-            counts.append(len(unique))
-        return cls(*numbered, overlaps, *counts)
+        true_ids, true_count = _numbered(true)
+        reported_ids, reported_count = _numbered(reported)
+        return cls(true_ids, reported_ids, overlaps, true_count, reported_count)
 
     def lengths(self) -> tuple[FloatArray, FloatArray]:
         """In how many frames each true and each reported identity is."""
@@ -218,6 +215,13 @@ def identity(sequence: LabelledSequence, least: float = 0.5) -> Identity:
     rows, columns = scipy.optimize.linear_sum_assignment(common, maximize=True)
     hits = int(common[rows, columns].sum())
     return Identity(hits, sum(map(len, sequence.true_ids)) - hits, sum(map(len, sequence.reported_ids)) - hits)
+
+
+def _numbered(parts: Sequence[IntArray]) -> tuple[list[IntArray], int]:
+    """The ids of each frame as numbers from 0, and how many there are."""
+    unique, numbers = np.unique(_joined(parts), return_inverse=True)
+    cuts = np.cumsum([len(part) for part in parts[:-1]], dtype=np.int64)
+    return np.split(numbers.astype(np.int64), cuts), len(unique)
 
 
 def _joined(parts: Sequence[IntArray]) -> IntArray:

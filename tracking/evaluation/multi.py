@@ -194,7 +194,7 @@ def _prepare(pair: SequencePair) -> LabelledSequence:
             f"{pair.name}: expected frames up to {pair.length}, got a box in frame {last + 1}; "
             "is this the result of another sequence?"
         )
-    kept = where_labelled(pair.name, labels.frames, result.frames, pair.length, pair.length is not None)
+    kept = where_labelled(pair.name, labels.frames, result.frames, pair.length)
     result = TrackedBoxes._make(column[kept] for column in result)
     # Frames in which there is nothing change no score, and a file may have many of them.
     filled = np.unique(np.concatenate([labels.frames, result.frames]))
@@ -214,19 +214,19 @@ def rows_by_frame(ordered: IntArray, frames: Sequence[int] | IntArray) -> list[s
     return [slice(start, end) for start, end in zip(starts, ends, strict=True)]
 
 
-def where_labelled(name: str, labels: IntArray, frames: IntArray, length: int | None, stated: bool) -> BoolArray:
+def where_labelled(name: str, labels: IntArray, frames: IntArray, length: int | None) -> BoolArray:
     """``(N,)`` which boxes of a result lie in labelled frames, by `inferred_frames`; warns of others.
 
     Args:
         name: of the sequence.
         labels: frames of the labels, in order.
         frames: ``(N,)`` of the boxes, in order.
-        length: number of frames; None takes the last of either.
-        stated: boxes outside the labels' first and last frame are false by the sequence's own word.
+        length: number of frames, by the sequence's own word; None takes the last of either, and many boxes outside the
+            labels' first and last frame are warned of.
     """
     first, end = int(labels[0]), int(labels[-1])
     outside = int(((frames < first) | (frames > end)).sum())
-    if not stated and outside > MANY * len(frames):
+    if length is None and outside > MANY * len(frames):
         warnings.warn(
             f"{name}: {outside} of {len(frames)} boxes lie outside frames {first + 1}-{end + 1}, the "
             f"labelled ones, and count as false; `frames` {first + 1}-{end + 1} leaves them out",

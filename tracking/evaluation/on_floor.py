@@ -11,15 +11,14 @@ Only labelled moments count; of the results between them, the nearest in time wi
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
-from tsuiseki.tracking.cameras.multicamera import PlacedTruth, read_placed_truth
+from tsuiseki.tracking.cameras.multicamera import PlacedTruth
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.identity_metrics import LabelledSequence, clear, hota, identity
 from tsuiseki.tracking.evaluation.point_distances import gospa
@@ -123,19 +122,3 @@ def _matched(apart: Sequence[FloatArray], near: float) -> tuple[int, float]:
         hits += int(good.sum())
         closeness += float((gain[rows, columns][good] - 1000.0).sum())
     return hits, closeness
-
-
-def evaluate_floor_files(
-    truth: Path, results: Mapping[str, Path], distance: float = 1.0, near: float = 0.5
-) -> dict[str, OnFloorScores]:
-    """Scores of several results by name: ``world.csv`` or folders with one; see `evaluate_on_floor`.
-
-    Raises:
-        RequestError: a file is missing or broken, or see `evaluate_on_floor`.
-    """
-    labels = read_placed_truth(truth)
-    files = {name: path / "world.csv" if path.is_dir() else path for name, path in results.items()}
-    return {
-        name: evaluate_on_floor(labels, read_placed_truth(path, empty=True), distance, near)
-        for name, path in files.items()
-    }

@@ -253,14 +253,10 @@ def evaluate_point_files(
     window: int = 10,
     wanted: FrameRange = EVERY_FRAME,
 ) -> dict[str, PointScores]:
-    """Scores of several results, from frame 1 to the last that has a point; frames without any count as right.
+    """Scores of results by name, from frame 1 to the last that has a point; frames without any count as right.
 
-    Args:
-        truth: points as CSV with the columns frame,id,x,y, or MOTChallenge text, whose boxes count by their centres.
-        results: files of the same kinds, by name.
-        cutoff: distance from which a point counts as missed.
-        window: frames of OSPA(2).
-        wanted: these frames only.
+    Files are CSV with the columns frame,id,x,y, or MOTChallenge text, whose boxes count by their centres; see
+    `evaluate_points` for ``cutoff`` and ``window``.
 
     Raises:
         RequestError: a file is missing or broken, or no point is labelled.

@@ -7,6 +7,7 @@ import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TypeAlias
 
 import numpy as np
 
@@ -113,9 +114,9 @@ def _restricted(truth: Truth, frames: FrameRange) -> Truth:
 
 # Detections of a network from this score on are scored.
 LOWEST_SCORE = 0.05
-# What results of different runs are called alike tells nothing apart.
 # Shares of a person that are visible, from and below.
 VISIBLE = ((0.75, 1.01), (0.5, 0.75), (0.25, 0.5), (0.0, 0.25))
+# What results of different runs are called alike tells nothing apart.
 USUAL_NAMES = ("tracks.txt", "tracks.json", "det.txt", "gt.txt", "states.csv")
 
 
@@ -171,12 +172,17 @@ def warn_of_other_frames(result: Path, first: int, last: int) -> None:
         warnings.warn(f"{result} is a partial result; score those it has with `frames`", InputWarning, stacklevel=3)
 
 
-# Where the result of the sequence NAME may lie in a folder of results, the most specific place first.
-RESULT_PLACES = ("{name}/tracks.txt", "{name}.txt", "{name}/{name}.txt", "{name}/gt/gt.txt")
-# Where it may lie when the truth is a single sequence.
-SINGLE_RESULT_PLACES = ("tracks.txt", "gt/gt.txt")
-DETECTION_PLACES = ("{name}/detections.txt", "{name}.txt", "{name}/det/det.txt")
-SINGLE_DETECTION_PLACES = ("detections.txt", "det/det.txt")
+# Where the result of the sequence NAME may lie in a folder of results, the most specific place first; and where besides
+# when the truth is a single sequence.
+Places: TypeAlias = tuple[Sequence[str], Sequence[str]]
+RESULT_PLACES: Places = (
+    ("{name}/tracks.txt", "{name}.txt", "{name}/{name}.txt", "{name}/gt/gt.txt"),
+    ("tracks.txt", "gt/gt.txt"),
+)
+DETECTION_PLACES: Places = (
+    ("{name}/detections.txt", "{name}.txt", "{name}/det/det.txt"),
+    ("detections.txt", "det/det.txt"),
+)
 
 
 def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:
@@ -193,7 +199,7 @@ def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:
     for truth in truths:
         file = result
         if len(truths) > 1 or not format_at(result):
-            file = result_file(truth.name, result, len(truths) == 1, RESULT_PLACES, SINGLE_RESULT_PLACES)
+            file = result_file(truth.name, result, len(truths) == 1, RESULT_PLACES)
         tracks = read_exported(file).in_pixels(file, truth.size).tracks if format_at(file) else read_tracks(file)
         compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)]), truth.size)
         warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
@@ -252,7 +258,7 @@ def evaluate_detection_files(
         if network is not None:
             file, detections = result, _detected(truth, network, score_range[1])
         else:
-            file = result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES, SINGLE_DETECTION_PLACES)
+            file = result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES)
             detections = read_detections(file, truth.length, score_range)
         compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(each.boxes for each in detections)]), truth.size)
         warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
@@ -264,7 +270,7 @@ def evaluate_detection_files(
         numbers = sorted(number for number in filled if wanted.first <= number <= wanted.last)
         none = Detections.empty()
         counted = np.repeat(numbers, [len(detections[n]) if n < len(detections) else 0 for n in numbers])
-        kept = where_labelled(truth.name, truth.labels.frames, counted, truth.length, truth.length is not None)
+        kept = where_labelled(truth.name, truth.labels.frames, counted, truth.length)
         if network is None:
             _warn_of_a_segment(file, truth.labels, counted)
         left_out = {*counted[~kept].tolist()}
@@ -323,7 +329,7 @@ def _visible(labels: GroundTruth, low: float, high: float) -> GroundTruth:
     return replace(labels, evaluated=labels.evaluated & here, ignored=labels.ignored | (labels.evaluated & ~here))
 
 
-def result_file(name: str, result: Path, single: bool, places: Sequence[str], single_places: Sequence[str]) -> Path:
+def result_file(name: str, result: Path, single: bool, places: Places) -> Path:
     """The file of sequence ``name``; ``single`` says that there is no other sequence."""
     if result.is_file():
         if not single:
@@ -331,7 +337,7 @@ def result_file(name: str, result: Path, single: bool, places: Sequence[str], si
         return result
     if not result.is_dir():
         raise RequestError(f"expected a result file or a folder of results, found no {result}")
-    tried = [*(place.format(name=name) for place in places), *(single_places if single else ())]
+    tried = [*(place.format(name=name) for place in places[0]), *(places[1] if single else ())]
     for place in tried:
         if (result / place).is_file():
             return result / place

@@ -7,7 +7,6 @@ count.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -18,7 +17,6 @@ from scipy.optimize import linear_sum_assignment
 from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import rows_by_frame
-from tsuiseki.tracking.evaluation.result_files import warn_of_other_frames
 from tsuiseki.tracking.formats.body_states import read_fields, read_states
 from tsuiseki.tracking.types import Columns, FloatArray, IntArray
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
@@ -159,26 +157,6 @@ def evaluate_states(
         false=len(found.frames) - len(rows),
         frames=len(np.unique(truth.frames)),
     )
-
-
-def evaluate_state_files(
-    truth: Path, results: Mapping[str, Path], distance: float = 20.0, frames: FrameRange = EVERY_FRAME
-) -> dict[str, StateScores]:
-    """Scores of several results by name: ``states.csv``, or folders with one; see `evaluate_states`.
-
-    Raises:
-        RequestError: a file is missing or broken, or there is no body in those frames.
-    """
-    labels, scores = read_poses(_states_file(truth)).within(frames), {}
-    for name, result in results.items():
-        file = _states_file(result)
-        scores[name] = evaluate_states(labels, read_poses(file), distance, frames)
-        warn_of_other_frames(file, int(labels.frames[0]), int(labels.frames[-1]))
-    return scores
-
-
-def _states_file(path: Path) -> Path:
-    return path / "states.csv" if path.is_dir() else path
 
 
 def _in_frames(truth: Poses, found: Poses) -> list[tuple[slice, slice]]:

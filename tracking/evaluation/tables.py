@@ -42,13 +42,7 @@ Row = Sequence[str]
 
 
 def score_table(names: Sequence[str], scores: Sequence[str], groups: Iterable[Iterable[Row]]) -> Table:
-    """A table for `rich`, which is loaded here: pages take only the columns.
-
-    Args:
-        names: headings of the columns of names, set on the left.
-        scores: headings of the columns of numbers, set on the right.
-        groups: of rows, a line between two of them.
-    """
+    """A table for `rich`, which is loaded here: pages take only the columns. Between groups of rows is a line."""
     from rich import box
     from rich.table import Table
     from rich.text import Text

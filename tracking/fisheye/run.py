@@ -137,7 +137,7 @@ def fisheye(
     from tsuiseki.tracking.fisheye.page import floor_page, floor_section
 
     opened = opened_ceiling(source, cameras, ceiling, finding, detections)
-    sections, lines, made = [], [], output.settings
+    sections, lines, made = list[str](), list[str](), output.settings
     with output.run() as run:
         run.facts |= report_models(opened[0].detector, opened[0].describe)
         for inputs in opened:

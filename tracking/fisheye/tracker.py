@@ -84,10 +84,6 @@ class FisheyeTracker:
 
     It keeps the boxes and places of confirmed tracks, no detections and no features. Where video never ends, take
     `tracks` and `forget` them now and then; ids go on.
-
-    Args:
-        frame_rate: frames per second.
-        settings: how detections are matched to tracks.
     """
 
     def __init__(self, frame_rate: float, settings: FisheyeSettings | None = None) -> None:

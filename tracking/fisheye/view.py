@@ -193,10 +193,8 @@ def given_detections(
 ) -> list[Detections]:
     """The detections of each frame of a source in a file: MOTChallenge text, or rotated boxes by image.
 
-    Args:
-        path: a det.txt, or what `tsuiseki.tracking.formats.rotated` reads: detections, or labels as such.
-        view: the source, a folder of images where the boxes are rotated, since those name images; and its camera.
-        score_range: smallest and largest score to expect; by default any.
+    Rotated boxes are detections, or labels as such, see `formats.rotated`; they name images, so that the source is a
+    folder of these.
 
     Raises:
         RequestError: the file is missing or malformed, names images that the source has not, or has boxes outside the
@@ -249,11 +247,7 @@ def _given_rotated(path: Path, source: Source, score_range: tuple[float, float] 
 def upright_crops(image: ImageArray, rotated: FloatArray, height: int, width: int) -> ImageArray:
     """``(N, height, width, 3)`` crops of ``(N, 5)`` rotated boxes, heads up, stretched to the crop.
 
-    Args:
-        image: ``(H, W, 3)`` uint8.
-        rotated: boxes as `person_model` has them; outside the image its border is repeated.
-        height: of the crops, pixels.
-        width: of the crops, pixels.
+    The image is ``(H, W, 3)`` uint8; outside of it its border is repeated. Boxes are as `person_model` has them.
     """
     crops = np.empty((len(rotated), height, width, 3), dtype=np.uint8)
     for crop, matrix, scale in zip(crops, *_maps(rotated, height, width), strict=True):

@@ -93,13 +93,9 @@ def canvas(view: ImageArray | None, size: FloatArray) -> tuple[ImageArray, float
 def paths_picture(
     view: ImageArray | None, size: FloatArray, paths: Mapping[int, FloatArray], places: Mapping[str, FloatArray]
 ) -> ImageArray:
-    """All paths over the view, each with its id at its end.
+    """All paths ``(T, 2)`` by id over the view, each with its id at its end, and places ``(N, 2)`` by name; in pixels.
 
-    Args:
-        view: see `Pictures`.
-        size: ``(2,)`` width and height of a frame, pixels.
-        paths: ``(T, 2)`` pixels, by id.
-        places: lines and zones ``(N, 2)`` pixels, by name.
+    ``size`` ``(2,)`` has the width and height of a frame; see `Pictures`.
     """
     drawn, scale = canvas(view, size)
     _draw_places(drawn, places, scale)
@@ -120,12 +116,7 @@ def heat_picture(
 ) -> ImageArray:
     """Values over the view, in colours that the colour-blind tell apart, above a bar that says what they mean.
 
-    Args:
-        view: see `Pictures`.
-        size: ``(2,)`` width and height of a frame, pixels.
-        values: ``(R, C)`` of equal cells of the frame, at least 0; NaN where it is not known.
-        unit: of the values.
-        places: lines and zones ``(N, 2)`` pixels, by name.
+    They are ``(R, C)`` of equal cells of the frame, at least 0; NaN where it is not known. See `paths_picture`.
     """
     drawn, scale = canvas(view, size)
     known = np.nan_to_num(values)

@@ -82,12 +82,7 @@ def count_figure(truth: GroundTruth, results: Mapping[str, Sequence[Track]], len
 
 
 def inline_svg(draw: Callable[[str], Figure], name: str) -> str:
-    """A figure as SVG for a page whose text colour it takes.
-
-    Args:
-        draw: makes the figure, given the colour of text and axes.
-        name: unlike that of any other figure on the page; goes into the ids of its parts.
-    """
+    """A figure as SVG for a page whose text colour it takes; ``name`` is unlike that of any other figure there."""
     import matplotlib
 
     # matplotlib knows no currentColor: draw in a colour nothing else has, and exchange it.

@@ -158,11 +158,7 @@ def sphere_points_run(
     radius: float = 0.0,
     times: FrameTimes | None = None,
 ) -> SphereRun:
-    """A run of `track_sphere_points`; ``times`` of the frames are by default as the camera file says.
-
-    Raises:
-        RequestError: something of this cannot be used; the message says what and why.
-    """
+    """A run of `track_sphere_points`, which says what it raises; ``times`` are by default as the camera file says."""
     settings = settings or SphereSettings()
     for name, expected in (("preset", "extended"), ("likelihood", "contour"), ("faint", None)):
         if getattr(settings, name) != expected:

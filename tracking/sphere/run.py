@@ -116,11 +116,7 @@ def follow_sphere(
 def sphere_run(
     sources: Sequence[SourceLike], cameras: str | Path, radius: float, **keywords: Unpack[SphereKeywords]
 ) -> SphereRun:
-    """A run of `track_sphere`; all sources may be live.
-
-    Raises:
-        RequestError: something of this cannot be used; the message says what and why.
-    """
+    """A run of `track_sphere`, which says what it raises; all sources may be live."""
     settings, backgrounds = keywords.get("settings") or SphereSettings(), keywords.get("backgrounds")
     if not 0 < radius < 10:
         raise RequestError(f"`radius`: expected metres above 0 (and below 10), got {radius:g}")

@@ -106,17 +106,13 @@ def as_place(start: ArrayLike) -> FloatArray:
 
 def chosen_motion(settings: SphereSettings, radius: float) -> Motion:
     """The motion that the settings name."""
-    agitation = settings.agitation
     motion = settings.motion or ("random-walk" if settings.preset == "paper" else "constant-velocity")
-    if motion == "random-walk":
-        return RandomWalk3D(0.15 if agitation is None else agitation)
+    usual = {"random-walk": 0.15, "ballistic": 1.0, "constant-velocity": 1.5}[motion]
+    agitation = usual if settings.agitation is None else settings.agitation
     if motion == "ballistic":
-        restless = 1.0 if agitation is None else agitation
-        return Ballistic(
-            radius, settings.floor, restitution=settings.bounce, agitation=restless, drag=settings.drag,
-            spin=settings.spin,
-        )  # fmt: skip
-    return ConstantVelocity3D(1.5 if agitation is None else agitation)
+        how = {"restitution": settings.bounce, "drag": settings.drag}
+        return Ballistic(radius, settings.floor, agitation=agitation, spin=settings.spin, **how)
+    return RandomWalk3D(agitation) if motion == "random-walk" else ConstantVelocity3D(agitation)
 
 
 @dataclass(frozen=True)

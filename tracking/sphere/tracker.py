@@ -106,13 +106,7 @@ class SphereTracker:
     stages: int = 2
 
     def init(self, particles: FloatArray, views: int, time: float = 0.0) -> SphereState:
-        """Equally weighted particles ``(N, 6)``, positions (m) and velocities (m/s), for so many cameras.
-
-        Args:
-            particles: of the start; see `with_velocities`.
-            views: number of cameras.
-            time: of the start, seconds.
-        """
+        """Equally weighted particles ``(N, 6)``, see `with_velocities`, for so many cameras; ``time`` in seconds."""
         weighted = ParticleState(particles, np.full(len(particles), -np.log(len(particles))))
         return SphereState(weighted, time, np.full(views, TRUST), np.full(views, time))
 

@@ -16,7 +16,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 from typing import Any, TypeAlias
 
 import cv2
@@ -140,7 +139,6 @@ def fetch(image: ImageArray, maps: PolarMaps) -> ImageArray:
     return np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1), dtype=np.uint8)
 
 
-@lru_cache
 def _radial_weights(settings: ContourSettings) -> NDArray[np.float32]:
     """``(2, R - 1)``: the Gaussian around r0 at the middles between samples, and ones."""
     between = ((np.arange(settings.radii - 1) + 0.5) / (settings.radii - 1) * 2 - 1) * settings.reach

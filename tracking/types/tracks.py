@@ -80,9 +80,7 @@ def exact_track(identity: int, frames: IntArray, states: FloatArray) -> BodyTrac
 def boxes_about(tracks: Iterable[Any], names: Sequence[str] = ()) -> list[Track]:
     """The boxes of tracks; about animals squares as wide as they are long, whose ``detection`` is the row of the state.
 
-    Args:
-        tracks: of boxes or animals; those without a frame are left out.
-        names: of the numbers of a state.
+    Tracks without a frame are left out; ``names`` are of the numbers of a state.
 
     Raises:
         RequestError: they are of something else.

@@ -65,12 +65,12 @@ def test_a_bare_word_names_a_shipped_detector(flight: Path) -> None:
         DroneModels.choose(source, "flow", FindingOptions(detector=given, threads=1, view="auto"), "none")
         for given in ("drone_larger", None)
     )
-    assert named.key == default.key
+    assert named.keys == default.keys
     detect = default.observers.detect
     assert isinstance(detect, ViewedDetector)
     assert not detect.enlarge
     other = DroneModels.choose(source, "flow", FindingOptions(detector="street", threads=1), "none")
-    assert other.key["detector"] != default.key["detector"]
+    assert other.keys[0]["detector"] != default.keys[0]["detector"]
     with pytest.raises(RequestError, match="of the shipped ceiling, drone, "):
         DroneModels.choose(source, "flow", FindingOptions(detector="drones", threads=1), "none")
 

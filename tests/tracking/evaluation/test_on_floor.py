@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 from tsuiseki.tracking.cameras.multicamera import PlacedTruth, read_placed_truth
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.on_floor import evaluate_floor_files, evaluate_on_floor
+from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
 
 TIMES = np.repeat(np.arange(10.0), 2)
 IDS = np.tile([1, 2], 10)
@@ -65,12 +68,14 @@ def test_files(tmp_path):
     path.write_text("time,id,x,y\n" + "\n".join(rows) + "\n")
     empty = tmp_path / "empty.csv"
     empty.write_text("time,id,x,y\n")
-    scores = evaluate_floor_files(path, {"same": path, "none": empty})
-    assert scores["same"].idf1 == pytest.approx(1.0)
-    assert (scores["none"].mota, scores["none"].recall) == (0.0, 0.0)
+    words = ["evaluate", "floor", str(path), str(path), str(empty), "--json", str(tmp_path / "scores.json")]
+    assert main([*words, "--names", "same,none"]) == 0
+    scores = json.loads((tmp_path / "scores.json").read_text())
+    assert scores["same"]["idf1"] == pytest.approx(1.0)
+    assert (scores["none"]["mota"], scores["none"]["recall"]) == (0.0, 0.0)
     path.write_text("time,id,x,y\n0,1,0,0\n0,1,2,2\n")
     with pytest.raises(RequestError, match="expected each id once at a time"):
-        evaluate_floor_files(path, {"same": path})
+        read_placed_truth(path)
 
 
 def test_a_page_is_no_table_of_places(tmp_path):
