@@ -120,15 +120,7 @@ def with_region(model: SensingModel, scans: Sequence[Scan]) -> SensingModel:
 def sensed_result(
     tracker: MeasurementTracker, steps: Iterable[Scan], shortest: int, times: StageTimes, settings: Mapping[str, Any]
 ) -> Result[SensedTrack]:
-    """The result of a run.
-
-    Args:
-        tracker: a fresh one.
-        steps: scans in order of time.
-        shortest: tracks of fewer scans are left out.
-        times: of the run.
-        settings: of the run.
-    """
+    """The result of a run of a fresh tracker over scans in order of time, without tracks of fewer than ``shortest``."""
     model, done = tracker.model, list[Scan]()
     for scan in steps:
         with times.measure("track"):

@@ -36,23 +36,26 @@ from tsuiseki.tracking.filters.point_motion import (
     straight,
     taking_turns,
 )
-from tsuiseki.tracking.points.settings import (
-    PLACE_ERROR,
-    PLACE_NOISE,
-    SIZE_ERROR,
-    SIZE_NOISE,
-    BlobSettings,
-    PointSettings,
-    SetMethod,
-)
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
+from tsuiseki.tracking.points.settings import BlobSettings, PointSettings, SetMethod
+from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.measurements import MotionSettings, Scan, SensingModel
 
 SetFilter: TypeAlias = Filter[Any, Any, SetInfo]
 COLUMNS = 6
 """Length of a state of a box or region."""
-BIRTHS = 0.05
-"""Expected ones a frame with the preset paper, which draws so many times the particles of a target for them (50)."""
+SURVIVAL, BIRTHS = 0.99, 0.05
+"""Probability that a measured box goes on, and expected new targets in a frame. With the preset paper BIRTHS is also
+the share of a target's particles that are drawn for them."""
+PLACE_ERROR, SIZE_ERROR = 0.06, 0.08
+"""Standard deviations of a measured centre and of a measured width or height, in heights of a typical box."""
+SPEED, ACCELERATION, GROWTH = 0.1, 0.015, 0.01
+"""Standard deviations of a new box's velocity along each axis, of the change of velocity and of the change of size, in
+heights of a typical box and frames."""
+PLACE_NOISE, SIZE_NOISE = 1.5, 1.0
+"""Standard deviations of the change of a coloured object's step, ``tau_x`` and ``tau_y``, and of the change of its
+size, ``tau_d`` and ``tau_h``, pixels."""
+TARGETS = 10
+"""Largest expected number with the preset paper, whose number of particles is this times those of a target."""
 KERNEL = 0.5
 """A new target's velocity is known by a few of its particles only; without a kernel a calm motion keeps those few."""
 CALM = 0.2
@@ -68,47 +71,35 @@ def box_of(particles: FloatArray) -> FloatArray:
 
 def box_filter(settings: PointSettings, extent: tuple[float, float], unit: float) -> SetFilter:
     """The filter of boxes about ``unit`` pixels high in an image of ``extent`` pixels: points of centre and size."""
-    place, size = PLACE_ERROR * unit, SIZE_ERROR * unit
-    sensor = GaussianSensor(box_of, np.array([place, place, size, size]))
+    sensor = GaussianSensor(box_of, np.repeat([PLACE_ERROR * unit, SIZE_ERROR * unit], 2))
     # False boxes lie anywhere in the image, their sides within about half of a typical one.
     volume = extent[0] * extent[1] * (0.5 * unit) * unit
-    motion = DriftingBox(settings.acceleration * unit, settings.growth * unit)
-    model = PointModel(motion, sensor, settings.survival, settings.detection, settings.clutter / volume)
+    motion = DriftingBox(ACCELERATION * unit, GROWTH * unit)
+    model = PointModel(motion, sensor, SURVIVAL, settings.detection, settings.clutter / volume)
 
     def complete(measurements: FloatArray, rng: np.random.Generator) -> FloatArray:
         states = np.empty((len(measurements), COLUMNS))
         states[:, [0, 2, 4, 5]] = measurements
-        states[:, [1, 3]] = settings.speed * unit * rng.standard_normal((len(measurements), 2))
+        states[:, [1, 3]] = SPEED * unit * rng.standard_normal((len(measurements), 2))
         return states
 
-    births = MeasurementBirths(settings.births / volume, sensor, complete, COLUMNS)
+    births = MeasurementBirths(BIRTHS / volume, sensor, complete, COLUMNS)
     chosen = LabelledMultiBernoulliFilter if settings.method == "labelled" else PhdFilter
     return chosen(model, births, settings.particles)
 
 
-def points_as_boxes(points: FloatArray, box: tuple[float, float]) -> Detections:
-    """Detections of a width and height ``box`` about points ``(M, 2)``, all of score 1."""
-    half = np.asarray(box) / 2
-    return Detections(np.concatenate([points - half, points + half], axis=1), np.ones(len(points)))
+def region_motion(settings: BlobSettings) -> SteppingBox:
+    """How coloured objects move."""
+    return SteppingBox(PLACE_NOISE, SIZE_NOISE, settings.smallest)
 
 
 def region_filter(settings: BlobSettings) -> RegionPhdFilter:
-    """The filter of several targets for the preset."""
-    motion = SteppingBox(PLACE_NOISE, SIZE_NOISE, settings.smallest)
+    """The filter of several coloured objects for the preset."""
+    motion, particles = region_motion(settings), settings.particles
     if settings.preset == "paper":
-        births = AnywhereBirths(BIRTHS, max(round(settings.particles * BIRTHS), 1), settings.size)
-        equalised = Equalised(as_printed)
-        fixed = settings.particles * settings.targets
-        return RegionPhdFilter(
-            motion, births, EachAlone(settings.margin), equalised, settings.particles, fixed, settings.survival,
-            settings.detection,
-        )  # fmt: skip
-    patches = PatchBirths(smallest=settings.smallest)
-    update = Calibrated(settings.sharpness)
-    return RegionPhdFilter(
-        motion, patches, WithoutOthers(settings.margin), update, settings.particles, 0, settings.survival,
-        settings.detection,
-    )  # fmt: skip
+        births = AnywhereBirths(BIRTHS, max(round(particles * BIRTHS), 1), settings.size)
+        return RegionPhdFilter(motion, births, EachAlone(), Equalised(as_printed), particles, particles * TARGETS)
+    return RegionPhdFilter(motion, PatchBirths(smallest=settings.smallest), WithoutOthers(), Calibrated(), particles)
 
 
 def with_calm_motion(model: SensingModel) -> SensingModel:
@@ -122,9 +113,11 @@ def with_calm_motion(model: SensingModel) -> SensingModel:
 
 def scan_filter(model: SensingModel, method: SetMethod, particles: int) -> LabelledMultiBernoulliFilter | PhdFilter:
     """The filter of a sensor's scans, for steps of one second, with so many particles of each target."""
-    points, births, modes = point_model(model), point_births(model, particles), int(len(model.motions) > 1)
+    points = point_model(model)
+    births = _births(model, points.sensor, particles)
     if method == "phd":
         return PhdFilter(points, births, particles)
+    modes = int(len(model.motions) > 1)
     return LabelledMultiBernoulliFilter(points, births, particles, kernel=KERNEL, discrete=modes)
 
 
@@ -145,20 +138,18 @@ def point_model(model: SensingModel) -> PointModel:
     return PointModel(motion, sensor, model.survival, model.detection, model.clutter / _volume(model), inside=inside)
 
 
-def point_births(model: SensingModel, particles: int) -> Births[FloatArray]:
+def _births(model: SensingModel, sensor: GaussianSensor, particles: int) -> Births[FloatArray]:
     """Births a second: anywhere in the region, drawn where something was measured, or at the places of the model."""
-    dimensions, places = model.sensor.dimensions, model.births.places
+    dimensions, places, modes = model.sensor.dimensions, model.births.places, len(model.motions)
     turn = FIRST_TURN if _turns(model) else None
-    modes = len(model.motions)
-    sensor = point_model(model).sensor
     if not places:
         complete = newborn(_sensor(model)[1], dimensions, model.births.speed, turn, modes)
         density = model.births.rate / _volume(model)
         return MeasurementBirths(density, sensor, complete, state_columns(model), max(particles // 5, 1))
-    extra = state_columns(model) - 2 * dimensions
-    means = np.array([[*place.mean, *[0.0] * extra] for place in places])
-    spread = [np.broadcast_to(np.asarray(place.deviation), (2 * dimensions,)) for place in places]
+    # Behind places and velocities a state has its rate of turn, and the number of its motion, where there are several.
     rest = [turn] * int(turn is not None) + [0.0] * int(modes > 1)
+    means = np.array([[*place.mean, *[0.0] * len(rest)] for place in places])
+    spread = [np.broadcast_to(np.asarray(place.deviation), (2 * dimensions,)) for place in places]
     deviations = np.array([[*each, *rest] for each in spread])
     return MixtureBirths(np.array([place.rate for place in places]), means, deviations, particles, sensor, modes)
 

@@ -21,18 +21,11 @@ from tsuiseki.tracking.people.inputs import given_detections
 from tsuiseki.tracking.people.run import network_detections
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.people.tracker import shifted
-from tsuiseki.tracking.points.observed import points_as_boxes
-from tsuiseki.tracking.points.settings import (
-    SIZE,
-    BlobChoice,
-    BlobPreset,
-    BlobSettings,
-    PointSettings,
-)
+from tsuiseki.tracking.points.settings import SIZE, BlobChoice, BlobSettings, PointSettings
 from tsuiseki.tracking.points.tracker import BlobTracker, PointTracker, SingleBlobTracker
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes
-from tsuiseki.tracking.types import Detections, Frame, Targets, Track
+from tsuiseki.tracking.types import Detections, FloatArray, Frame, Targets, Track
 from tsuiseki.tracking.video.source import Source, SourceLike, named
 
 AnyBlobTracker: TypeAlias = BlobTracker | SingleBlobTracker | PointTracker
@@ -131,6 +124,12 @@ def as_measured(found: ArrayLike | DetectionsLike, box: tuple[float, float]) -> 
     return points_as_boxes(points, box)
 
 
+def points_as_boxes(points: FloatArray, box: tuple[float, float]) -> Detections:
+    """Detections of a width and height ``box`` about points ``(M, 2)``, all of score 1."""
+    half = np.asarray(box) / 2
+    return Detections(np.concatenate([points - half, points + half], axis=1), np.ones(len(points)))
+
+
 def chosen_colour(source: Source, colour: ColourLike) -> ColourRange:
     """The colour by its name, as it is, or of a box in the first frame.
 
@@ -200,15 +199,7 @@ def read_measurements(
 def blob_result(
     source: Source | None, tracker: AnyBlobTracker, steps: Iterable[Any], times: StageTimes, settings: Mapping[str, Any]
 ) -> Result[Track]:
-    """The result of a run.
-
-    Args:
-        source: the video, where there is one.
-        tracker: a fresh one.
-        steps: what it takes of each frame.
-        times: of the run.
-        settings: of the run.
-    """
+    """The result of a run of a fresh tracker, where ``steps`` are what it takes of each frame."""
     from tsuiseki.tracking.answers.page import with_page
     from tsuiseki.tracking.report.overlay import Overlay
 
@@ -237,18 +228,6 @@ def blob_result(
     return with_page(result, nouns=("object", "objects"), settings=CountSettings(anchor="centre"))
 
 
-def count_lines(counts: Sequence[float] | None, preset: BlobPreset) -> list[str]:
-    """A line on the expected number of objects in each frame, where the tracker has one."""
-    if not counts:
-        return []
-    mean = sum(counts) / len(counts)
-    if preset == "paper":
-        return [
-            f"sum of the weights {mean:.2g} in a frame: the printed likelihood can only shrink it, so it is no count"
-        ]
-    return [f"expected number of objects {mean:.2f} in a frame"]
-
-
 def opened_blobs(choice: BlobChoice, source: Source, seed: int) -> tuple[AnyBlobTracker, Sequence[Detections] | None]:
     """A fresh tracker, and the measurements of each frame, where it does not take the frames themselves.
 
@@ -260,24 +239,12 @@ def opened_blobs(choice: BlobChoice, source: Source, seed: int) -> tuple[AnyBlob
         shown = f"{choice.size[0]:g},{choice.size[1]:g}"
         raise RequestError(f"`size`: expected at most the {width:g}x{height:g} pixels of a frame, got {shown}")
     if choice.detections is not None or choice.detector is not None:
-        points = PointSettings(
-            method=choice.method,
-            particles=choice.particles,
-            detection=choice.detection,
-            clutter=choice.clutter,
-            box=choice.size,
-        )
+        points = PointSettings(choice.method, choice.particles, choice.detection, choice.clutter, choice.size)
         tracker = PointTracker(points, extent, seed)
         if choice.detections is None:
             return tracker, None
         return tracker, read_measurements(source, choice.detections, choice.size, choice.score_range)
-    settings = BlobSettings(
-        preset=choice.preset,
-        particles=choice.particles,
-        size=choice.size,
-        smallest=choice.smallest,
-        confirm=choice.confirm,
-    )
+    settings = BlobSettings(choice.preset, choice.particles, choice.size, choice.smallest, choice.confirm)
     if choice.colour_box is None:
         colour = chosen_colour(source, choice.colour or "")
     else:
@@ -305,6 +272,10 @@ def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
         steps = run.steps(steps_in, total=None if measured is None else len(measured))
         result = blob_result(source, tracker, steps, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))
-        summary = f"{count(len(result), 'object', 'objects')} in {run.count} frames: {output.out / 'tracks.txt'}"
-        run.done("\n".join([summary, *count_lines(result.frames.get("expected_count"), choice.preset)]))
+        lines = [f"{count(len(result), 'object', 'objects')} in {run.count} frames: {output.out / 'tracks.txt'}"]
+        if counts := result.frames.get("expected_count"):
+            mean, printed = sum(counts) / len(counts), "the printed likelihood can only shrink it, so it is no count"
+            plain = f"expected number of objects {mean:.2f} in a frame"
+            lines.append(f"sum of the weights {mean:.2g} in a frame: {printed}" if choice.preset == "paper" else plain)
+        run.done("\n".join(lines))
     return run.status

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, get_args
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
@@ -19,108 +19,60 @@ SIZE = (32.0, 32.0)
 """Typical width and height of a coloured object, pixels."""
 
 
-def _check(settings: PointSettings | BlobSettings, probabilities: tuple[str, ...], positive: tuple[str, ...]) -> None:
-    for name in probabilities:
-        if not 0.0 <= getattr(settings, name) <= 1.0:
-            raise RequestError(f"expected the probability of {name} in [0, 1], got {getattr(settings, name)}")
-    for name in positive:
-        if not 0.0 < getattr(settings, name) < math.inf:
-            raise RequestError(f"expected {name} above 0, got {getattr(settings, name)}")
-
-
-PLACE_ERROR = 0.06
-"""Standard deviation of a measured centre, in heights of a typical box."""
-SIZE_ERROR = 0.08
-"""Standard deviation of a measured width or height, in heights of a typical box."""
-SHORTEST = 3
-"""Frames that a track must have to be reported."""
-
-
 @dataclass(frozen=True)
 class PointSettings:
-    """Settings; lengths are in heights of a typical box, times in frames.
+    """Settings of the tracker of measured points and boxes.
 
     Attributes:
         method: ``labelled`` or ``phd``.
-        survival: probability that a target goes on, in [0, 1].
-        detection: probability that it is measured, in [0, 1].
-        clutter: expected false measurements in a frame, >= 0.
-        births: expected new targets in a frame, > 0.
-        acceleration: standard deviation of the change of velocity, heights a frame squared.
-        speed: standard deviation of a new target's velocity along each axis, heights a frame.
-        growth: standard deviation of the change of size, heights a frame.
         particles: number of particles of each target.
-        min_score: score below which a detection is not used.
+        detection: probability that a target is measured, in [0, 1].
+        clutter: expected false measurements in a frame, >= 0.
         box: width and height in pixels of points without a size.
     """
 
     method: SetMethod = "labelled"
-    survival: float = 0.99
+    particles: int = 500
     detection: float = 0.85
     clutter: float = 1.0
-    births: float = 0.05
-    acceleration: float = 0.015
-    speed: float = 0.1
-    growth: float = 0.01
-    particles: int = 500
-    min_score: float = 0.0
     box: tuple[float, float] = (20.0, 20.0)
 
     def __post_init__(self) -> None:
-        if self.method not in ("labelled", "phd"):
+        if self.method not in get_args(SetMethod):
             raise RequestError(f"expected the method labelled or phd, got {self.method!r}")
-        positive = ("births", "acceleration", "speed", "growth")
-        _check(self, ("survival", "detection"), positive)
+        if not 0.0 <= self.detection <= 1.0:
+            raise RequestError(f"expected the probability of detection in [0, 1], got {self.detection}")
         if not 0.0 <= self.clutter < math.inf or self.particles < 1 or min(self.box) <= 0:
             raise RequestError("expected clutter >= 0, at least one particle and a box of positive size")
 
 
-PLACE_NOISE = 1.5
-"""Standard deviation of the change of a coloured object's step, ``tau_x`` and ``tau_y``, pixels."""
-SIZE_NOISE = 1.0
-"""Standard deviation of the change of its size, ``tau_d`` and ``tau_h``, pixels."""
-LOST_BELOW = 0.2
-"""With the preset ``single``, likelihood below which the object counts as missed."""
-
-
 @dataclass(frozen=True)
 class BlobSettings:
-    """Settings of the tracker of coloured objects; lengths in pixels, times in frames.
+    """Settings of the tracker of coloured objects.
 
     Attributes:
         preset: ``calibrated`` follows any number, by the likelihood's ratio to background; ``paper`` does so by the
             printed likelihood, equalised between targets; ``single`` follows one by an ordinary particle filter.
         particles: number of particles of each target.
-        targets: largest expected number; with ``paper`` the number of particles is this times ``particles``.
         size: typical width and height in pixels, for births anywhere.
-        survival: probability that a target goes on, in [0, 1].
-        detection: probability that a target shows its colour, in [0, 1].
-        margin: width of the frame around a box whose colour counts against it, as a share of its sides.
-        sharpness: exponent of the likelihood ratio.
-        smallest: least side of a target, and of a patch of colour that may be a new one.
+        smallest: least side in pixels of a target, and of a patch of colour that may be a new one.
         confirm: with ``calibrated``, a new target is confirmed once a patch of the colour was at it in so many of its
             first so many frames, and dropped when that cannot be any more; ``(1, 1)`` confirms at once.
-        patience: with ``single``, frames without support before the search begins anew.
     """
 
     preset: BlobPreset = "calibrated"
     particles: int = 500
-    targets: int = 10
     size: tuple[float, float] = SIZE
-    survival: float = 0.99
-    detection: float = 0.95
-    margin: float = 0.5
-    sharpness: float = 4.0
     smallest: float = 12.0
     confirm: tuple[int, int] = (3, 3)
-    patience: int = 10
 
     def __post_init__(self) -> None:
-        if self.preset not in ("calibrated", "paper", "single"):
+        if self.preset not in get_args(BlobPreset):
             raise RequestError(f"expected the preset calibrated, paper or single, got {self.preset!r}")
-        _check(self, ("survival", "detection"), ("margin", "sharpness", "smallest"))
-        if self.particles < 1 or self.targets < 1 or not all(3 <= side < math.inf for side in self.size):
-            raise RequestError("expected at least one particle, one target and a size of 3 pixels")
+        if not 0.0 < self.smallest < math.inf:
+            raise RequestError(f"expected smallest above 0, got {self.smallest}")
+        if self.particles < 1 or not all(3 <= side < math.inf for side in self.size):
+            raise RequestError("expected at least one particle and a size of 3 pixels")
         if not 1 <= self.confirm[0] <= self.confirm[1]:
             raise RequestError(f"`confirm`: expected M,N with 1 <= M <= N frames, got {self.confirm}")
 

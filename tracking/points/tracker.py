@@ -5,17 +5,15 @@
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, Generic
+from typing import Any
 
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourImage, ColourRange, region_contrast
-from tsuiseki.tracking.filters.base import Observation, SetInfo, TargetEstimates, bootstrap
+from tsuiseki.tracking.filters.base import SetInfo, TargetEstimates, bootstrap
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths
 from tsuiseki.tracking.filters.finite_sets.clusters import PhdState
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import (
@@ -31,40 +29,37 @@ from tsuiseki.tracking.filters.finite_sets.region_phd import (
     ExplainedImage,
     PatchBirths,
     RegionInfo,
-    RegionPhdFilter,
     at_patches,
 )
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter, ParticleState
-from tsuiseki.tracking.filters.point_motion import SteppingBox
 from tsuiseki.tracking.filters.resampling import weighted_mean
 from tsuiseki.tracking.geometry import centres as box_centres
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.points.observed import (
+    COLUMNS,
     SetFilter,
     box_filter,
     region_filter,
+    region_motion,
     scan_filter,
     state_columns,
     with_calm_motion,
 )
-from tsuiseki.tracking.points.settings import (
-    LOST_BELOW,
-    PLACE_NOISE,
-    SHORTEST,
-    SIZE_NOISE,
-    BlobSettings,
-    Lag,
-    PointSettings,
-    SetMethod,
-)
-from tsuiseki.tracking.types import BoolArray, Detections, Estimate, FloatArray, Frame, IntArray, Status, Targets, Track
+from tsuiseki.tracking.points.settings import BlobSettings, Lag, PointSettings, SetMethod
+from tsuiseki.tracking.types import BoolArray, Estimate, FloatArray, Frame, IntArray, Status, Targets, Track
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
+from tsuiseki.tracking.types.tracks import rows_of_each
 
 REPORT = 0.5
 """Existence above which a target is shown once the next scan is known; 0.4 and 0.6 were no better on seeds 200-209."""
+SHORTEST = 3
+"""Frames that a track must have to be reported."""
+SHARPNESS, LOST_BELOW, PATIENCE = 4.0, 0.2, 10
+"""Of the preset ``single``: exponent of the likelihood (68), likelihood below which the object counts as missed, and
+frames without support before the search begins anew."""
 
 
-class FiniteSetTracker(ABC, Generic[Observation]):
+class FiniteSetTracker:
     """Feeds a finite-set filter with one observation after the other.
 
     Args:
@@ -80,26 +75,18 @@ class FiniteSetTracker(ABC, Generic[Observation]):
         self._rng = np.random.default_rng(seed)
         self.state: Any = None
 
-    @abstractmethod
-    def _chosen(self, observation: Observation) -> tuple[SetFilter, Any] | None:
-        """The filter of this step, and the observation as it takes it; None before there is anything to follow."""
-
-    def step(self, observation: Observation) -> SetInfo | None:
-        """One observation further; None before there is anything to follow."""
-        chosen = self._chosen(observation)
-        if chosen is None:
-            return None
-        filter_, given = chosen
-        before = filter_.init(np.empty((0, self._columns))) if self.state is None else self.state
-        self.state, info = filter_.step(before, given, self._rng)
+    def _step(self, chosen: SetFilter, observation: Any) -> SetInfo:
+        """One observation further, by this filter."""
+        before = chosen.init(np.empty((0, self._columns))) if self.state is None else self.state
+        self.state, info = chosen.step(before, observation, self._rng)
         return info
 
 
-class BoxedSetTracker(FiniteSetTracker[Observation]):
+class BoxedSetTracker(FiniteSetTracker):
     """Keeps the boxes of the targets, frame after frame; a label gets an id, from 1, once it was in enough frames."""
 
     def __init__(self, seed: int) -> None:
-        super().__init__(6, seed)
+        super().__init__(COLUMNS, seed)
         self._frames = 0
         # In how many frames each label without an id was, in the order in which they first appeared.
         self._counts: dict[int, int] = {}
@@ -117,13 +104,11 @@ class BoxedSetTracker(FiniteSetTracker[Observation]):
             return []
         columns = (np.concatenate(part) for part in zip(*self._rows, strict=True))
         frames, labels, boxes, scores, observed, origin = columns
-        order = np.argsort(labels, kind="stable")
-        parts = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
-        rows = {int(labels[part[0]]): part for part in parts if len(part)}
-        named = [(number, rows[label]) for label, number in self._ids.items() if label in rows]
+        rows = {int(labels[part[0]]): part for part in rows_of_each(labels)}
         return [
             Track(number, frames[row], boxes[row], scores[row], observed[row], origin[row], self._names)
-            for number, row in named
+            for label, number in self._ids.items()
+            if (row := rows.get(label)) is not None
         ]
 
     def _add(
@@ -161,7 +146,7 @@ class BoxedSetTracker(FiniteSetTracker[Observation]):
         return Targets(self._frames - 1, ids, boxes, scores, status, origin, self._names).select(ids > 0)
 
 
-class PointTracker(BoxedSetTracker[Any]):
+class PointTracker(BoxedSetTracker):
     """Targets behind the detections of one frame after the other.
 
     The model is made from the first boxes, in units of a typical one, so that it needs no setting for another image
@@ -181,23 +166,17 @@ class PointTracker(BoxedSetTracker[Any]):
         self.settings, self._extent = settings, extent
         self._filter: SetFilter | None = None
 
-    def _chosen(self, observation: Detections) -> tuple[SetFilter, FloatArray] | None:
-        used = observation.boxes[observation.scores >= self.settings.min_score]
-        measured = np.concatenate([(used[:, :2] + used[:, 2:]) / 2, used[:, 2:] - used[:, :2]], axis=1)
-        if self._filter is None:
-            if len(measured) == 0:
-                return None
-            self._filter = box_filter(self.settings, self._extent, float(np.median(measured[:, 3])))
-        return self._filter, measured
-
     def update(self, detections: DetectionsLike) -> Targets:
         """Take the detections of the next frame; its targets."""
         given = as_detections(detections)
-        info = self.step(given)
-        if info is None:
-            nothing = TargetEstimates(np.empty(0, dtype=np.int64), np.empty((0, 6)), np.empty(0))
+        used = given.boxes[given.scores >= 0]
+        measured = np.concatenate([(used[:, :2] + used[:, 2:]) / 2, used[:, 2:] - used[:, :2]], axis=1)
+        if self._filter is None and len(measured):
+            self._filter = box_filter(self.settings, self._extent, float(np.median(measured[:, 3])))
+        if self._filter is None:
+            nothing = TargetEstimates(np.empty(0, dtype=np.int64), np.empty((0, COLUMNS)), np.empty(0))
             return self._add(nothing, np.empty((0, 4)))
-        found = info.estimates
+        found = self._step(self._filter, measured).estimates
         size, centres = np.maximum(found.states[:, 4:6], 1.0), found.states[:, [0, 2]]
         boxes = np.concatenate([centres - size / 2, centres + size / 2], axis=1)
         # The nearest detection supports a target that is no farther from it than the target is large.
@@ -209,7 +188,7 @@ class PointTracker(BoxedSetTracker[Any]):
         return self._add(found, boxes, origin=origin)
 
 
-class BlobTracker(BoxedSetTracker[Frame]):
+class BlobTracker(BoxedSetTracker):
     """Every object of a colour through frames; the filter takes the image itself (finite-sets paper, section 6).
 
     Args:
@@ -221,42 +200,37 @@ class BlobTracker(BoxedSetTracker[Frame]):
         expected: expected number of objects in each frame.
     """
 
-    def __init__(self, colour: ColourRange, settings: BlobSettings | None = None, seed: int = 0) -> None:
+    def __init__(self, colour: ColourRange, settings: BlobSettings, seed: int = 0) -> None:
         super().__init__(seed)
-        self.settings = settings or BlobSettings()
         self.expected: list[float] = []
-        self._colour, self._filter = colour, region_filter(self.settings)
-        self._image: ColourImage
-        self._confirmation = Confirmation(*self.settings.confirm)
-
-    def _chosen(self, observation: Frame) -> tuple[RegionPhdFilter, ColourImage]:
-        self._image = ColourImage.of(observation.image, self._colour)
-        return self._filter, self._image
+        self._colour, self._filter = colour, region_filter(settings)
+        self._confirmation = Confirmation(*settings.confirm)
 
     def update(self, frame: Frame) -> Targets:
         """Take the next frame; its targets."""
-        info = self.step(frame)
+        image = ColourImage.of(frame.image, self._colour)
+        info = self._step(self._filter, image)
         assert isinstance(info, RegionInfo)
         observed = np.nan_to_num(info.likelihood) > info.background
-        confirmed = self._confirmed(info.estimates.ids)
+        confirmed = self._confirmed(image, info.estimates.ids)
         self.expected.append(info.expected_count)
         targets = self._add(info.estimates, boxes_of(info.estimates.states), observed, confirmed)
         return replace(targets, frame=frame.index)
 
-    def _confirmed(self, ids: IntArray) -> BoolArray | None:
+    def _confirmed(self, image: ColourImage, ids: IntArray) -> BoolArray | None:
         """Which of the estimates ``(N,)`` are confirmed; what cannot be any more leaves the filter."""
         births = self._filter.births
         if not isinstance(births, PatchBirths):
             return None
         names, _, means = cluster_means(self.state)
-        supported = at_patches(boxes_of(means), births.components(self._image))
+        supported = at_patches(boxes_of(means), births.components(image))
         failed = self._confirmation.update(names, supported)
         if len(failed):
             self.state = self.state.select(~np.isin(self.state.labels, failed))
         return self._confirmation.confirmed(ids)
 
 
-class MeasurementTracker(FiniteSetTracker[Scan]):
+class MeasurementTracker(FiniteSetTracker):
     """Targets from a sensor's scans, each with its time: points in two or three dimensions.
 
     Before every step the filter gets the time that passed, and the covariances of what was measured.
@@ -285,23 +259,8 @@ class MeasurementTracker(FiniteSetTracker[Scan]):
         self.model, self.lag = model, lag
         self._filter = scan_filter(moving, method, particles)
         self._time: float | None = None
-        self._found: list[SensedTargets] = []
+        self._targets: list[SensedTargets] = []
         self._unsettled: SensedTargets | None = None
-
-    def _chosen(self, observation: Scan) -> tuple[LabelledMultiBernoulliFilter | PhdFilter, FloatArray]:
-        if self._time is not None and not observation.time > self._time:
-            raise RequestError(f"expected scans in order of time, got {observation.time:g} s after {self._time:g} s")
-        # Before the first scan there is nothing to move: any time will do.
-        seconds = 1.0 if self._time is None else observation.time - self._time
-        self._time = observation.time
-        model, covariances, births = self._filter.model, observation.covariances, self._filter.births
-        sensor = model.sensor if covariances is None else model.sensor.of_scan(covariances)
-        if isinstance(births, MeasurementBirths):
-            births = replace(births, density=births.density * seconds, sensor=sensor)
-        elif isinstance(births, MixtureBirths):
-            births = replace(births, masses=births.masses * seconds, sensor=sensor)
-        model = replace(model, period=seconds, sensor=sensor, survival=self.model.survival**seconds)
-        return replace(self._filter, model=model, births=births), observation.measurements
 
     def update(self, scan: Scan) -> SensedTargets | None:
         """Take the next scan; its targets, or with a lag those of the scan before and None of the first.
@@ -309,53 +268,65 @@ class MeasurementTracker(FiniteSetTracker[Scan]):
         Raises:
             RequestError: it is not later than the last one.
         """
-        info = self.step(scan)
+        info = self._step(self._filter_at(scan), scan.measurements)
         assert isinstance(info, LabelledInfo | PhdInfo)
         posterior = info.posterior if isinstance(info, PhdInfo) else self.state
-        newest = self._targets(scan.time, info.estimates, posterior)
+        newest = self._sensed(scan.time, info.estimates, posterior)
         if not self.lag:
-            self._found.append(newest)
+            self._targets.append(newest)
             return newest
         before, self._unsettled = self._unsettled, newest
         if before is None or isinstance(info, PhdInfo):
             return None
         smoothed = info.smoothing_step.smoothed()
-        self._found.append(self._targets(before.time, smoothed.likely(REPORT), smoothed))
-        return self._found[-1]
+        self._targets.append(self._sensed(before.time, smoothed.likely(REPORT), smoothed))
+        return self._targets[-1]
+
+    def _filter_at(self, scan: Scan) -> LabelledMultiBernoulliFilter | PhdFilter:
+        """The filter, which is for steps of one second, for the step to a scan."""
+        if self._time is not None and not scan.time > self._time:
+            raise RequestError(f"expected scans in order of time, got {scan.time:g} s after {self._time:g} s")
+        # Before the first scan there is nothing to move: any time will do.
+        seconds = 1.0 if self._time is None else scan.time - self._time
+        self._time = scan.time
+        model, births = self._filter.model, self._filter.births
+        sensor = model.sensor if scan.covariances is None else model.sensor.of_scan(scan.covariances)
+        if isinstance(births, MeasurementBirths):
+            births = replace(births, density=births.density * seconds, sensor=sensor)
+        elif isinstance(births, MixtureBirths):
+            births = replace(births, masses=births.masses * seconds, sensor=sensor)
+        model = replace(model, period=seconds, sensor=sensor, survival=self.model.survival**seconds)
+        return replace(self._filter, model=model, births=births)
 
     def finish(self) -> SensedTargets | None:
         """The targets of the last scan, which no other follows; None without a lag, when they were answered."""
         return self._unsettled
 
-    def tracks(self, shortest: int = 1) -> list[SensedTrack]:
-        """The tracks so far with at least so many scans, by id."""
-        scans = self._found if self._unsettled is None else [*self._found, self._unsettled]
-        rows: dict[int, list[tuple[int, int]]] = {}
-        for scan, found in enumerate(scans):
-            for place, identity in enumerate(found.ids):
-                rows.setdefault(int(identity), []).append((scan, place))
-        long = {identity: places for identity, places in sorted(rows.items()) if len(places) >= shortest}
-        return [SensedTrack(identity, *_columns(scans, places)) for identity, places in long.items()]
+    def tracks(self) -> list[SensedTrack]:
+        """The tracks so far, by id."""
+        scans = self._targets if self._unsettled is None else [*self._targets, self._unsettled]
+        if not scans:
+            return []
+        number = np.repeat(np.arange(len(scans)), [len(one.ids) for one in scans])
+        times, ids = np.array([one.time for one in scans]), np.concatenate([one.ids for one in scans])
+        names = "positions", "velocities", "covariances", "existence", "modes"
+        columns = [np.concatenate([getattr(one, name) for one in scans]) for name in names]
+        return [
+            SensedTrack(int(ids[rows[0]]), number[rows], times[number[rows]], *(column[rows] for column in columns))
+            for rows in rows_of_each(ids)
+        ]
 
     def forget(self) -> None:
         """Drop what `tracks` would give; the filter goes on, and the ids with it."""
-        self._found.clear()
+        self._targets.clear()
 
-    def _targets(self, time: float, found: TargetEstimates, posterior: PhdState | TrackParticles) -> SensedTargets:
+    def _sensed(self, time: float, found: TargetEstimates, posterior: PhdState | TrackParticles) -> SensedTargets:
         width = 2 * self.model.sensor.dimensions
         spread, modes = moments(found, posterior, len(self.model.motions) if len(self.model.motions) > 1 else 0)
         places, speeds = found.states[:, :width:2], found.states[:, 1:width:2]
         return SensedTargets(
             time, found.ids, places, speeds, spread[:, :width, :width], np.minimum(found.weights, 1.0), modes
         )
-
-
-def _columns(found: Sequence[SensedTargets], places: Sequence[tuple[int, int]]) -> list[Any]:
-    """The fields of `SensedTrack` from numbers of scans and places in them."""
-    scans = np.array([scan for scan, _ in places])
-    names = ("positions", "velocities", "covariances", "existence", "modes")
-    values = [np.array([getattr(found[scan], name)[k] for scan, k in places]) for name in names]
-    return [scans, np.array([found[scan].time for scan in scans]), *values]
 
 
 def moments(
@@ -385,51 +356,51 @@ class SingleBlobTracker:
         colour: its.
         settings: see `BlobSettings`.
         seed: of the particles.
+
+    Attributes:
+        estimates: one a frame, whose numbers are those of the video.
     """
 
-    def __init__(self, colour: ColourRange, settings: BlobSettings | None = None, seed: int = 0) -> None:
-        self.colour = colour
-        self.settings = settings or BlobSettings(preset="single")
-        self.rng = np.random.default_rng(seed)
+    def __init__(self, colour: ColourRange, settings: BlobSettings, seed: int = 0) -> None:
         self.estimates: list[Estimate] = []
-        self._unseen = 0
+        self._colour, self._settings = colour, settings
+        self._rng = np.random.default_rng(seed)
+        self._missed = 0
         self._state: ParticleState | None = None
-        motion = SteppingBox(PLACE_NOISE, SIZE_NOISE, self.settings.smallest)
-        self._filter: ParticleFilter[ColourImage] = ParticleFilter(bootstrap(motion), self._log_likelihood)
+        self._filter: ParticleFilter[ColourImage] = ParticleFilter(
+            bootstrap(region_motion(settings)), self._log_likelihood
+        )
 
     def update(self, frame: Frame) -> Targets:
         """Take the next frame; the target in it, with the id 1."""
-        image = ColourImage.of(frame.image, self.colour)
+        image = ColourImage.of(frame.image, self._colour)
         before = self._state if self._state is not None else self._anywhere(image)
-        state, _ = self._filter.step(before, image, self.rng)
+        state, _ = self._filter.step(before, image, self._rng)
         mean = weighted_mean(state.particles, state.log_weights)
         box = boxes_of(mean[None])
-        score = float(region_contrast(image, box, self.settings.margin)[0])
-        self._unseen = 0 if score >= LOST_BELOW else self._unseen + 1
-        status: Status = "tracking" if self._unseen == 0 else "searching"
-        if self._unseen > self.settings.patience:
-            status = "lost"
+        score = float(region_contrast(image, box)[0])
+        self._missed = 0 if score >= LOST_BELOW else self._missed + 1
+        status: Status = "tracking" if self._missed == 0 else "searching" if self._missed <= PATIENCE else "lost"
         # A search that found nothing begins anew from (13): particles that stay where nothing is would never find it.
-        tracked = any(one.status == "tracking" for one in self.estimates[-self.settings.patience :])
-        self._state = None if status == "lost" or (self._unseen and not tracked) else state
+        tracked = any(one.status == "tracking" for one in self.estimates[-PATIENCE:])
+        self._state = None if status == "lost" or (self._missed and not tracked) else state
         self.estimates.append(Estimate(frame.index, box[0], score, status))
         return Targets(frame.index, np.array([1]), box, np.array([score]), np.array([status]))
 
     def tracks(self) -> list[Track]:
         """The frames where the target was followed, as one track."""
-        seen = [estimate for estimate in self.estimates if estimate.status == "tracking"]
-        if not seen:
+        tracked = [estimate for estimate in self.estimates if estimate.status == "tracking"]
+        if not tracked:
             return []
-        frames = np.array([estimate.frame for estimate in seen])
-        boxes, scores = np.array([e.box for e in seen]), np.array([e.score for e in seen])
+        frames, boxes, scores = (np.array([getattr(e, name) for e in tracked]) for name in ("frame", "box", "score"))
         return [Track(1, frames, boxes, scores)]
 
     def _anywhere(self, image: ColourImage) -> ParticleState:
         """Particles of (13), uniform over the image; four times as many, to find a small target."""
-        births = AnywhereBirths(mass=1.0, count=4 * self.settings.particles, size=self.settings.size)
-        return self._filter.init(births.draw(ExplainedImage(image, np.empty((0, 4))), self.rng).particles)
+        births = AnywhereBirths(mass=1.0, count=4 * self._settings.particles, size=self._settings.size)
+        return self._filter.init(births.draw(ExplainedImage(image, np.empty((0, 4))), self._rng).particles)
 
     def _log_likelihood(self, particles: FloatArray, observation: ColourImage) -> FloatArray:
         """Logarithm of (68), sharpened; a region without the colour is unlikely, not impossible."""
-        contrast = region_contrast(observation, boxes_of(particles), self.settings.margin)
-        return np.asarray(self.settings.sharpness * np.log(np.maximum(contrast, 1e-3)))
+        contrast = region_contrast(observation, boxes_of(particles))
+        return np.asarray(SHARPNESS * np.log(np.maximum(contrast, 1e-3)))

@@ -191,6 +191,12 @@ class FloorDetections:
         return len(self.detections)
 
 
+def rows_of_each(labels: IntArray) -> list[IntArray]:
+    """Indices of the rows of each label in ``(N,)``, by label; those of one stay in order."""
+    order = np.argsort(labels, kind="stable")
+    return np.split(order, np.flatnonzero(np.diff(labels[order])) + 1) if len(order) else []
+
+
 def targets_at(tracks: Iterable[Track], frame: int, number: int | None = None) -> Targets:
     """The targets of the 0-based ``frame``, out of finished tracks; ``number`` is another name of that frame."""
     rows = [(track, int(row)) for track in tracks for row in np.flatnonzero(track.frames == frame)]

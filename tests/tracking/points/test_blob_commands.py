@@ -110,7 +110,7 @@ def test_reproduce_says_where_its_data_should_be(tmp_path, capsys):
     assert "expected phd/phd_scenario_*.json" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("bad", [{"method": "jpda"}, {"detection": 2.0}, {"births": 0.0}, {"clutter": -1.0}])
+@pytest.mark.parametrize("bad", [{"method": "jpda"}, {"detection": 2.0}, {"particles": 0}, {"clutter": -1.0}])
 def test_point_settings_out_of_range_are_refused(bad):
     with pytest.raises(ValueError, match="expected"):
         PointSettings(**bad)

@@ -25,6 +25,7 @@ from tsuiseki.tracking.filters.point_motion import SteppingBox
 from tsuiseki.tracking.filters.resampling import logarithms
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
+from tsuiseki.tracking.points import tracker as points_tracker
 from tsuiseki.tracking.points.settings import BlobSettings
 from tsuiseki.tracking.points.tracker import BlobTracker, SingleBlobTracker
 from tsuiseki.tracking.types import Frame
@@ -151,16 +152,17 @@ def test_what_is_born_on_a_target_is_that_target():
 
 
 def test_with_the_printed_likelihood_the_count_means_nothing():
-    tracker = BlobTracker(NAMED_COLOURS["red"], BlobSettings(preset="paper", particles=100, targets=4), 0)
+    tracker = BlobTracker(NAMED_COLOURS["red"], BlobSettings(preset="paper", particles=100), 0)
     follow(tracker, SceneSettings(**{**vars(SCENE), "frames": 15}), 0)
     # It can never exceed the births that are still there, 0.05 a frame, however many targets are in view.
     assert max(tracker.expected) <= 0.05 * 15
     assert tracker.tracks(), "a share of the particles still shows where targets are"
 
 
-def test_one_target_is_found_followed_and_searched_for_again():
+def test_one_target_is_found_followed_and_searched_for_again(monkeypatch):
+    monkeypatch.setattr(points_tracker, "PATIENCE", 3)
     scene = SceneSettings(**{**vars(SCENE), "objects": 1, "purity": (0.9, 0.9), "clutter": 0, "frames": 30})
-    tracker = SingleBlobTracker(NAMED_COLOURS["red"], BlobSettings(preset="single", particles=500, patience=3))
+    tracker = SingleBlobTracker(NAMED_COLOURS["red"], BlobSettings(preset="single", particles=500))
     truth = follow(tracker, scene, 0)
     last = tracker.estimates[-1]
     assert last.status == "tracking"
@@ -182,7 +184,7 @@ def test_one_target_is_found_followed_and_searched_for_again():
 @pytest.mark.parametrize("preset", ["calibrated", "paper", "single"])
 def test_a_colour_of_everything_or_nothing_finds_nothing(colour, preset):
     tracker = (SingleBlobTracker if preset == "single" else BlobTracker)(
-        colour, BlobSettings(preset=preset, particles=50, targets=2)
+        colour, BlobSettings(preset=preset, particles=50)
     )
     rng = np.random.default_rng(0)
     for index in range(5):
@@ -197,9 +199,7 @@ def test_particles_cost_the_same_whatever_their_size():
     assert coloured[0] == 2500
 
 
-@pytest.mark.parametrize(
-    "bad", [{"preset": "best"}, {"survival": 1.5}, {"detection": -1.0}, {"sharpness": 0.0}, {"particles": 0}]
-)
+@pytest.mark.parametrize("bad", [{"preset": "best"}, {"smallest": 0.0}, {"size": (2.0, 9.0)}, {"particles": 0}])
 def test_settings_out_of_range_are_refused(bad):
     with pytest.raises(RequestError, match="expected"):
         BlobSettings(**bad)
