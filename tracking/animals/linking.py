@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import median_filter
 
-from tsuiseki.tracking.animals.pose import AnimalPose, head_signs, heads, seconds_of_walking, segments_of
-from tsuiseki.tracking.animals.settings import AnimalSettings
+from tsuiseki.tracking.animals.pose import AnimalPose, head_signs, heads
 from tsuiseki.tracking.errors import InputWarning
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowSettings, InputSettings
+from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 
@@ -34,15 +34,12 @@ NEAR = 1.0
 """Two animals are in contact where their pixels were separated and they are nearer than this many lengths."""
 
 
-def exchanged_after_contacts(
-    labels: list[IntArray], poses: list[list[AnimalPose]], evidence: float = EVIDENCE
-) -> tuple[list[IntArray], int]:
+def exchanged_after_contacts(labels: list[IntArray], poses: Sequence[list[AnimalPose]]) -> tuple[list[IntArray], int]:
     """Tracks of the poses in each frame, exchanged where their appearance says so, and how often they were.
 
     Args:
         labels: for each frame ``(N,)`` the track of each pose, 0 for none.
         poses: of each frame.
-        evidence: see `EVIDENCE`.
     """
     labels = [row.copy() for row in labels]
     exchanges = 0
@@ -55,7 +52,7 @@ def exchanged_after_contacts(
         ]
         if min(map(len, appearances)) < FEWEST:
             continue
-        if _gain(appearances) > evidence:
+        if _gain(appearances) > EVIDENCE:
             for row in labels[last + 1 :]:
                 was_one, was_other = row == one, row == other
                 row[was_one], row[was_other] = other, one
@@ -64,7 +61,7 @@ def exchanged_after_contacts(
     return labels, exchanges
 
 
-def contacts(labels: list[IntArray], poses: list[list[AnimalPose]]) -> list[tuple[int, int, int, int]]:
+def contacts(labels: list[IntArray], poses: Sequence[list[AnimalPose]]) -> list[tuple[int, int, int, int]]:
     """First and last frame of each contact, and the two tracks, by the first frame; short partings do not end one."""
     running: dict[tuple[int, int], tuple[int, int]] = {}
     ended: list[tuple[int, int, int, int]] = []
@@ -93,7 +90,7 @@ def _renamed(contact: tuple[int, int, int, int], after: int, names: dict[int, in
     return first, last, a, b
 
 
-def _appearance(labels: list[IntArray], poses: list[list[AnimalPose]], frames: range, track: int) -> FloatArray:
+def _appearance(labels: list[IntArray], poses: Sequence[list[AnimalPose]], frames: range, track: int) -> FloatArray:
     """``(T, 3)`` appearance of a track in frames in which nothing touches it."""
     found = [
         pose.appearance
@@ -120,6 +117,8 @@ def _gain(appearances: list[FloatArray]) -> float:
 
 FIELDS = ("a", "b", "theta", "length", "width")
 CONTACT_SCORE = 0.5
+SHORTEST = 0.4
+"""Least time for which an animal is detected, seconds."""
 WALKED = 0.4
 """Seconds of walking, of all animals together, from which heads are more than a guess."""
 STEADY = 0.4
@@ -140,65 +139,48 @@ class Animal:
 
 
 def link_animals(
-    poses: Sequence[list[AnimalPose]],
-    frames: Sequence[int],
-    settings: AnimalSettings,
-    frame_rate: float,
-    size: tuple[int, int] | None,
+    poses: Sequence[list[AnimalPose]], frames: Sequence[int], frame_rate: float, size: tuple[int, int] | None
 ) -> list[Animal]:
     """The animals by id, numbered by their first frames.
 
     Args:
         poses: of each frame, in no particular order.
         frames: their 0-based numbers, without a gap.
-        settings: see `AnimalSettings`.
         frame_rate: frames a second.
         size: width and height of the images; None where not known.
     """
-    labels = _flow(poses, settings, frame_rate, size)
-    labels, _ = exchanged_after_contacts(labels, list(poses), settings.evidence)
-    rows = [
-        [[part[n] for n in segment] for segment in segments_of(np.array([row for row, _ in part]), round(frame_rate))]
-        for part in _by_animal(labels).values()
+    labels, _ = exchanged_after_contacts(_flow(poses, frame_rate, size), poses)
+    at, every = np.repeat(np.arange(len(poses)), list(map(len, poses))), list(itertools.chain.from_iterable(poses))
+    longest = round(frame_rate)
+    # Of each animal the rows in its segments, which no gap that is too long to be filled interrupts.
+    animals = [
+        np.split(rows, np.flatnonzero(np.diff(at[rows]) > longest) + 1)
+        for rows in long_tracks(np.concatenate([np.empty(0, np.int64), *labels]) - 1)
     ]
-    parts = [
-        [(np.array([poses[t][n].place for t, n in part]), [poses[t][n] for t, n in part]) for part in several]
-        for several in rows
-    ]
-    every = [part for several in parts for part in several]
-    signs = head_signs(every, frame_rate)
-    known = any(pose.headed for _, own in every for pose in own)
-    if every and not known and seconds_of_walking(every, frame_rate) < WALKED:
+    segments = [[[every[row] for row in part] for part in parts] for parts in animals]
+    apart = list(itertools.chain.from_iterable(segments))
+    signs, walked = head_signs(apart, frame_rate)
+    if apart and walked < WALKED and not any(pose.headed for part in apart for pose in part):
         warnings.warn("hardly any animal walks: which end is the head is a guess", InputWarning, stacklevel=2)
-    found = []
-    for number, (several, segments) in enumerate(zip(parts, rows, strict=True), start=1):
-        headings = np.concatenate([heads(places, own, signs, frame_rate) for places, own in several])
-        at = np.array([t for part in segments for t, _ in part])
-        own = [pose for _, poses_of_part in several for pose in poses_of_part]
-        found.append(_animal(number, at, own, headings, settings.forward, np.asarray(frames), round(frame_rate)))
-    return found
+    linked = []
+    for number, (parts, own) in enumerate(zip(animals, segments, strict=True), start=1):
+        headings = np.concatenate([heads(part, signs, frame_rate) for part in own])
+        rows, joined = at[np.concatenate(parts)], list(itertools.chain.from_iterable(own))
+        linked.append(_animal(number, rows, joined, headings, np.asarray(frames), longest))
+    return linked
 
 
-def _flow(
-    poses: Sequence[list[AnimalPose]], settings: AnimalSettings, frame_rate: float, size: tuple[int, int] | None
-) -> list[IntArray]:
+def _flow(poses: Sequence[list[AnimalPose]], frame_rate: float, size: tuple[int, int] | None) -> list[IntArray]:
     """For each frame the track of each pose, 0 for none."""
-    flow = FlowTracker(
-        FlowSettings(
-            input=InputSettings(follow_camera=False), smoothing=False, min_time=settings.shortest, fill=0.0
-        ).alike(),
-        frame_rate=frame_rate,
-        size=size,
-    )
-    for found in poses:
-        flow.update(_detections(found))
-    labels = [np.zeros(len(found), dtype=np.int64) for found in poses]
+    still = InputSettings(follow_camera=False)
+    settings = FlowSettings(input=still, smoothing=False, min_time=SHORTEST, fill=0.0).alike()
+    flow = FlowTracker(settings, frame_rate=frame_rate, size=size)
+    for present in poses:
+        flow.update(_detections(present))
+    labels = [np.zeros(len(present), dtype=np.int64) for present in poses]
     for track in flow.tracks():
-        centres = (track.boxes[:, :2] + track.boxes[:, 2:]) / 2
-        for row, centre, observed in zip(track.frames.tolist(), centres, track.observed, strict=True):
-            if observed:
-                away = [float(np.linalg.norm(pose.place - centre)) for pose in poses[row]]
-                labels[row][int(np.argmin(away))] = track.id
+        for frame, row in zip(track.frames.tolist(), track.detection.tolist(), strict=True):
+            labels[frame][row] = track.id
     return labels
 
 
@@ -210,22 +192,11 @@ def _detections(poses: list[AnimalPose]) -> Detections:
     return Detections(np.concatenate([places - half, places + half], axis=1), np.ones(len(poses)))
 
 
-def _by_animal(labels: list[IntArray]) -> dict[int, list[tuple[int, int]]]:
-    """Rows of each track, as frame and number of the pose in it, by the first frame."""
-    found: dict[int, list[tuple[int, int]]] = {}
-    for row, own in enumerate(labels):
-        for n, identity in enumerate(own.tolist()):
-            if identity:
-                found.setdefault(identity, []).append((row, n))
-    return found
-
-
 def _animal(
     number: int,
     at: IntArray,
     poses: list[AnimalPose],
     headings: FloatArray,
-    forward: float,
     frames: IntArray,
     longest: int,
 ) -> Animal:
@@ -233,10 +204,6 @@ def _animal(
     states = np.array([[*p.place, heading, p.length, p.width] for p, heading in zip(poses, headings, strict=True)])
     if poses[0].points is None:
         _steadied(states, poses, round(STEADY * longest))
-    # A wing or leg that lengthens one frame must not move the place: the animal's own usual length.
-    ahead = forward * float(np.median(states[:, 3]))
-    states[:, 0] += ahead * np.cos(headings)
-    states[:, 1] += ahead * np.sin(headings)
     scores = np.array([CONTACT_SCORE if pose.contact else 1.0 for pose in poses])
     gaps = [np.arange(first, last) for first, last in itertools.pairwise(at.tolist()) if last - first <= longest]
     every = np.unique(np.concatenate([at, *gaps]))

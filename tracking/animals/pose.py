@@ -14,11 +14,11 @@ together for all frames (Viterbi), since between two frames no animal turns by m
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types import FloatArray, IntArray
 
 CORE = 0.5
 """Share of an animal's contrast from which a pixel is its core."""
@@ -45,6 +45,8 @@ class ExpectedAnimal:
         spread: ``(2,)`` deviations of the pixels of its core along the axis and across, pixels.
         shift: from the middle of the core to that of the body, along the axis, pixels.
         length: of the body, pixels.
+        step: ``(2,)`` of the core in the last frame, pixels.
+        undetected: frames since it was detected.
     """
 
     core: FloatArray
@@ -52,6 +54,8 @@ class ExpectedAnimal:
     spread: FloatArray
     shift: float
     length: float
+    step: FloatArray = field(default_factory=lambda: np.zeros(2))
+    undetected: int = 0
 
 
 @dataclass(frozen=True)
@@ -163,57 +167,51 @@ TURNED_ROUND = 50.0
 """Cost of a right angle between two frames; a frame of walking the other way costs up to 1."""
 
 
-def heads(places: FloatArray, poses: list[AnimalPose], signs: FloatArray, frame_rate: float) -> FloatArray:
+def heads(poses: list[AnimalPose], signs: FloatArray, frame_rate: float) -> FloatArray:
     """``(T,)`` headings in radians of one animal in frames that follow each other.
 
     Args:
-        places: ``(T, 2)`` pixels.
         poses: ``T`` of them; their axes point either way.
         signs: ``(2,)`` see `head_signs`.
         frame_rate: frames a second.
     """
     axes = np.array([pose.axis for pose in poses])
-    votes = _walk(places, poses, frame_rate) + 0.5 * np.tanh(_asymmetries(poses) * signs).sum(axis=1)
+    votes = _walk(poses, frame_rate) + 0.5 * np.tanh(_asymmetries(poses) * signs).sum(axis=1)
     votes = np.where([pose.headed for pose in poses], KNOWN, votes)
     flips = _chosen(axes, votes)
     return np.asarray(np.angle(np.exp(1j * (axes + np.pi * flips))))
 
 
-def head_signs(tracks: list[tuple[FloatArray, list[AnimalPose]]], frame_rate: float) -> FloatArray:
-    """``(2,)`` how each asymmetry tells the head, from animals that walk: its sign and strength; 0 where it does not.
+def head_signs(tracks: list[list[AnimalPose]], frame_rate: float) -> tuple[FloatArray, float]:
+    """How each asymmetry tells the head, from animals that walk, and for how long they clearly do.
 
     Args:
-        tracks: places ``(T, 2)`` and poses of each animal.
+        tracks: poses of each animal.
         frame_rate: frames a second.
+
+    Returns:
+        ``(2,)`` sign and strength of each asymmetry, 0 where it does not tell; seconds of walking, all together.
     """
-    walks = np.concatenate([_walk(places, poses, frame_rate) for places, poses in tracks] or [np.empty(0)])
-    found = np.concatenate([_asymmetries(poses) for _, poses in tracks] or [np.empty((0, 2))])
+    walks = np.concatenate([_walk(poses, frame_rate) for poses in tracks] or [np.empty(0)])
+    asymmetries = np.concatenate([_asymmetries(poses) for poses in tracks] or [np.empty((0, 2))])
     walking = np.abs(walks) > 0.5
+    seconds = int(walking.sum()) / frame_rate
     if walking.sum() < 2:
-        return np.zeros(2)
-    agree = np.sign(walks[walking])[:, None] * found[walking]
+        return np.zeros(2), seconds
+    agree = np.sign(walks[walking])[:, None] * asymmetries[walking]
     # The mean over its deviation: an asymmetry that is now here, now there says little.
     scale = np.maximum(np.sqrt(np.mean(agree**2, axis=0)), 1e-9)
     share = agree.mean(axis=0) / scale
-    return np.asarray(np.where(np.abs(share) > 0.2, share, 0.0) / scale)
-
-
-def seconds_of_walking(tracks: list[tuple[FloatArray, list[AnimalPose]]], frame_rate: float) -> float:
-    """For how long animals clearly walk, all together: heads are known by that.
-
-    Args:
-        tracks: places ``(T, 2)`` and poses of each animal.
-        frame_rate: frames a second.
-    """
-    return sum(int((np.abs(_walk(*track, frame_rate)) > 0.5).sum()) for track in tracks) / frame_rate
+    return np.asarray(np.where(np.abs(share) > 0.2, share, 0.0) / scale), seconds
 
 
 def _asymmetries(poses: list[AnimalPose]) -> FloatArray:
     return np.array([pose.asymmetry for pose in poses]).reshape(-1, 2)
 
 
-def _walk(places: FloatArray, poses: list[AnimalPose], frame_rate: float) -> FloatArray:
+def _walk(poses: list[AnimalPose], frame_rate: float) -> FloatArray:
     """``(T,)`` in [-1, 1]: how clearly an animal walks where its axis points, or the other way."""
+    places = np.array([pose.place for pose in poses])
     half = max(1, round(SPAN * frame_rate / 2))
     last = len(places) - 1
     first, second = np.clip(np.arange(last + 1) - half, 0, last), np.clip(np.arange(last + 1) + half, 0, last)
@@ -241,9 +239,3 @@ def _chosen(axes: FloatArray, votes: FloatArray) -> IntArray:
     for t in range(len(axes) - 1, 0, -1):
         flips[t - 1] = back[t, flips[t]]
     return flips
-
-
-def segments_of(frames: IntArray, longest: int) -> list[IntArray]:
-    """Indices of the segments of frames ``(T,)`` without a gap longer than ``longest``."""
-    breaks: BoolArray = np.diff(frames) > longest
-    return [np.asarray(part, dtype=np.int64) for part in np.split(np.arange(len(frames)), np.flatnonzero(breaks) + 1)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -90,32 +90,19 @@ def animal_result(
     times: StageTimes,
     made: Mapping[str, Any],
 ) -> tuple[Result[BodyTrack], list[str]]:
-    """The result of a run with the settings ``made``, and lines for the user.
-
-    Args:
-        source: the video.
-        frames: of it.
-        skeleton: what is known of the points.
-        table: those of its file.
-        choice: how animals are distinguished from the background, and followed.
-        times: of the run.
-        made: settings of the run.
-    """
-    settings, facts = choice.animals, dict[str, Any](frame_rate=source.frame_rate)
+    """The result of a run over the frames of a video, and lines for the user; ``made`` are settings of the run."""
+    facts = dict[str, Any](frame_rate=source.frame_rate)
     tracker = None
     if skeleton.points is None:
         with times.measure("background"):
             background = video_background(source, choice.contrast, choice.threshold)
         facts |= {"contrast": background.contrast, "threshold": background.threshold, "area": background.area}
-        tracker = AnimalTracker(background, settings, source.frame_rate)
+        tracker = AnimalTracker(background, choice.animals)
     size, numbers = _followed(frames, tracker, times)
-
-    def linked(poses: Sequence[list[AnimalPose]], **changed: float) -> list[Animal]:
-        return link_animals(poses, numbers, replace(settings, **changed), source.frame_rate, size)
 
     with times.measure("identities"):
         by_frame = tracker.poses if tracker else _poses_by_points(table, skeleton, numbers) if table else []
-        found, placed = _finished(by_frame, numbers, skeleton, table, linked)
+        found, placed = _finished(by_frame, numbers, skeleton, table, source.frame_rate, size)
     tracks, fields = [one.track for one in found], list(FIELDS)
     if choice.scale is not None:
         tracks, fields = in_millimetres(tracks, choice.scale, source)
@@ -198,18 +185,19 @@ def _finished(
     frames: Sequence[int],
     skeleton: SkeletonSettings,
     table: PointTable | None,
-    linked: Callable[..., list[Animal]],
+    frame_rate: float,
+    size: tuple[int, int],
 ) -> tuple[list[Animal], PointTable | None]:
-    """The animals, and their points where a skeleton is known; ``linked`` makes animals of poses."""
+    """The animals, and their points where a skeleton is known."""
+    labelled = table is not None and skeleton.points is None
+    if table is not None and labelled:
+        poses = headed_by_labels(poses, table, frames[0] if len(frames) else 0, skeleton.line)
+    animals = link_animals(poses, frames, frame_rate, size)
     if table is None:
-        return linked(poses), None
-    if skeleton.points is not None:
-        animals = linked(poses)
-        return animals, point_table(animals, None, table.nodes)
-    animals = linked(headed_by_labels(poses, table, frames[0] if len(frames) else 0, skeleton.line), forward=0.0)
-    points = learn_body_points(animals, table)
+        return animals, None
+    points = learn_body_points(animals, table) if labelled else None
     written = point_table(animals, points, table.nodes)
-    if skeleton.centre is not None:
+    if points is not None and skeleton.centre is not None:
         animals = [with_centre(animal, points, skeleton.centre) for animal in animals]
     return animals, written
 

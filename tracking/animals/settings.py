@@ -20,29 +20,13 @@ class AnimalSettings:
 
     Attributes:
         smallest: share of the usual animal's core from which a region holds one, in (0, 1).
-        area: pixels of the core of one animal; by default measured in the video.
-        shortest: least time for which an animal is detected, seconds.
-        forward: how far ahead of the middle the reported place lies, in lengths of the animal; from -0.5 (tail) to 0.5
-            (head).
-        evidence: log-likelihood ratio of appearance that exchanges two animals after a contact.
     """
 
     smallest: float = 0.3
-    area: float | None = None
-    shortest: float = 0.4
-    forward: float = 0.0
-    evidence: float = 4.0
 
     def __post_init__(self) -> None:
         if not 0 < self.smallest < 1:
             raise RequestError(f"`smallest`: expected a share between 0 and 1, got {self.smallest:g}")
-        if not -0.5 <= self.forward <= 0.5:
-            raise RequestError(f"`forward`: expected -0.5 to 0.5 lengths, got {self.forward:g}")
-        if self.area is not None and not 0 < self.area < np.inf:
-            raise RequestError(f"`area`: expected pixels above 0, got {self.area:g}")
-        for name in ("shortest", "evidence"):
-            if not 0 <= getattr(self, name) < np.inf:
-                raise RequestError(f"`{name}`: expected a number from 0, got {getattr(self, name):g}")
 
 
 @dataclass(frozen=True)

@@ -252,7 +252,8 @@ def headed_by_labels(
         ahead = points[front] - points[back]
         if not 0 <= row < len(after) or not np.isfinite(ahead).all():
             continue
-        number = _nearest(after[row], points)
+        own = after[row]
+        number = _nearest(np.array([p.place for p in own]), np.array([p.length for p in own]), points)
         if number is not None:
             pose = after[row][number]
             same = ahead[0] * np.cos(pose.axis) + ahead[1] * np.sin(pose.axis) >= 0
@@ -276,11 +277,10 @@ def learn_body_points(animals: Sequence[Animal], labels: PointTable) -> BodyPoin
                 and animal.track.frames[row] == frame
             ]
         ).reshape(-1, 5)
-        middle = np.nanmean(points, axis=0)
-        away = np.linalg.norm(states[:, :2] - middle, axis=1)
-        if not len(states) or away.min() > 0.5 * states[away.argmin(), 3]:
+        number = _nearest(states[:, :2], states[:, 3], points)
+        if number is None:
             continue
-        a, b, theta, length = states[away.argmin(), :4]
+        a, b, theta, length = states[number, :4]
         turn = np.array([[np.cos(theta), -np.sin(theta)], [np.sin(theta), np.cos(theta)]])
         local.append((points - [a, b]) @ turn / length)
     if not local:
@@ -292,14 +292,11 @@ def learn_body_points(animals: Sequence[Animal], labels: PointTable) -> BodyPoin
     return BodyPoints(labels.nodes, np.nanmedian(every, axis=0))
 
 
-def _nearest(poses: list[AnimalPose], points: FloatArray) -> int | None:
-    """Number of the pose that labelled points lie on."""
-    if not poses:
-        return None
-    middle = np.nanmean(points, axis=0)
-    away = np.array([np.linalg.norm(pose.place - middle) for pose in poses])
-    number = int(away.argmin())
-    return number if away[number] <= 0.5 * poses[number].length else None
+def _nearest(places: FloatArray, lengths: FloatArray, points: FloatArray) -> int | None:
+    """Number of the animal that labelled points lie on, of places ``(N, 2)`` and lengths ``(N,)``; None for none."""
+    away = np.linalg.norm(places.reshape(-1, 2) - np.nanmean(points, axis=0), axis=1)
+    number = int(away.argmin()) if len(away) else 0
+    return number if len(away) and away[number] <= 0.5 * lengths[number] else None
 
 
 def with_centre(animal: Animal, points: BodyPoints, centre: str) -> Animal:

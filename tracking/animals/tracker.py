@@ -7,14 +7,13 @@ the end, by `link_animals`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linear_sum_assignment
 
-from tsuiseki.tracking.animals.linking import Animal, link_animals
 from tsuiseki.tracking.animals.pose import AnimalPose, ExpectedAnimal, pose_of
 from tsuiseki.tracking.animals.settings import AnimalSettings
 from tsuiseki.tracking.features.background_difference import Background, Shape, shape_of
@@ -33,17 +32,17 @@ REACH = 0.5
 
 
 def find_animals(
-    difference: NDArray[np.uint8], background: Background, usual: float, smallest: float, expected: list[ExpectedAnimal]
+    difference: NDArray[np.uint8], background: Background, smallest: float, expected: list[ExpectedAnimal]
 ) -> list[AnimalPose]:
     """The animals in a frame, in no particular order.
 
     Args:
         difference: ``(H, W)`` how far pixels stand out.
-        background: says from where on they belong to an animal, and to its core.
-        usual: pixels of the core of one animal.
-        smallest: share of that from which a region holds one.
+        background: says from where on they belong to an animal and to its core, and how many pixels a core has.
+        smallest: share of these from which a region holds one.
         expected: animals of the frames before.
     """
+    usual = background.area
     count, found_labels, stats, _ = cv2.connectedComponentsWithStats(
         (difference > background.threshold).astype(np.uint8)
     )
@@ -161,81 +160,55 @@ REMEMBERED = 0.1
 PATIENCE = 5
 
 
-@dataclass
-class _RecentAnimal:
-    """An animal as the frames before showed it, and how it moved in the last."""
-
-    expected: ExpectedAnimal
-    step: FloatArray = field(default_factory=lambda: np.zeros(2))
-    undetected: int = 0
-
-
 class AnimalTracker:
-    """Follows animals through frames; the answer comes in the end.
+    """Finds the poses of animals in frame after frame; `link_animals` says in the end who is who.
 
     Args:
         background: what they stand out from.
         settings: see `AnimalSettings`.
-        frame_rate: frames a second.
+
+    Attributes:
+        poses: of each frame, in no particular order.
     """
 
-    def __init__(
-        self, background: Background, settings: AnimalSettings | None = None, frame_rate: float = 25.0
-    ) -> None:
-        self.background, self.settings, self.frame_rate = background, settings or AnimalSettings(), frame_rate
-        self.frames: list[int] = []
+    def __init__(self, background: Background, settings: AnimalSettings | None = None) -> None:
+        self._background, self._smallest = background, (settings or AnimalSettings()).smallest
         self.poses: list[list[AnimalPose]] = []
-        self._recent: list[_RecentAnimal] = []
-        self._area = self.settings.area or background.area
+        self._recent: list[ExpectedAnimal] = []
 
-    def update(self, frame: Frame) -> list[AnimalPose]:
-        """Take the next frame; returns the animals in it, in no particular order."""
-        expected = [replace(one.expected, core=one.expected.core + one.step) for one in self._recent]
-        found: list[AnimalPose] = []
-        if self._area > 0:
-            difference = self.background.difference(frame.image)
-            found = find_animals(difference, self.background, self._area, self.settings.smallest, expected)
-        self._recent = _remembered(self._recent, expected, found)
-        self.frames.append(frame.index)
-        self.poses.append(found)
-        return found
-
-    def animals(self) -> list[Animal]:
-        """The animals of all frames so far, by id."""
-        height, width = self.background.image.shape[:2]
-        return link_animals(self.poses, self.frames, self.settings, self.frame_rate, (width, height))
+    def update(self, frame: Frame) -> None:
+        """Take the next frame."""
+        expected = [replace(one, core=one.core + one.step) for one in self._recent]
+        present: list[AnimalPose] = []
+        if self._background.area > 0:
+            difference = self._background.difference(frame.image)
+            present = find_animals(difference, self._background, self._smallest, expected)
+        self._recent = _remembered(self._recent, expected, present)
+        self.poses.append(present)
 
 
 def _remembered(
-    recent: list[_RecentAnimal], expected: list[ExpectedAnimal], found: list[AnimalPose]
-) -> list[_RecentAnimal]:
-    """Who is expected in the next frame: animals found, paired with the nearest of those before, and those missed."""
+    recent: list[ExpectedAnimal], expected: list[ExpectedAnimal], present: list[AnimalPose]
+) -> list[ExpectedAnimal]:
+    """The animals after a frame: those present, each paired with the nearest of those before, and those missed."""
     pairs = []
-    if recent and found:
-        away = np.array([[np.linalg.norm(one.core - pose.core) for pose in found] for one in expected])
-        pairs = [(i, j) for i, j in zip(*linear_sum_assignment(away), strict=True) if away[i, j] < found[j].length]
-    before = {j: i for i, j in pairs}
+    if recent and present:
+        away = np.array([[np.linalg.norm(one.core - pose.core) for pose in present] for one in expected])
+        pairs = [(i, j) for i, j in zip(*linear_sum_assignment(away), strict=True) if away[i, j] < present[j].length]
+    before = {j: recent[i] for i, j in pairs}
     after = []
-    for j, pose in enumerate(found):
-        if j not in before:
-            axis, shift = pose.pointing(pose.axis)
-            after.append(_RecentAnimal(ExpectedAnimal(pose.core, axis, pose.spread, shift, pose.length)))
-            continue
-        old = recent[before[j]]
-        axis, shift = pose.pointing(old.expected.axis)
-        # What was separated by a fit to what is remembered teaches nothing.
-        share = 0.0 if pose.contact else REMEMBERED
-        kept = old.expected
-        known = ExpectedAnimal(
-            pose.core,
-            axis,
-            (1 - share) * kept.spread + share * pose.spread,
-            (1 - share) * kept.shift + share * shift,
-            (1 - share) * kept.length + share * pose.length,
-        )
-        after.append(_RecentAnimal(known, 0.5 * old.step + 0.5 * (pose.core - kept.core)))
-    used = set(before.values())
-    for i, old in enumerate(recent):
-        if i not in used and old.undetected < PATIENCE:
-            after.append(replace(old, step=np.zeros(2), undetected=old.undetected + 1))
-    return after
+    for j, pose in enumerate(present):
+        old = before.get(j)
+        axis, shift = pose.pointing(pose.axis if old is None else old.axis)
+        new = ExpectedAnimal(pose.core, axis, pose.spread, shift, pose.length)
+        if old is not None:
+            # What was separated by a fit to what is remembered teaches nothing.
+            share = 0.0 if pose.contact else REMEMBERED
+            spread, shift, length = (
+                (1 - share) * getattr(old, name) + share * getattr(new, name) for name in ("spread", "shift", "length")
+            )
+            step = 0.5 * old.step + 0.5 * (pose.core - old.core)
+            new = replace(new, spread=spread, shift=shift, length=length, step=step)
+        after.append(new)
+    missed = [one for i, one in enumerate(recent) if i not in {i for i, _ in pairs} and one.undetected < PATIENCE]
+    return after + [replace(one, step=np.zeros(2), undetected=one.undetected + 1) for one in missed]
