@@ -32,6 +32,10 @@ FARTHEST = 80.0
 # Where a region's border lies from the index of Canny's mark: a pixel's centre is half a pixel beyond its index, and at
 # straight borders the mark is the pixel before the step, outside the region at its left and top. This is the mean.
 EDGE_OFFSET = np.float32(0.75)
+HIDDEN_COST = 14.0
+"""Subtracted from the log-likelihood of a contour that is hidden in full and was expected in view."""
+MARGIN = 4
+"""Pixels around another body's expected contour that count as that body."""
 # OpenCV maps at most this many rows of points at a time (it counts them in 16 bits).
 ROWS_AT_ONCE = 16384
 
@@ -139,37 +143,31 @@ class BodyView:
     neighbours: Mask | None = None
     hidden: float = 0.0
 
+    def visible_distance(self, contours: Points) -> tuple[FloatArray, FloatArray]:
+        """``d_max`` ``(N,)`` of the points of contours ``(N, K, 2)`` that no neighbour hides, and the share it does."""
+        distance = point_distances(self.edges, contours)
+        if self.neighbours is None:
+            return distance.max(axis=1).astype(np.float64), np.zeros(len(contours))
+        hidden = look_up(self.neighbours, contours) > 0
+        return np.where(hidden, 0.0, distance).max(axis=1).astype(np.float64), np.asarray(hidden.mean(axis=1))
 
-@dataclass(frozen=True)
-class ContourLikelihood:
-    """``exp(-d_max^2 / spread)`` (7), and what becomes of it where another body is in the way.
+    def log_likelihood(self, contours: Points, spread: float) -> FloatArray:
+        """Logarithm of ``exp(-d_max^2 / spread)`` (7), and what becomes of it where another body is in the way.
 
-    Contour points inside a neighbour are hidden: the image there is explained by the neighbour, so they take no part
-    in ``d_max``, and the share of the contour that is hidden beyond what was expected costs ``hidden_cost``. Without
-    the cost a particle would fit best with all of itself inside the neighbour, and without the exclusion it would fit
-    best on the neighbour's outline. Where bodies are expected to cross, being hidden is no fault.
+        Contour points inside a neighbour are hidden: the image there is explained by the neighbour, so they take no
+        part in ``d_max``, and the share of the contour that is hidden beyond what was expected has a cost. Without the
+        cost a particle would fit best with all of itself inside the neighbour, and without the exclusion it would fit
+        best on the neighbour's outline. Where bodies are expected to cross, being hidden is no fault.
 
-    Attributes:
-        spread: ``sigma_d``, pixels squared.
-        hidden_cost: subtracted from the log-likelihood of a contour that is hidden in full and was expected in view.
-    """
+        Args:
+            contours: ``(N, K, 2)`` float32 pixels.
+            spread: ``sigma_d``, pixels squared.
 
-    spread: float = 40.0
-    hidden_cost: float = 14.0
-
-    def __post_init__(self) -> None:
-        if not (self.spread > 0 and np.isfinite(self.spread)) or not self.hidden_cost >= 0:
-            raise ValueError(f"expected a spread above 0 and a cost from 0, got {self.spread} and {self.hidden_cost}")
-
-    def __call__(self, contours: Points, view: BodyView) -> FloatArray:
-        """Log-likelihood ``(N,)`` of contours ``(N, K, 2)``, float32 pixels."""
-        distance = point_distances(view.edges, contours)
-        if view.neighbours is None:
-            return np.asarray(-(distance.max(axis=1).astype(np.float64) ** 2) / self.spread)
-        hidden = look_up(view.neighbours, contours) > 0
-        farthest = np.where(hidden, 0.0, distance).max(axis=1).astype(np.float64)
-        unexpected = np.maximum(hidden.mean(axis=1) - view.hidden, 0.0)
-        return np.asarray(-(farthest**2) / self.spread - self.hidden_cost * unexpected)
+        Returns:
+            ``(N,)``.
+        """
+        farthest, hidden = self.visible_distance(contours)
+        return np.asarray(-(farthest**2) / spread - HIDDEN_COST * np.maximum(hidden - self.hidden, 0.0))
 
 
 CANDIDATES = 3000
@@ -194,9 +192,7 @@ def wide_noise(body: Body) -> Noise:
     return Noise.independent(np.zeros(len(deviation)), deviation)
 
 
-def find_starts(
-    edges: EdgeImage, body: Body, rng: np.random.Generator, others: Sequence[Points] = (), margin: int = 4
-) -> FloatArray:
+def find_starts(edges: EdgeImage, body: Body, rng: np.random.Generator, others: Sequence[Points] = ()) -> FloatArray:
     """States ``(K, D)`` of the bodies that a frame shows, the largest region first.
 
     In each, candidates are drawn all over it and improved by an annealed particle filter. Bodies that touch are one
@@ -207,11 +203,10 @@ def find_starts(
         body: to search.
         rng: of the candidates.
         others: contours ``(K, 2)`` of bodies that are known already.
-        margin: pixels around a contour that count as its body.
     """
     found: list[FloatArray] = []
-    neighbours = contours_mask(edges.size, others, margin) if others else None
-    mask = edges.mask if neighbours is None else cv2.subtract(edges.mask, neighbours)
+    view = BodyView(edges, contours_mask(edges.size, others) if others else None)
+    mask = edges.mask if view.neighbours is None else cv2.subtract(edges.mask, view.neighbours)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
     # Inside the hull of the body at rest.
     area = cv2.contourArea(cv2.convexHull(body.contour(np.zeros((1, len(body.fields))))[0]))
@@ -220,38 +215,34 @@ def find_starts(
         if size < SMALLEST_REGION * area:
             break
         pixels = np.argwhere(labels == label)[:, ::-1].astype(np.float64)
-        state, misfit = _best_state(edges, body, pixels, neighbours, rng)
+        state, misfit = _best_state(view, body, pixels, rng)
         if misfit <= LARGEST_MISFIT:
             found.append(state)
     return np.array(found).reshape(-1, len(body.fields))
 
 
-def _best_state(
-    edges: EdgeImage, body: Body, pixels: FloatArray, neighbours: Mask | None, rng: np.random.Generator
-) -> tuple[FloatArray, float]:
+def _best_state(view: BodyView, body: Body, pixels: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, float]:
     """The state in the region of ``pixels`` that fits best, and its distance to the edges."""
     wide = wide_noise(body)
     states = np.zeros((CANDIDATES, len(body.fields)))
     states[:, :2] = pixels[rng.integers(len(pixels), size=CANDIDATES)]
     states[:, HEADING] = rng.uniform(-np.pi, np.pi, CANDIDATES)
     states[:, HEADING + 1 :] = 0.5 * wide.draw(CANDIDATES, rng)[:, HEADING + 1 :]
-    best, view = states[0], BodyView(edges, neighbours)
+    best = states[0]
     for number, (spread, share) in enumerate(LAYERS):
-        likelihood = ContourLikelihood(spread)
         noise = Noise(wide.mean, share * wide.factor * (number > 0))
         layer = ParticleFilter(
             bootstrap(RandomWalk(noise)),
-            lambda particles, view, use=likelihood: use(body.contour(particles), view),
+            lambda particles, view, spread=spread: view.log_likelihood(body.contour(particles), spread),
             threshold=1.0,
         )
         after, _ = layer.step(layer.init(states), view, rng)
         best = best_particle(after.particles, after.log_weights)
         drawn = systematic(np.exp(after.log_weights), CANDIDATES, rng)
         states = within_limits(after.particles[drawn], body)
-    contour = body.contour(best[None])
-    distance, hidden = visible_distance(edges, contour, neighbours)
+    (distance,), (hidden,) = view.visible_distance(body.contour(best[None]))
     best[HEADING] = np.angle(np.exp(1j * best[HEADING]))
-    return best, distance if hidden < 0.5 else np.inf
+    return best, float(distance) if hidden < 0.5 else np.inf
 
 
 def within_limits(states: FloatArray, body: Body) -> FloatArray:
@@ -262,29 +253,19 @@ def within_limits(states: FloatArray, body: Body) -> FloatArray:
     return states
 
 
-def contours_mask(size: tuple[int, int], contours: Sequence[Points], margin: int) -> Mask:
-    """``(H, W)`` uint8, 255 inside the hulls of contours ``(K, 2)`` and up to ``margin`` pixels around them."""
+def contours_mask(size: tuple[int, int], contours: Sequence[Points]) -> Mask:
+    """``(H, W)`` uint8, 255 inside the hulls of contours ``(K, 2)`` and up to `MARGIN` pixels around them."""
     mask = np.zeros(size[::-1], dtype=np.uint8)
     for contour in contours:
         hull = np.round(cv2.convexHull(contour)).astype(np.int32)
         cv2.fillConvexPoly(mask, hull, 255)
-        if margin:
-            cv2.polylines(mask, [hull], isClosed=True, color=255, thickness=2 * margin + 1)
+        cv2.polylines(mask, [hull], isClosed=True, color=255, thickness=2 * MARGIN + 1)
     return mask
 
 
-def near_mask(size: tuple[int, int], contour: Points, others: Sequence[Points], margin: int) -> Mask | None:
+def near_mask(size: tuple[int, int], contour: Points, others: Sequence[Points]) -> Mask | None:
     """`contours_mask` of those whose bounding boxes come near that of ``contour``; None where there is none."""
     low, high = contour.min(axis=0), contour.max(axis=0)
-    reach = (high - low).max() / 2 + margin
+    reach = (high - low).max() / 2 + MARGIN
     near = [o for o in others if np.all(o.min(axis=0) < high + reach) and np.all(o.max(axis=0) > low - reach)]
-    return contours_mask(size, near, margin) if near else None
-
-
-def visible_distance(edges: EdgeImage, contour: Points, neighbours: Mask | None) -> tuple[float, float]:
-    """``d_max`` of the contour points ``(1, K, 2)`` that no neighbour hides, and the share that one does."""
-    distance = point_distances(edges, contour)[0]
-    if neighbours is None:
-        return float(distance.max()), 0.0
-    hidden = look_up(neighbours, contour)[0] > 0
-    return float(distance[~hidden].max(initial=0.0)), float(hidden.mean())
+    return contours_mask(size, near) if near else None

@@ -142,15 +142,7 @@ def body_tracker(choice: BodyChoice, source: Source, seed: int = 0) -> Deformabl
 def body_result(
     source: Source, tracker: DeformableTracker, frames: Iterable[Frame], times: StageTimes, settings: Mapping[str, Any]
 ) -> Result[BodyTrack]:
-    """The result of a run.
-
-    Args:
-        source: the video.
-        tracker: a fresh one.
-        frames: of the video.
-        times: of the run.
-        settings: of the run.
-    """
+    """The result of a run of a fresh tracker over the frames of a video."""
     numbers = []
     for frame in frames:
         with times.measure("edges"):

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.bodies.body import Body
-from tsuiseki.tracking.bodies.contour import FARTHEST, wide_noise
+from tsuiseki.tracking.bodies.contour import wide_noise
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast
 from tsuiseki.tracking.filters.body_motion import BodyMotion, RandomWalk
@@ -31,35 +31,23 @@ class DeformableSettings:
     Attributes:
         particles: number of particles of each body.
         spread: ``sigma_d`` of (7), the scale of squared distances to edges, pixels squared.
-        hidden_cost: cost of a contour that other bodies hide in full, in units of log-likelihood.
-        margin: pixels around another body's expected contour that count as that body.
-        searching_beyond: distance of a contour to the edges beyond which its body counts as missed, pixels.
         patience: frames without support until a body is lost.
         smooth: side in pixels of the median filter of the extraction; 1 leaves it out.
     """
 
     particles: int = 500
     spread: float = 40.0
-    hidden_cost: float = 14.0
-    margin: int = 4
-    searching_beyond: float = 15.0
     patience: int = 10
     smooth: int = 5
 
     def __post_init__(self) -> None:
-        for name, least in (("particles", 1), ("margin", 0), ("patience", 0)):
+        for name, least in (("particles", 1), ("patience", 0)):
             if getattr(self, name) < least:
                 raise RequestError(f"`{name}`: expected a whole number from {least}, got {getattr(self, name)}")
         if self.smooth < 1 or self.smooth % 2 == 0:
             raise RequestError(f"`smooth`: expected an odd number of pixels, got {self.smooth}")
         if not 0 < self.spread < np.inf:
             raise RequestError(f"`spread`: expected squared pixels above 0, got {self.spread:g}")
-        if not 0 <= self.hidden_cost < np.inf:
-            raise RequestError(f"`hidden_cost`: expected a number from 0, got {self.hidden_cost:g}")
-        if not 0 < self.searching_beyond <= FARTHEST:
-            raise RequestError(
-                f"`searching_beyond`: expected pixels above 0, at most {FARTHEST:g}, got {self.searching_beyond:g}"
-            )
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,14 @@
 
 In each frame the coloured region is extracted and its edges found, once for all bodies. Then every body's particles
 move, are weighed by the largest distance of their contour to the edges (7), and give the estimate. Where another body
-is expected, the image belongs to that one: see `ContourLikelihood`. The filter is that of the goldfish paper: the
+is expected, the image belongs to that one: see `BodyView`. The filter is that of the goldfish paper: the
 posterior (1)-(4) by a random walk (5) and particles weighed by (6).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from collections import defaultdict
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -17,13 +18,10 @@ from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.bodies.contour import (
     BodyPixels,
     BodyView,
-    ContourLikelihood,
     EdgeImage,
-    Mask,
     Points,
     find_starts,
     near_mask,
-    visible_distance,
     within_limits,
 )
 from tsuiseki.tracking.bodies.settings import DeformableSettings
@@ -38,6 +36,8 @@ MOSTLY = 0.8
 """A body of which a greater share is hidden counts as missed."""
 SEARCH_EVERY = 5
 """Frames between two searches of the whole image for a lost body."""
+FAR = 15.0
+"""Distance in pixels of a contour to the edges beyond which its body counts as missed."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,6 @@ class BodyTarget:
         estimate: mean particle ``(D + …,)``; the body's state comes first.
         before: that of the frame before.
         score: likelihood (7) of the estimate, in [0, 1].
-        distance: ``d_max`` of the estimate, pixels.
         status: whether it is confirmed.
         undetected: frames in a row in which it was missed.
     """
@@ -60,17 +59,8 @@ class BodyTarget:
     estimate: FloatArray
     before: FloatArray
     score: float = 1.0
-    distance: float = 0.0
     status: Status = "tracking"
     undetected: int = 0
-
-
-@dataclass
-class _Record:
-    frames: list[int] = field(default_factory=list)
-    states: list[FloatArray] = field(default_factory=list)
-    scores: list[float] = field(default_factory=list)
-    statuses: list[Status] = field(default_factory=list)
 
 
 class DeformableTracker:
@@ -100,8 +90,8 @@ class DeformableTracker:
         self.targets: list[BodyTarget] = []
         self._starts = starts
         self._columns = len(body.fields)
-        self._records: dict[int, _Record] = {}
-        self._likelihood = ContourLikelihood(self.settings.spread, self.settings.hidden_cost)
+        # Of each body: frame, state, score and status.
+        self._rows: defaultdict[int, list[tuple[int, FloatArray, float, Status]]] = defaultdict(list)
         self._move: Proposal[BodyView] = bootstrap(motion)
         self._filter: ParticleFilter[BodyView] = ParticleFilter(self._propose, self._log_likelihood, threshold=1.0)
 
@@ -125,7 +115,7 @@ class DeformableTracker:
 
     def update_edges(self, index: int, edges: EdgeImage) -> None:
         """Take the next frame, whose edges are known."""
-        if not self._records:
+        if not self.targets:
             self._begin(edges)
         else:
             contours = self._expected_contours()
@@ -135,24 +125,20 @@ class DeformableTracker:
                 contours[target.id] = self._contour(self.targets[row])
             self._recover(edges)
         for target in self.targets:
-            record = self._records.setdefault(target.id, _Record())
-            record.frames.append(index)
-            record.states.append(target.estimate[: self._columns])
-            record.scores.append(target.score)
-            record.statuses.append(target.status)
+            state = target.estimate[: self._columns]
+            self._rows[target.id].append((index, state, target.score, target.status))
 
     def forget(self) -> None:
         """Drop the states so far from `tracks`; ids go on."""
-        for record in self._records.values():
-            for column in (record.frames, record.states, record.scores, record.statuses):
-                column.clear()
+        self._rows.clear()
 
     def tracks(self) -> list[BodyTrack]:
         """States of all frames so far, by id."""
-        return [
-            BodyTrack(i, np.array(r.frames), np.array(r.states), np.array(r.scores), tuple(r.statuses))
-            for i, r in self._records.items()
-        ]
+        found = []
+        for identity, rows in self._rows.items():
+            frames, states, scores, statuses = zip(*rows, strict=True)
+            found.append(BodyTrack(identity, np.array(frames), np.array(states), np.array(scores), statuses))
+        return found
 
     def _propose(
         self, particles: FloatArray, observation: BodyView, rng: np.random.Generator
@@ -163,7 +149,7 @@ class DeformableTracker:
 
     def _log_likelihood(self, particles: FloatArray, observation: BodyView) -> FloatArray:
         contours = self.body.contour(particles[:, : self._columns])
-        return self._likelihood(contours, observation)
+        return observation.log_likelihood(contours, self.settings.spread)
 
     def _begin(self, edges: EdgeImage) -> None:
         """Targets at the given states, or at the bodies that the first frame shows."""
@@ -172,7 +158,7 @@ class DeformableTracker:
             starts = find_starts(edges, self.body, self.rng)
         for state in starts:
             number = len(self.targets) + 1
-            self.targets.append(self._assessed(self._placed(number, state), edges, None))
+            self.targets.append(self._assessed(self._placed(number, state), BodyView(edges)))
 
     def _placed(self, number: int, state: FloatArray) -> BodyTarget:
         """A target whose particles all stand at one state, their motions drawn."""
@@ -184,27 +170,27 @@ class DeformableTracker:
     def _step(self, target: BodyTarget, edges: EdgeImage, expected: dict[int, Points]) -> BodyTarget:
         """One frame further."""
         others = [contour for number, contour in expected.items() if number != target.id]
-        neighbours = near_mask(edges.size, expected[target.id], others, self.settings.margin)
-        _, hidden = visible_distance(edges, expected[target.id][None], neighbours)
-        particles, _ = self._filter.step(target.particles, BodyView(edges, neighbours, hidden), self.rng)
+        view = BodyView(edges, near_mask(edges.size, expected[target.id], others))
+        _, (hidden,) = view.visible_distance(expected[target.id][None])
+        particles, _ = self._filter.step(target.particles, replace(view, hidden=float(hidden)), self.rng)
         moved = replace(
             target,
             particles=particles,
             estimate=weighted_mean(particles.particles, particles.log_weights, self.body.angles),
             before=target.estimate,
         )
-        return self._assessed(moved, edges, neighbours)
+        return self._assessed(moved, view)
 
-    def _assessed(self, target: BodyTarget, edges: EdgeImage, neighbours: Mask | None) -> BodyTarget:
+    def _assessed(self, target: BodyTarget, view: BodyView) -> BodyTarget:
         """The target with its score and status."""
-        distance, hidden = visible_distance(edges, self._contour(target)[None], neighbours)
-        detected = edges.has_edges and distance <= self.settings.searching_beyond and hidden < MOSTLY
+        (distance,), (hidden,) = view.visible_distance(self._contour(target)[None])
+        detected = view.edges.has_edges and distance <= FAR and hidden < MOSTLY
         undetected = 0 if detected else target.undetected + 1
         status: Status = "tracking" if detected else "searching"
-        if not edges.has_edges or undetected > self.settings.patience:
+        if not view.edges.has_edges or undetected > self.settings.patience:
             status = "lost"
         score = float(np.exp(-(distance**2) / self.settings.spread))
-        return replace(target, score=score, distance=distance, status=status, undetected=undetected)
+        return replace(target, score=score, status=status, undetected=undetected)
 
     def _expected_contours(self) -> dict[int, Points]:
         """Contours ``(K, 2)`` where the targets are predicted.
@@ -234,10 +220,12 @@ class DeformableTracker:
             return
         states = np.array([target.estimate[: self._columns] for target in self.targets])
         others = [self.body.contour(states[n : n + 1])[0] for n in range(len(states)) if n not in lost]
-        starts = find_starts(edges, self.body, self.rng, others, self.settings.margin)
+        starts = find_starts(edges, self.body, self.rng, others)
         if len(starts) == 0:
             return
         distance = np.linalg.norm(states[lost, None, :2] - starts[None, :, :2], axis=2)
         for row, column in zip(*linear_sum_assignment(distance), strict=True):
             number = lost[row]
-            self.targets[number] = self._assessed(self._placed(self.targets[number].id, starts[column]), edges, None)
+            self.targets[number] = self._assessed(
+                self._placed(self.targets[number].id, starts[column]), BodyView(edges)
+            )

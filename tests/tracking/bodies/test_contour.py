@@ -8,9 +8,9 @@ import pytest
 
 from tsuiseki.tracking.bodies.contour import (
     FARTHEST,
+    HIDDEN_COST,
     ROWS_AT_ONCE,
     BodyView,
-    ContourLikelihood,
     EdgeImage,
     Extraction,
     point_distances,
@@ -45,7 +45,7 @@ def test_the_largest_distance_counts_and_the_logarithm_is_as_printed():
     points[1, 7] += 12.0 * (points[1, 7] - CENTRE) / RADIUS
     distance = point_distances(edges, points.astype(np.float32)).max(axis=1)
     assert distance[1] == pytest.approx(12.0, abs=PIXELS)
-    np.testing.assert_allclose(ContourLikelihood(spread=25.0)(points, BodyView(edges)), -(distance**2) / 25.0)
+    np.testing.assert_allclose(BodyView(edges).log_likelihood(points, 25.0), -(distance**2) / 25.0)
 
 
 def test_there_is_no_shift_between_contours_and_edges():
@@ -65,8 +65,8 @@ def test_without_the_colour_there_is_no_edge_and_nothing_breaks():
     image = np.full((40, 60, 3), 90, np.uint8)
     edges = EdgeImage.of(image, Extraction(ColourRange((15.0, 40.0))))
     assert not edges.has_edges
-    logs = ContourLikelihood()(circle(8.0, np.array([30.0, 20.0]))[None], BodyView(edges))
-    np.testing.assert_allclose(logs, -(FARTHEST**2) / ContourLikelihood().spread)
+    logs = BodyView(edges).log_likelihood(circle(8.0, np.array([30.0, 20.0]))[None], 40.0)
+    np.testing.assert_allclose(logs, -(FARTHEST**2) / 40.0)
 
 
 def test_extraction_takes_the_colour_and_the_median_takes_specks():
@@ -104,13 +104,7 @@ def test_hidden_points_take_no_part_and_cost_their_share():
     neighbours = np.zeros(edges.mask.shape, np.uint8)
     for x, y in points[0, :10].astype(int):
         neighbours[y - 1 : y + 2, x - 1 : x + 2] = 255
-    likelihood = ContourLikelihood(spread=40.0, hidden_cost=8.0)
     visible = point_distances(edges, points[:, 10:])[0].max()
-    assert likelihood(points, BodyView(edges, neighbours))[0] == pytest.approx(-(visible**2) / 40.0 - 8.0 * 10 / 40)
-    assert likelihood(points, BodyView(edges))[0] < -10.0
-
-
-@pytest.mark.parametrize("bad", [{"spread": 0.0}, {"spread": np.inf}, {"hidden_cost": -1.0}])
-def test_impossible_settings_are_refused(bad):
-    with pytest.raises(ValueError, match="spread above 0"):
-        ContourLikelihood(**bad)
+    (log,) = BodyView(edges, neighbours).log_likelihood(points, 40.0)
+    assert log == pytest.approx(-(visible**2) / 40.0 - HIDDEN_COST * 10 / 40)
+    assert BodyView(edges).log_likelihood(points, 40.0)[0] < -10.0

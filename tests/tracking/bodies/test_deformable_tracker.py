@@ -146,7 +146,7 @@ def test_same_seed_same_states():
 
 def test_the_mask_of_contours_covers_them_and_their_margin():
     contour = FISH.contour(np.array([[200.0, 200.0, 0.3, 0.2]]))[0]
-    mask = contours_mask((640, 480), [contour], margin=4)
+    mask = contours_mask((640, 480), [contour])
     inside = mask[tuple(np.round(contour).astype(int).T[::-1])]
     assert np.all(inside == 255)
     assert mask[200, 240] == 0
@@ -154,7 +154,7 @@ def test_the_mask_of_contours_covers_them_and_their_margin():
 
 @pytest.mark.parametrize(
     "bad",
-    [{"particles": 0}, {"searching_beyond": 0.0}, {"patience": -1}, {"smooth": 4}, {"spread": 0.0}],
+    [{"particles": 0}, {"patience": -1}, {"smooth": 4}, {"spread": 0.0}],
 )
 def test_impossible_settings_are_refused_by_name(bad):
     with pytest.raises(RequestError, match=f"`{next(iter(bad))}`: expected"):
