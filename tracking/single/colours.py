@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.filters.correlation_filters import Float32Array
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 
 LEVELS = 16  # of red, green and blue each
@@ -47,7 +48,7 @@ class ColourModel:
         )
 
     @cached_property
-    def table(self) -> NDArray[np.float32]:
+    def table(self) -> Float32Array:
         """``(4096,)`` probability in [0, 1] that a pixel of each colour is the target's."""
         shares = (self.target + _RARE) / (self.target + self.around + 2 * _RARE)
         return np.asarray(shares.astype(np.float32))
@@ -117,8 +118,6 @@ def _mask(box: FloatArray, shape: tuple[int, ...]) -> BoolArray:
     mask[y1:y2, x1:x2] = True
     return mask
 
-
-Float32Array = NDArray[np.float32]
 
 STEP = 2  # every second pixel of a patch in each direction
 INNER = 0.8  # share of the target's sides that surely is target

@@ -33,7 +33,7 @@ from tsuiseki.tracking.filters.point_motion import PlaneWalk
 from tsuiseki.tracking.filters.resampling import normalise
 from tsuiseki.tracking.single import regularised, witness
 from tsuiseki.tracking.single.regularised import Model, RegularisedSettings, RegularisedTarget
-from tsuiseki.tracking.single.search_windows import ResponseMaps, maxima_of_each, peak
+from tsuiseki.tracking.single.search_windows import ResponseMaps, maxima_of_each, peak, window_grid
 from tsuiseki.tracking.single.tracker import TargetState, box_centre
 from tsuiseki.tracking.single.witness import Describe, Witness
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
@@ -51,6 +51,8 @@ STORED, STORE_INTERVAL = 3, 25
 PARTICLES, RENEWED, SPREAD, SHARPNESS = 200, 0.25, 0.25, 20.0
 """N; share of them drawn anew in every frame, at the maxima of all filters; deviation of their step, as a share of the
 target's sides; factor on the response in the log-likelihood."""
+REACH = 1
+"""Windows searched to each side of the one about the target."""
 MARGIN, WINS, PROBATION = 0.1, 3, 10
 """How much more than the filter's a challenger's response must be, and for how many frames in a row; frames after which
 what was won can be given back."""
@@ -67,12 +69,10 @@ class CombinedSettings:
     Attributes:
         filter: settings of the correlation filter.
         doubt: share of its running median under which a response is low, in [0, 1].
-        reach: windows searched to each side of the one about the target; 1 gives 3 x 3.
     """
 
     filter: RegularisedSettings = field(default_factory=RegularisedSettings)
     doubt: float = 0.6
-    reach: int = 1
 
 
 class Evidence:
@@ -142,10 +142,6 @@ class Combined:
                 self._certain = self.target
             if self._witness.lost and self._model.target.min() >= LEAST_SIDE:
                 self._find_again(image)
-        return self.state()
-
-    def state(self) -> TargetState:
-        """The target as it is now."""
         return TargetState(self.box(self.target), self.target.peak, self._status())
 
     def box(self, target: RegularisedTarget) -> FloatArray:
@@ -276,9 +272,7 @@ class Combined:
         """Responses of all filters in the windows about the target that lie in the image."""
         model = self._model
         step = np.array(model.shape[::-1]) * model.cell_pixels(target.size) / 2
-        offsets = np.arange(-self.settings.reach, self.settings.reach + 1)
-        grid = np.array([(x, y) for y in offsets for x in offsets])
-        centres = target.centre + grid[np.argsort((grid**2).sum(axis=1), kind="stable")] * step
+        centres = target.centre + window_grid(REACH) * step
         inside = np.all((centres >= 0) & (centres <= [image.shape[1], image.shape[0]]), axis=1)
         centres = centres[inside | (np.arange(len(centres)) == 0)]
         maps = regularised.responses_at(model, target, image, centres, bank)

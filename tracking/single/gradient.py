@@ -36,7 +36,7 @@ class MeanShift:
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """See `SingleTracker.start`."""
         self._box = np.asarray(box, dtype=np.float64)
-        self._window = _whole_window(self._box, image)
+        self._window: Sequence[int] = _whole_window(self._box, image)
         self._histogram = self._hues(image, self._window)
         self._scaled = self._histogram * np.float32(255 / max(float(self._histogram.max()), 1e-9))
 
@@ -48,16 +48,16 @@ class MeanShift:
         if self.adapts_size:
             rotated, window = cv2.CamShift(likely, self._window, STOP)
             if min(window[2:]) >= 2 and min(rotated[1]) > 0:
-                self._window = _four(window)
+                self._window = window
                 self._box = _upright_hull(rotated)
         else:
             _, window = cv2.meanShift(likely, self._window, STOP)
             self._box = self._box + np.tile(np.subtract(window[:2], self._window[:2]), 2)
-            self._window = _four(window)
+            self._window = window
         score = float(np.sqrt(self._hues(image, self._window) * self._histogram).sum())
         return TargetState(self._box, score, "tracking" if score >= SAME_COLOURS else "lost")
 
-    def _hues(self, image: ImageArray, window: tuple[int, ...]) -> NDArray[np.float32]:
+    def _hues(self, image: ImageArray, window: Sequence[int]) -> NDArray[np.float32]:
         """``(30, 1)`` histogram of the clearly coloured pixels, that sums to one; grey windows have their values."""
         x, y, w, h = window
         colours = cv2.cvtColor(np.ascontiguousarray(image[y : y + h, x : x + w]), cv2.COLOR_RGB2HSV)
@@ -79,11 +79,6 @@ def _upright_hull(ellipse: tuple[Sequence[float], Sequence[float], float]) -> Fl
     (x, y), axes, angle = ellipse
     corners = cv2.boxPoints(((x, y), (axes[0] * np.sqrt(12) / 4, axes[1] * np.sqrt(12) / 4), angle))
     return np.concatenate([corners.min(axis=0), corners.max(axis=0)]).astype(np.float64)
-
-
-def _four(window: Sequence[int]) -> tuple[int, int, int, int]:
-    x, y, width, height = window
-    return x, y, width, height
 
 
 def _whole_window(box: FloatArray, image: ImageArray) -> tuple[int, int, int, int]:

@@ -28,7 +28,7 @@ from tsuiseki.tracking.filters.correlation_filters import (
     train,
     transform,
 )
-from tsuiseki.tracking.single.search_windows import cut, peak
+from tsuiseki.tracking.single.search_windows import cut, peak, window_grid
 from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -36,8 +36,10 @@ SCALE_WEIGHT = 0.95
 """Factor on the peak of a changed size, at most 1, so that the size does not wander. A background that stands still
 around a standing target then holds the size for longer."""
 Features = Literal["hog", "grey"]
-LEAST_CELLS = 4
-"""Of a window along each side; fewer leave no room for a shift."""
+TEMPLATE, LEAST_CELLS = 96, 4
+"""Longer side of the window in template pixels, and cells along each side; fewer leave no room for a shift."""
+SMALLEST, LARGEST = 0.2, 5.0
+"""Least and greatest size of the target, relative to the first."""
 LOST_BELOW = 0.2
 """Response at which the target counts as lost; the filter goes on all the same."""
 
@@ -48,7 +50,6 @@ class KcfSettings:
 
     Attributes:
         padding: side of the search window over the side of the target, > 1.
-        template: longer side of the window in template pixels.
         cell: side of a cell in template pixels.
         features: ``hog`` or ``grey``.
         kernel: kernel between two windows.
@@ -56,12 +57,9 @@ class KcfSettings:
         learning_rate: share of a new frame in the running filter, in [0, 1].
         label_sigma: standard deviation of the wanted response, as a share of the target's mean side.
         scale_step: ratio of neighbouring sizes that are tried; 1 keeps the size.
-        smallest: least relative size.
-        largest: greatest relative size.
     """
 
     padding: float = 2.5
-    template: int = 96
     cell: int = 4
     features: Features = "hog"
     kernel: GaussianKernel = field(default_factory=lambda: GaussianKernel(0.6))
@@ -69,8 +67,6 @@ class KcfSettings:
     learning_rate: float = 0.012
     label_sigma: float = 0.125
     scale_step: float = 1.05
-    smallest: float = 0.2
-    largest: float = 5.0
 
 
 THESIS = KcfSettings(scale_step=1.0)
@@ -103,11 +99,11 @@ class Kcf:
     def of(cls, settings: KcfSettings, width: float, height: float) -> Kcf:
         """For a target of ``width`` x ``height`` pixels in its first frame.
 
-        The window is ``padding`` times the target. Its longer side is ``template`` pixels for every target, which keeps
+        The window is ``padding`` times the target. Its longer side is `TEMPLATE` pixels for every target, which keeps
         the cost constant. Both sides are an even number of cells.
         """
         padding = settings.padding
-        scale = padding * max(width, height) / settings.template
+        scale = padding * max(width, height) / TEMPLATE
         rows, columns = (
             max(LEAST_CELLS, 2 * round(padding * side / (2 * settings.cell * scale))) for side in (height, width)
         )
@@ -156,9 +152,7 @@ class Kcf:
         step = np.maximum(np.round(np.array([columns, rows]) * (1 / self.settings.padding)).astype(int), 1)
         wide, high = (np.array([columns, rows]) + 2 * reach * step).tolist()
         everything = self.features_at(image, centre[None], np.array([size]), (high, wide))[0]
-        offsets = np.arange(-reach, reach + 1)
-        grid = np.array([(x, y) for y in offsets for x in offsets])
-        grid = grid[np.argsort((grid**2).sum(axis=1), kind="stable")]
+        grid = window_grid(reach)
         windows = np.stack([everything[:, y : y + rows, x : x + columns] for x, y in (grid + reach) * step])
         return transform(windows * self.taper), centre + grid * step * self.cell_pixels(size)
 
@@ -196,6 +190,7 @@ class KcfState:
 
 
 def start(model: Kcf, image: ImageArray, centre: FloatArray) -> KcfState:
+    """The target of the first frame."""
     return KcfState(centre, 1.0, model.learn(image, centre[None], np.ones(1)))
 
 
@@ -205,22 +200,22 @@ def locate(model: Kcf, state: KcfState, image: ImageArray) -> KcfState:
     Of the sizes tried the one with the best weighted peak is taken, never two in turn: with one below and one above the
     present size, taking both would change nothing.
     """
-    settings = model.settings
-    step = settings.scale_step
+    step = model.settings.scale_step
     sizes = state.size * np.array([1.0, 1 / step, step] if step > 1 else [1.0])
     weights = np.array([1.0, SCALE_WEIGHT, SCALE_WEIGHT])
     windows = model.describe(image, np.repeat(state.centre[None], len(sizes), 0), sizes)
-    responses = respond(state.bank, windows, settings.kernel)
+    responses = respond(state.bank, windows, model.settings.kernel)
     best = int(np.argmax(responses.max(axis=(1, 2)) * weights[: len(sizes)]))
     shift, value = peak(responses[best])
-    size = float(np.clip(sizes[best], settings.smallest, settings.largest))
+    size = float(np.clip(sizes[best], SMALLEST, LARGEST))
     centre = state.centre + shift * model.cell_pixels(float(sizes[best]))
     return replace(state, centre=centre, size=size, peak=value)
 
 
 def step(model: Kcf, state: KcfState, image: ImageArray) -> KcfState:
-    found = locate(model, state, image)
-    return replace(found, bank=model.update(found.bank, image, found.centre[None], np.array([found.size])))
+    """The target in the next frame, and its filter after learning there."""
+    there = locate(model, state, image)
+    return replace(there, bank=model.update(there.bank, image, there.centre[None], np.array([there.size])))
 
 
 class KcfTracker:

@@ -19,11 +19,11 @@ from tsuiseki.tracking.filters.point_motion import PlaneVelocity, PlaneWalk
 from tsuiseki.tracking.filters.resampling import probabilities
 from tsuiseki.tracking.single.search_windows import cut
 from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 Measure = Literal["ssd", "sad", "ncc"]
 TEMPLATE_SIDE = 32  # pixels of the longer side when matching; matching costs its square times the window's
-REACH = 1.0  # how far from the last place is searched, in sides of the target
+REACH = 1  # how far from the last place is searched, in sides of the target
 LIKE, SHARED, SAME_COLOURS = 0.75, 0.5, 0.6
 """Likeness of templates, intersection of histograms and Bhattacharyya coefficient under which the target is lost."""
 
@@ -43,7 +43,32 @@ def match(area: ImageArray, template: ImageArray, measure: Measure) -> NDArray[n
     return np.asarray(1 - np.abs(regions - template.astype(np.int16)).mean(axis=(2, 3)) / 255, dtype=np.float32)
 
 
-class TemplateMatching:
+class RegionSearch:
+    """Compares all places within `REACH` of the last one, in an image that is scaled to a small target."""
+
+    def _learn(self, image: ImageArray, box: FloatArray) -> ImageArray:
+        """The scaled target of the first frame."""
+        self._size, self._centre = np.asarray(box[2:] - box[:2], dtype=np.float64), box_centre(box)
+        self._scale = max(float(self._size.max()) / TEMPLATE_SIDE, 1e-6)
+        self._sides = np.maximum(np.round(self._size / self._scale).astype(int), 3)
+        return self._cut(image, self._sides)
+
+    def _cut(self, image: ImageArray, sides: IntArray) -> ImageArray:
+        width, height = sides.tolist()
+        return np.asarray(cut(image, self._centre[None], np.array([self._scale]), width, height)[0])
+
+    def _area(self, image: ImageArray) -> ImageArray:
+        """What is searched, scaled likewise."""
+        return self._cut(image, self._sides + 2 * REACH * self._sides)
+
+    def _best(self, likeness: FloatArray | NDArray[np.float32]) -> tuple[FloatArray, float]:
+        """Centre ``(2,)`` of the region of the greatest ``likeness``, and that."""
+        row, column = np.unravel_index(int(np.argmax(likeness)), likeness.shape)
+        shift = np.array([column, row]) - REACH * self._sides
+        return self._centre + self._scale * shift, float(likeness[row, column])
+
+
+class TemplateMatching(RegionSearch):
     """The best match of the first frame's template; the score is its likeness.
 
     Attributes:
@@ -58,11 +83,7 @@ class TemplateMatching:
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """See `SingleTracker.start`."""
-        self._size = np.asarray(box[2:] - box[:2], dtype=np.float64)
-        self._scale = max(float(self._size.max()) / TEMPLATE_SIDE, 1e-6)
-        width, height = np.maximum(np.round(self._size / self._scale).astype(int), 3).tolist()
-        self._shape = height, width
-        self._template = self._grey(image, box_centre(box), width, height)
+        self._template = cv2.cvtColor(self._learn(image, box), cv2.COLOR_RGB2GRAY)
         self._motion = Gaussians(
             np.concatenate([box_centre(box), np.zeros(2)])[None],
             np.diag([1.0, 1.0, 4.0, 4.0])[None] * self._size.mean(),
@@ -75,25 +96,16 @@ class TemplateMatching:
             square = float(self._size.mean() ** 2)
             self._motion = predict(self._motion, *PlaneVelocity(0.0025 * square, 0.01 * square).linear(1.0))
         # Nothing is to be found outside the image, and nothing would stop the box there.
-        centre = np.clip(self._motion.mean[0, :2], 0, [image.shape[1], image.shape[0]])
-        height, width = self._shape
-        reach_x, reach_y = round(REACH * width), round(REACH * height)
-        area = self._grey(image, centre, width + 2 * reach_x, height + 2 * reach_y)
-        likeness = match(area, self._template, self.measure)
-        row, column = np.unravel_index(int(np.argmax(likeness)), likeness.shape)
-        found = centre + self._scale * np.array([column - reach_x, row - reach_y])
-        score = float(likeness[row, column])
+        self._centre = np.clip(self._motion.mean[0, :2], 0, [image.shape[1], image.shape[0]])
+        area = cv2.cvtColor(self._area(image), cv2.COLOR_RGB2GRAY)
+        place, score = self._best(match(np.asarray(area), np.asarray(self._template), self.measure))
         if self.smoothed:
             certainty = np.eye(2) * (0.05 * self._size.mean()) ** 2
-            self._motion, _ = update(self._motion, found[None], np.eye(2, 4), certainty)
+            self._motion, _ = update(self._motion, place[None], np.eye(2, 4), certainty)
         else:
-            self._motion = Gaussians(np.concatenate([found, np.zeros(2)])[None], self._motion.covariance)
-        place = self._motion.mean[0, :2]
-        return TargetState(box_about(place, self._size), score, "tracking" if score >= LIKE else "lost")
-
-    def _grey(self, image: ImageArray, centre: FloatArray, width: int, height: int) -> ImageArray:
-        patch = cut(image, centre[None], np.array([self._scale]), width, height)[0]
-        return np.asarray(cv2.cvtColor(patch, cv2.COLOR_RGB2GRAY))
+            self._motion = Gaussians(np.concatenate([place, np.zeros(2)])[None], self._motion.covariance)
+        box = box_about(self._motion.mean[0, :2], self._size)
+        return TargetState(box, score, "tracking" if score >= LIKE else "lost")
 
 
 def colour_bins(image: ImageArray) -> ImageArray:
@@ -118,7 +130,7 @@ def intersections(bins: ImageArray, reference: FloatArray, height: int, width: i
     return np.asarray(np.minimum(counts / (height * width), reference).sum(axis=2))
 
 
-class HistogramMatching:
+class HistogramMatching(RegionSearch):
     """The region whose colours are most like the first frame's; the score is the intersection of histograms.
 
     Position only, as in the thesis; the colours of the first frame are kept.
@@ -126,25 +138,14 @@ class HistogramMatching:
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """See `SingleTracker.start`."""
-        self._size = np.asarray(box[2:] - box[:2], dtype=np.float64)
-        self._centre = box_centre(box)
-        self._scale = max(float(self._size.max()) / TEMPLATE_SIDE, 1e-6)
-        width, height = np.maximum(np.round(self._size / self._scale).astype(int), 3).tolist()
-        self._shape = height, width
-        bins = colour_bins(cut(image, self._centre[None], np.array([self._scale]), width, height)[0])
+        bins = colour_bins(self._learn(image, box))
         self._reference = np.bincount(bins.ravel(), minlength=64) / bins.size
 
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
-        height, width = self._shape
-        reach_x, reach_y = round(REACH * width), round(REACH * height)
-        scale = np.array([self._scale])
-        area = cut(image, self._centre[None], scale, width + 2 * reach_x, height + 2 * reach_y)[0]
-        shared = intersections(colour_bins(area), self._reference, height, width)
-        row, column = np.unravel_index(int(np.argmax(shared)), shared.shape)
-        score = float(shared[row, column])
-        found = self._centre + self._scale * np.array([column - reach_x, row - reach_y])
-        self._centre = np.clip(found, 0, [image.shape[1], image.shape[0]])
+        width, height = self._sides.tolist()
+        place, score = self._best(intersections(colour_bins(self._area(image)), self._reference, height, width))
+        self._centre = np.clip(place, 0, [image.shape[1], image.shape[0]])
         return TargetState(box_about(self._centre, self._size), score, "tracking" if score >= SHARED else "lost")
 
 

@@ -11,12 +11,10 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.filters.correlation_filters import cosine_window, gaussian_labels
+from tsuiseki.tracking.filters.correlation_filters import Float32Array, cosine_window, gaussian_labels
 from tsuiseki.tracking.single.search_windows import cut, peak
 from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
-
-Float32Array = NDArray[np.float32]
 
 LONGEST = 96
 PADDING = 1.5

@@ -16,7 +16,7 @@ import numpy as np
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.single import kcf
 from tsuiseki.tracking.single.colours import ForegroundColour
-from tsuiseki.tracking.single.search_windows import ResponseMaps, local_maxima
+from tsuiseki.tracking.single.search_windows import ResponseMaps, maxima_of_each
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 COLOUR_RATE = 0.04
@@ -25,6 +25,8 @@ SHARPNESS, COLOUR_WEIGHT = 2.0, 6.0
 """Of the additions: power of the likelihood, and weight of the colours in it."""
 SMALLEST_LIKELIHOOD = 1e-6
 """Added to every likelihood, so that a place without any response is unlikely and not impossible."""
+DIVISOR = 10 / 3
+"""The thesis's a, of the covariance S of the motion."""
 RELATIVE_SWITCH, DRIFT_SWITCH = 0.65, 0.7
 """Of the additions: shares of the running means of response and colour score under which the filter is doubted."""
 
@@ -168,20 +170,11 @@ class SearchView:
 
 def highest_maxima(maps: ResponseMaps, count: int) -> FloatArray:
     """``(M, 2)`` places of the first filter's highest maxima, the highest first; none where it is flat."""
-    places, values = [], []
-    for k, centre in enumerate(maps.centres):
-        shifts, heights = local_maxima(maps.maps[k, 0], count)
-        found = centre + shifts * maps.cell
-        # Windows overlap: a maximum counts in the window whose centre is nearest.
-        nearest = np.argmin(((found[:, None] - maps.centres[None]) ** 2).sum(axis=2), axis=1)
-        places.append(found[nearest == k])
-        values.append(heights[nearest == k])
-    order = np.argsort(-np.concatenate(values), kind="stable")[:count]
-    return np.asarray(np.concatenate(places)[order])
-
-
-DIVISOR = 10 / 3
-"""The thesis's a, of the covariance S of the motion."""
+    which, shifts, heights = maxima_of_each(maps.maps[:, 0], count)
+    places = maps.centres[which] + shifts * maps.cell
+    # Windows overlap: a maximum counts in the window whose centre is nearest.
+    own = np.argmin(((places[:, None] - maps.centres[None]) ** 2).sum(axis=2), axis=1) == which
+    return np.asarray(places[own][np.argsort(-heights[own], kind="stable")[:count]])
 
 
 def step_deviation(target: FloatArray) -> FloatArray:

@@ -138,6 +138,12 @@ class Model:
             SizeLadder(target, template.astype(np.int64), CELL, SIZE_STEP, settings.sizes),
         )
 
+    @property
+    def sides(self) -> tuple[float, float]:
+        """Width and height of the target in template pixels."""
+        width, height = (self.target / self.scale).tolist()
+        return width, height
+
     def cell_pixels(self, size: float) -> float:
         """Side of a cell in image pixels for a target of relative ``size``."""
         return CELL * self.scale * size
@@ -169,8 +175,7 @@ class Model:
 
     def colour_response(self, colour: PixelColour, patch: ImageArray) -> Float32Array:
         """``shape``: `colours.shift_response` of a patch."""
-        width, height = self.target / self.scale
-        return shift_response(colour.probabilities(patch), float(width), float(height), self.shape, CELL)
+        return shift_response(colour.probabilities(patch), *self.sides, self.shape, CELL)
 
 
 @dataclass(frozen=True)
@@ -207,15 +212,14 @@ class RegularisedTarget:
 def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTarget:
     """The target of the first frame."""
     patch = model.patch(image, centre, 1.0)
-    width, height = model.target / model.scale
     filters = learn(model.describe([patch])[0], model.wanted, model.support, None)
     sizes = ScaleFilter.learn(model.ladder.sample(image, centre, 0)) if model.settings.sizes > 1 else None
-    colour = PixelColour.learn(patch, float(width), float(height))
+    colour = PixelColour.learn(patch, *model.sides)
     factors = SIZE_STEP ** np.arange(-WIDEST, WIDEST + 1.0)
     probabilities = colour.probabilities(patch)
-    contrast = size_contrast(probabilities, float(width), float(height), factors)
+    contrast = size_contrast(probabilities, *model.sides, factors)
     contrast_at = SIZE_STEP ** (CALIBRATION * best_offset(contrast))
-    area = max(coloured_area(probabilities, float(width), float(height)), 1.0)
+    area = max(coloured_area(probabilities, *model.sides), 1.0)
     return RegularisedTarget(centre, 1.0, filters, colour, sizes, contrast_at, area=area)
 
 
@@ -272,15 +276,14 @@ def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
     middle = round(model.ladder.level(target.size))
     sampled = model.ladder.sample(image, target.centre, middle)
     probabilities = target.colour.probabilities(model.patch(image, target.centre, target.size))
-    width, height = model.target / model.scale
     near = model.settings.sizes // 2
     factors = SIZE_STEP ** (middle + np.arange(-SIZE_REACH, SIZE_REACH + 1.0)) / target.size * target.contrast_at
-    contrast = size_contrast(probabilities, float(width), float(height), factors)
+    contrast = size_contrast(probabilities, *model.sides, factors)
     contrast_near = contrast[SIZE_REACH - near : SIZE_REACH + near + 1]
     best = best_offset(target.sizes.respond(sampled) + SIZE_COLOUR * contrast_near)
     clear = contrast_near.max() >= SIZE_BY_AREA
     if clear:
-        area = coloured_area(probabilities, float(width), float(height))
+        area = coloured_area(probabilities, *model.sides)
         far = far_area(area / target.area, SIZE_STEP, FAR)
     else:
         far = far_peak(contrast, FAR, SIZE_MARGIN)
@@ -305,8 +308,7 @@ def _agrees(model: Model, target: RegularisedTarget, image: ImageArray, step: fl
 def update(model: Model, target: RegularisedTarget, image: ImageArray) -> RegularisedTarget:
     """The target after learning from where it is."""
     patch = model.patch(image, target.centre, target.size)
-    width, height = model.target / model.scale
-    colour = target.colour.blend(PixelColour.learn(patch, float(width), float(height)), COLOUR_SHARE_LEARNT)
+    colour = target.colour.blend(PixelColour.learn(patch, *model.sides), COLOUR_SHARE_LEARNT)
     filters = learn(model.describe([patch])[0], model.wanted, model.support, target.filters)
     sizes = target.sizes
     if sizes is not None:

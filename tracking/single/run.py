@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -22,13 +23,7 @@ from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.single.corrected import corrected_boxes, from_both_sides
-from tsuiseki.tracking.single.settings import (
-    SingleChoice,
-    SingleMethod,
-    SinglePreset,
-    make_tracker,
-    warn_if_not_asked,
-)
+from tsuiseki.tracking.single.settings import SingleChoice, SingleMethod, SinglePreset, warn_if_not_asked
 from tsuiseki.tracking.single.tracker import SingleTracker, as_box, follow_target
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import STATUSES, Estimate, FloatArray, Frame, ImageArray, Status, Track
@@ -98,7 +93,7 @@ def track_single(
 
 
 def _tracker(method: SingleMethod | SingleTracker, preset: SinglePreset, seed: int) -> SingleTracker:
-    return make_tracker(method, preset, seed=seed) if isinstance(method, str) else method
+    return SingleChoice(method, preset).tracker(seed) if isinstance(method, str) else method
 
 
 def _opened(
@@ -155,15 +150,9 @@ def single_result(
     constants: Mapping[str, Any] | None = None,
     plot: bool = False,
 ) -> Result[Track]:
-    """The result of a run.
+    """The result of a run, whose frames are ``followed``; ``constants`` of the method are kept as facts.
 
-    Args:
-        source: the video.
-        followed: its frames with the target, see `follow_target`.
-        times: of the run.
-        settings: of the run.
-        constants: of the method, for ``facts``.
-        plot: also save a plot of the scores.
+    With ``plot`` it also saves a plot of the scores.
     """
     estimates = [estimate for _, estimate in followed]
     track = Track(
@@ -225,13 +214,15 @@ def single(
     source, labelled = open_single(video.source, video.frames)
     source = video.open(images=True) if labelled is None else source
     given = _first_box(source, box, select, labelled)
-    tracker, constants = choice.tracker(output.seed)
+    tracker = choice.tracker(output.seed)
+    own = getattr(tracker, "settings", None)
+    constants = {} if own is None else asdict(own)
     chosen_boxes = None if corrections is None else corrected_boxes(corrections, source)
     with output.run() as run:
         wanted = partial(_drawn, run) if given is None else given
         followed = follow_target(run.frames(source, record=video.overlay), wanted, tracker, run.times, chosen_boxes)
         if chosen_boxes is not None:
-            followed = from_both_sides(followed, chosen_boxes, choice.tracker(output.seed)[0])
+            followed = from_both_sides(followed, chosen_boxes, choice.tracker(output.seed))
         steps = run.steps(followed)
         result = single_result(source, steps, run.times, output.settings, constants, plot)
         warn_if_not_asked(tracker)

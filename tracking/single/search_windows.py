@@ -19,10 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.features.hog import hog
+from tsuiseki.tracking.filters.correlation_filters import Float32Array
 from tsuiseki.tracking.filters.scale_filter import ScaleSample
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
-Float32Array = NDArray[np.float32]
+
+def window_grid(reach: int) -> IntArray:
+    """``((2 reach + 1)^2, 2)`` steps x, y from the middle one of so many windows to each side, the nearest first."""
+    offsets = np.arange(-reach, reach + 1)
+    grid = np.array([(x, y) for y in offsets for x in offsets])
+    return grid[np.argsort((grid**2).sum(axis=1), kind="stable")]
 
 
 def _parabola_offset(before: float, at: float, after: float) -> float:
@@ -53,18 +59,8 @@ def peak_near(response: Float32Array, cell: IntArray) -> tuple[FloatArray, float
     return shift, value
 
 
-def local_maxima(response: Float32Array, count: int) -> tuple[FloatArray, FloatArray]:
-    """The ``count`` greatest local maxima of a cyclic map, greatest first; fewer come back where there are fewer.
-
-    Returns:
-        Shifts ``(M, 2)`` x, y in whole cells and values ``(M,)``.
-    """
-    _, shifts, values = maxima_of_each(response[None], count)
-    return shifts, values
-
-
 def maxima_of_each(responses: Float32Array, count: int) -> tuple[IntArray, FloatArray, FloatArray]:
-    """`local_maxima` of several maps at once.
+    """The ``count`` greatest local maxima of each of several cyclic maps; fewer come back where there are fewer.
 
     A cell is one when no neighbour of its eight is greater and one is smaller.
 
@@ -96,12 +92,12 @@ class ResponseMaps:
     """Responses of F filters in W windows of one frame.
 
     Attributes:
-        maps: ``(W, F, rows, columns)`` float32 over cyclic shifts, as :func:`correlation.respond` gives them.
+        maps: ``(W, F, rows, columns)`` over cyclic shifts, as :func:`correlation.respond` gives them.
         centres: ``(W, 2)`` of the windows, pixels.
         cell: side of a cell, pixels.
     """
 
-    maps: NDArray[np.float32]
+    maps: Float32Array
     centres: FloatArray
     cell: float
 
@@ -262,10 +258,6 @@ class SizeLadder:
     def level(self, size: float) -> float:
         """How many steps ``size`` is above the first one."""
         return float(np.log(size) / np.log(self.step))
-
-    def sizes(self, first: int) -> FloatArray:
-        """``(S,)`` relative sizes of a sample."""
-        return np.asarray(self.step ** (first + np.arange(self.count, dtype=np.float64)))
 
     def sample(self, image: ImageArray, centre: FloatArray, middle: int, known: SizeSample | None = None) -> SizeSample:
         """The levels about ``middle``; if ``known`` at this place of this frame they are not cut again."""

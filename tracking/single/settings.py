@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import Appearance
@@ -19,7 +19,7 @@ from tsuiseki.tracking.single.matching import ColourParticle, HistogramMatching,
 from tsuiseki.tracking.single.mosse import Mosse
 from tsuiseki.tracking.single.regularised import RegularisedSettings, RegularisedTracker
 from tsuiseki.tracking.single.tracker import SingleTracker
-from tsuiseki.tracking.single.witness import Recognised
+from tsuiseki.tracking.single.witness import UPRIGHT, Recognised
 from tsuiseki.tracking.weights import shipped
 
 SingleMethod = Literal[
@@ -63,58 +63,6 @@ KCF_PRESETS = {"robust": kcf.KcfSettings(), "thesis": kcf.THESIS, "paper": kcf.K
 PARTICLE_PRESETS = {"robust": kcf_particle.ROBUST, "printed": kcf_particle.PRINTED}
 
 
-def make_tracker(
-    method: SingleMethod,
-    preset: SinglePreset = "robust",
-    scale_search: bool | None = None,
-    seed: int = 0,
-    objectness: Path | None = None,
-) -> SingleTracker:
-    """A new tracker.
-
-    Args:
-        method: one of `METHODS`.
-        preset: constants of ``kcf`` and ``kcf-particle``: ours (``robust``), the thesis's (``thesis`` of ``kcf``,
-            ``printed`` of ``kcf-particle``), or those of the KCF paper (``paper`` of ``kcf``).
-        scale_search: whether those two, ``combined`` and ``regularised`` try other sizes; by default as the preset
-            says, and for the last two they do.
-        seed: of its random numbers.
-        objectness: model of ``kcf-particle``; by default the shipped one.
-
-    Raises:
-        RequestError: there is no such method or preset, or the method does not take something that is asked for.
-    """
-    if method not in METHODS:
-        raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
-    if preset not in get_args(SinglePreset):
-        raise RequestError(f"expected the preset {', '.join(get_args(SinglePreset))}, got {preset!r}")
-    taker = {"paper": "kcf", "printed": "kcf-particle", "thesis": "kcf"}.get(preset, method)
-    if method != taker:
-        raise RequestError(f"`preset` {preset}: expected with the method {taker}, got {method}")
-    if objectness is not None and method != "kcf-particle":
-        raise RequestError(f"`objectness`: expected with `method` kcf-particle only, got {method}")
-    if scale_search is not None and method not in SIZED:
-        raise RequestError(f"`scale`: expected with `method` {', '.join(SIZED[:-1])} or {SIZED[-1]}, got {method}")
-    regularised = RegularisedSettings(sizes=1) if scale_search is False else RegularisedSettings()
-    if method == "combined":
-        return Combined(CombinedSettings(regularised), seed)
-    if method == "regularised":
-        return RegularisedTracker(regularised)
-    if method == "kcf":
-        return kcf.KcfTracker(_sized(KCF_PRESETS[preset], scale_search))
-    if method == "kcf-particle":
-        settings = PARTICLE_PRESETS[preset]
-        model = None if objectness is None else read_objectness(objectness)
-        return kcf_particle.KcfParticle(replace(settings, kcf=_sized(settings.kcf, scale_search)), seed, model)
-    return PLAIN[method](seed)
-
-
-def _sized(settings: kcf.KcfSettings, scale_search: bool | None) -> kcf.KcfSettings:
-    if scale_search is None:
-        return settings
-    return replace(settings, scale_step=kcf.KcfSettings().scale_step if scale_search else 1.0)
-
-
 @dataclass(frozen=True)
 class SingleChoice(Shared):
     """A method and its variant.
@@ -138,26 +86,58 @@ class SingleChoice(Shared):
     recognise: bool = False
     objectness: Path | None = None
 
-    def tracker(self, seed: int = 0) -> tuple[SingleTracker, dict[str, Any]]:
-        """A fresh tracker, and its constants.
+    def check(self) -> None:
+        """See `Shared.check`."""
+        method, preset = self.method, self.preset
+        if method not in METHODS:
+            raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
+        if preset not in get_args(SinglePreset):
+            raise RequestError(f"expected the preset {', '.join(get_args(SinglePreset))}, got {preset!r}")
+        taker = {"paper": "kcf", "printed": "kcf-particle", "thesis": "kcf"}.get(preset, method)
+        if method != taker:
+            raise RequestError(f"`preset` {preset}: expected with the method {taker}, got {method}")
+        if self.objectness is not None and method != "kcf-particle":
+            raise RequestError(f"`objectness`: expected with `method` kcf-particle only, got {method}")
+        if self.scale is not None and method not in SIZED:
+            raise RequestError(f"`scale`: expected with `method` {', '.join(SIZED[:-1])} or {SIZED[-1]}, got {method}")
+
+    def tracker(self, seed: int = 0) -> SingleTracker:
+        """A fresh tracker.
 
         Raises:
-            RequestError: see `make_tracker`.
+            RequestError: there is no such method or preset, or the method does not take something that is asked for.
         """
-        tracker = make_tracker(self.method, self.preset, self.scale, seed, self.objectness)
-        settings = getattr(tracker, "settings", None)
-        constants = {} if settings is None else asdict(settings)
+        self.check()
+        tracker = self._follower(seed)
         if not self.recognise or self.method == "combined":
-            return tracker, constants
-        recognised = Recognised(tracker, Appearance(shipped("appearance_people")).describe)
-        return recognised, {**constants, "recognition": asdict(recognised.settings)}
+            return tracker
+        return Recognised(tracker, Appearance(shipped("appearance_people")).describe)
+
+    def _follower(self, seed: int) -> SingleTracker:
+        regularised = RegularisedSettings(sizes=1) if self.scale is False else RegularisedSettings()
+        if self.method == "combined":
+            return Combined(CombinedSettings(regularised), seed)
+        if self.method == "regularised":
+            return RegularisedTracker(regularised)
+        if self.method == "kcf":
+            return kcf.KcfTracker(self._sized(KCF_PRESETS[self.preset]))
+        if self.method == "kcf-particle":
+            settings = PARTICLE_PRESETS[self.preset]
+            model = None if self.objectness is None else read_objectness(self.objectness)
+            return kcf_particle.KcfParticle(replace(settings, kcf=self._sized(settings.kcf)), seed, model)
+        return PLAIN[self.method](seed)
+
+    def _sized(self, settings: kcf.KcfSettings) -> kcf.KcfSettings:
+        if self.scale is None:
+            return settings
+        return replace(settings, scale_step=kcf.KcfSettings().scale_step if self.scale else 1.0)
 
 
 def warn_if_not_asked(tracker: SingleTracker) -> None:
     """Say so where the network of people was not asked about what has been followed."""
     if isinstance(tracker, Recognised) and not tracker.asked:
         warnings.warn(
-            f"`recognise`: the first box is not {tracker.settings.upright:g} times as high as wide, so not a person's; "
+            f"`recognise`: the first box is not {UPRIGHT:g} times as high as wide, so not a person's; "
             "the network of people was not asked",
             InputWarning,
             stacklevel=2,

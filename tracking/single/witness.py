@@ -9,22 +9,13 @@ clip.
 Likeness and answer together are the evidence of a look. The looks add up to a belief, the forward recursion of a hidden
 Markov model of two states: the box is on the target, or off it (Rabiner, "A tutorial on hidden Markov models", 1989,
 eq. 20). Where being off is likelier, the target is lost.
-
-A tracker of a person with a second witness: an appearance network, which learns nothing from the video.
-
-A correlation filter that slides onto the background learns it, and its response stays high. An appearance network does
-not slide along. It compares the features of the box with those of the first box: their cosine is the likeness. Where
-the likeness falls far below its running median, the status is ``lost``, whatever the tracker reports.
-
-The network describes people. It counts only where the likeness has been high, and the first box is as upright as a
-person.
 """
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from statistics import median
 
 import numpy as np
@@ -54,27 +45,15 @@ AT_FIRST = 4.0
 """Log-odds of being on in the first frame."""
 
 
-@dataclass(frozen=True)
-class Regression:
-    """``features @ weights + offset``."""
-
-    weights: FloatArray
-    offset: float
-
-    @classmethod
-    def learn(cls, on: FloatArray, around: FloatArray) -> Regression:
-        """From rows ``(P, D)`` of the target and ``(N, D)`` of the surroundings."""
-        rows = np.concatenate([on, around])
-        wanted = np.repeat([1.0, -1.0], [len(on), len(around)])
-        shares = np.where(wanted > 0, 0.5 / len(on), 0.5 / len(around))  # the weighted mean of `wanted` is zero
-        mean = shares @ rows
-        weighted = (rows - mean).T * shares
-        weights = np.linalg.solve(weighted @ (rows - mean) + RIDGE * np.eye(rows.shape[1]), weighted @ wanted)
-        return cls(weights, -float(mean @ weights))
-
-    def __call__(self, rows: FloatArray) -> FloatArray:
-        """``(N,)`` answers."""
-        return np.asarray(rows @ self.weights + self.offset)
+def regression(on: FloatArray, around: FloatArray) -> tuple[FloatArray, float]:
+    """Weights ``(D,)`` and offset of the ridge regression on rows ``(P, D)`` of the target and ``(N, D)`` around it."""
+    rows = np.concatenate([on, around])
+    wanted = np.repeat([1.0, -1.0], [len(on), len(around)])
+    shares = np.where(wanted > 0, 0.5 / len(on), 0.5 / len(around))  # the weighted mean of `wanted` is zero
+    mean = shares @ rows
+    weighted = (rows - mean).T * shares
+    weights = np.linalg.solve(weighted @ (rows - mean) + RIDGE * np.eye(rows.shape[1]), weighted @ wanted)
+    return weights, -float(mean @ weights)
 
 
 class Witness:
@@ -125,11 +104,11 @@ class Witness:
     def _learn(self) -> None:
         targets, around = zip(self._first, *self._learnt, strict=True)
         self._known = np.concatenate(targets)
-        self._regression = Regression.learn(self._known, np.concatenate(around))
+        self._weights, self._offset = regression(self._known, np.concatenate(around))
 
     def _compare(self, features: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``(N,)`` greatest cosine to what is known of the target, and the regression's answer, both in [-1, 1]."""
-        return (features @ self._known.T).max(axis=1), np.clip(self._regression(features), -1, 1)
+        return (features @ self._known.T).max(axis=1), np.clip(features @ self._weights + self._offset, -1, 1)
 
     def _features(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         return unit_features(self._describe, image, boxes)
@@ -137,8 +116,8 @@ class Witness:
 
 def unit_features(describe: Describe, image: ImageArray, boxes: FloatArray) -> FloatArray:
     """``(N, D)`` features of ``(N, 4)`` boxes, of length one."""
-    found = np.asarray(describe(image, boxes), dtype=np.float64)
-    return np.asarray(found / np.maximum(np.linalg.norm(found, axis=1, keepdims=True), 1e-9))
+    features = np.asarray(describe(image, boxes), dtype=np.float64)
+    return np.asarray(features / np.maximum(np.linalg.norm(features, axis=1, keepdims=True), 1e-9))
 
 
 def _around(box: FloatArray) -> FloatArray:
@@ -155,66 +134,53 @@ USUAL_SHARE, LOST_SHARE = 0.6, 0.4
 hidden, the target has one between them."""
 
 
-@dataclass(frozen=True)
-class RecognitionSettings:
-    """Constants.
-
-    Attributes:
-        upright: height over width of the first box from which on the target may be a person, and the network is asked.
-        every: frames from one inference of the network to the next.
-        trusted: weight of `EXPECTED`, in inferences.
-        lost_inferences: likenesses below `LOST_SHARE` in a row from which on the status is ``lost``.
-    """
-
-    upright: float = 1.8
-    every: int = 3
-    trusted: int = 3
-    lost_inferences: int = 2
+UPRIGHT = 1.8
+"""Height over width of the first box from which on the target may be a person, and the network is asked."""
+TRUSTED, LOST_INFERENCES = 3, 2
+"""Weight of `EXPECTED`, in inferences, and likenesses below `LOST_SHARE` in a row from which on the target is lost."""
 
 
 class Recognised:
     """A tracker whose status is also lost where the box is no longer like the first one.
 
+    The likeness is the cosine of the features of an appearance network. The target is lost where it falls far below its
+    running median. The network describes people. It counts only where the likeness has been high, and the first box is
+    as upright as a person.
+
     Args:
         tracker: that follows.
         describe: appearance features of boxes.
-        settings: when the network runs, and which likenesses it takes for the target.
 
     Attributes:
+        settings: of the tracker; None where it has none.
         asked: whether the first box is upright enough for a person.
     """
 
-    def __init__(self, tracker: SingleTracker, describe: Describe, settings: RecognitionSettings | None = None) -> None:
-        self.settings = settings or RecognitionSettings()
+    def __init__(self, tracker: SingleTracker, describe: Describe) -> None:
         self._tracker, self._describe = tracker, describe
+        self.settings = getattr(tracker, "settings", None)
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
         """See `SingleTracker.start`."""
         self._tracker.start(image, box)
         width, height = (np.asarray(box)[2:] - np.asarray(box)[:2]).tolist()
-        self.asked = height >= self.settings.upright * width
+        self.asked = height >= UPRIGHT * width
         if self.asked:
-            self._first = self._features(image, np.asarray(box)[None])[0]
-        self._likenesses = deque([EXPECTED] * self.settings.trusted, maxlen=MEMORY)
+            self._first = unit_features(self._describe, image, np.asarray(box)[None])[0]
+        self._likenesses = deque([EXPECTED] * TRUSTED, maxlen=MEMORY)
         self._frame = self._lost = 0
 
     def follow(self, image: ImageArray) -> TargetState:
         """See `SingleTracker.follow`."""
-        found = self._tracker.follow(image)
+        there = self._tracker.follow(image)
         if not self.asked:
-            return found
+            return there
         self._frame += 1
-        if self._frame % self.settings.every == 0:
-            self._compare(image, found.box)
-        lost = self._lost >= self.settings.lost_inferences and median(self._likenesses) >= HEARD
-        return replace(found, status="lost") if lost else found
-
-    def _compare(self, image: ImageArray, box: FloatArray) -> None:
-        """Count the likeness of what the box ``(4,)`` of a frame shows as usual or lost."""
-        likeness, usual = float(self._features(image, box[None])[0] @ self._first), median(self._likenesses)
-        if likeness >= USUAL_SHARE * usual:
-            self._likenesses.append(likeness)
-        self._lost = self._lost + 1 if likeness < LOST_SHARE * usual else 0
-
-    def _features(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
-        return unit_features(self._describe, image, boxes)
+        if self._frame % EVERY == 0:
+            likeness = float(unit_features(self._describe, image, there.box[None])[0] @ self._first)
+            usual = median(self._likenesses)
+            if likeness >= USUAL_SHARE * usual:
+                self._likenesses.append(likeness)
+            self._lost = self._lost + 1 if likeness < LOST_SHARE * usual else 0
+        lost = self._lost >= LOST_INFERENCES and median(self._likenesses) >= HEARD
+        return replace(there, status="lost") if lost else there

@@ -28,7 +28,7 @@ from tsuiseki.tracking.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.single.kcf_particle import PRINTED, ROBUST, KcfParticle
 from tsuiseki.tracking.single.particles import KcfParticleSettings
 from tsuiseki.tracking.single.regularised import RegularisedSettings, RegularisedTracker
-from tsuiseki.tracking.single.settings import SingleMethod, make_tracker
+from tsuiseki.tracking.single.settings import SingleChoice, SingleMethod
 from tsuiseki.tracking.single.tracker import SingleTracker
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 from tsuiseki.tracking.video.image_folder import read_image
@@ -84,7 +84,7 @@ MAKERS: Mapping[type, Callable[[Any, int], SingleTracker]] = {
     KcfParticleSettings: KcfParticle,
     RegularisedSettings: lambda settings, _: RegularisedTracker(settings),
     kcf.KcfSettings: lambda settings, _: kcf.KcfTracker(settings),
-    str: lambda method, seed: make_tracker(method, seed=seed),
+    str: lambda method, seed: SingleChoice(method).tracker(seed),
 }
 """New trackers by what names them, from that and a seed."""
 Scores: TypeAlias = Mapping[str, Any]

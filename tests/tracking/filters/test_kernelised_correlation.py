@@ -13,7 +13,7 @@ from tsuiseki.tracking.filters.correlation_filters import (
     train,
     transform,
 )
-from tsuiseki.tracking.single.search_windows import local_maxima, maxima_of_each, peak, signed_shift
+from tsuiseki.tracking.single.search_windows import maxima_of_each, peak, signed_shift
 
 SHAPE = (6, 8)
 
@@ -101,13 +101,13 @@ def test_peak_lies_between_cells():
 def test_local_maxima_are_ordered_and_cyclic():
     response = np.zeros((10, 12), dtype=np.float32)
     response[0, 0], response[4, 5], response[9, 11] = 3, 2, 1  # the last is a neighbour of the first
-    places, values = local_maxima(response, 5)
+    _, places, values = maxima_of_each(response[None], 5)
     assert places.tolist() == [[0, 0], [5, 4]]
     assert values.tolist() == [3, 2]
 
 
 def test_a_flat_map_has_no_maximum():
-    assert len(local_maxima(np.ones((5, 5), dtype=np.float32), 3)[0]) == 0
+    assert len(maxima_of_each(np.ones((1, 5, 5), dtype=np.float32), 3)[0]) == 0
 
 
 def test_maxima_of_several_maps_are_those_of_each():

@@ -7,6 +7,7 @@ import pytest
 
 from tests.tracking.single.moving_texture import clip, mean_colours, overlaps, run, walk
 from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.single import combined
 from tsuiseki.tracking.single.combined import Combined, CombinedSettings, Evidence
 from tsuiseki.tracking.single.regularised import RegularisedTracker
 
@@ -31,12 +32,13 @@ def test_the_combined_tracker_says_that_a_hidden_target_is_lost_and_when_it_is_b
     assert iou_pairs(seen[-1].box, boxes[-1]) > 0.6
 
 
-def test_particles_take_the_combined_tracker_to_a_target_that_jumped():
+def test_particles_take_the_combined_tracker_to_a_target_that_jumped(monkeypatch):
     """It jumps four of its widths, beyond the window of its filter."""
+    monkeypatch.setattr(combined, "REACH", 2)
     path = np.concatenate([np.tile([[50.0, 80.0]], (12, 1)), np.tile([[145.0, 80.0]], (14, 1))])
     images, boxes = clip(path)
     assert overlaps(run(RegularisedTracker(), images, boxes[0]), boxes)[-1] == 0
-    assert overlaps(run(Combined(CombinedSettings(reach=2)), images, boxes[0]), boxes)[-1] > 0.6
+    assert overlaps(run(Combined(), images, boxes[0]), boxes)[-1] > 0.6
 
 
 def test_doubt_needs_both_witnesses():

@@ -9,7 +9,7 @@ import pytest
 
 from tests.tracking.single.moving_texture import SIZE, clip, overlaps, run, walk
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.single.settings import METHODS, make_tracker
+from tsuiseki.tracking.single.settings import METHODS, SingleChoice
 from tsuiseki.tracking.single.tracker import follow_target
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame
@@ -21,7 +21,7 @@ LEAST_OVERLAP = {"meanshift": 0.0, "camshift": 0.0, "colour-particle": 0.4, "his
 @pytest.mark.parametrize("method", METHODS)
 def test_every_method_follows_a_moving_texture(method):
     images, boxes = clip(walk(20))
-    seen = run(make_tracker(method), images, boxes[0])
+    seen = run(SingleChoice(method).tracker(), images, boxes[0])
     found = overlaps(seen, boxes)
     assert found.mean() > LEAST_OVERLAP.get(method, 0.75)
     assert all(np.isfinite(s.box).all() and np.isfinite(s.score) for s in seen)
@@ -30,8 +30,8 @@ def test_every_method_follows_a_moving_texture(method):
 @pytest.mark.parametrize("method", METHODS)
 def test_same_seed_same_answers_whatever_else_runs(method):
     images, boxes = clip(walk(8))
-    alone = run(make_tracker(method, seed=3), images, boxes[0])
-    tracker, other = (make_tracker(method, seed=seed) for seed in (3, 4))
+    alone = run(SingleChoice(method).tracker(3), images, boxes[0])
+    tracker, other = (SingleChoice(method).tracker(seed) for seed in (3, 4))
     for one in (tracker, other):
         one.start(images[0], boxes[0])
     for before, image in zip(alone, images[1:], strict=True):
@@ -50,13 +50,13 @@ def test_mean_shift_follows_a_colour(method):
         cv2.rectangle(image, (round(x) - 12, round(y) - 18), (round(x) + 11, round(y) + 17), (220, 40, 40), -1)
         images.append(image)
     boxes = np.round(path)[:, [0, 1, 0, 1]] + [-12, -18, 12, 18]
-    assert overlaps(run(make_tracker(method), images, boxes[0]), boxes).mean() > 0.75
+    assert overlaps(run(SingleChoice(method).tracker(), images, boxes[0]), boxes).mean() > 0.75
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_a_constant_image_breaks_nothing(method):
     image = np.full((60, 80, 3), 128, dtype=np.uint8)
-    for seen in run(make_tracker(method), [image] * 4, np.array([20, 20, 40, 50.0])):
+    for seen in run(SingleChoice(method).tracker(), [image] * 4, np.array([20, 20, 40, 50.0])):
         assert np.isfinite(seen.box).all()
         assert (seen.box[2:] > seen.box[:2]).all()
 
@@ -77,7 +77,7 @@ def test_a_constant_image_breaks_nothing(method):
 )
 def test_a_target_may_leave_the_image_in_part(method):
     images, boxes = clip(np.column_stack([np.linspace(150, 195, 16), np.full(16, 70.0)]))
-    seen = run(make_tracker(method), images, boxes[0])
+    seen = run(SingleChoice(method).tracker(), images, boxes[0])
     assert np.isfinite([s.box for s in seen]).all()
 
 
@@ -96,7 +96,11 @@ def test_a_target_may_leave_the_image_in_part(method):
 def test_a_wrong_first_box_is_refused(box, said):
     image = np.zeros((*SIZE, 3), dtype=np.uint8)
     with pytest.raises(RequestError, match=said):
-        list(follow_target(iter([Frame(0, 0.0, image)]), np.array(box, dtype=float), make_tracker("kcf"), StageTimes()))
+        list(
+            follow_target(
+                iter([Frame(0, 0.0, image)]), np.array(box, dtype=float), SingleChoice("kcf").tracker(), StageTimes()
+            )
+        )
 
 
 def test_a_video_that_changes_its_size_is_refused():
@@ -104,7 +108,7 @@ def test_a_video_that_changes_its_size_is_refused():
     shapes = [(60, 80, 3), (60, 90, 3)]
     frames = [Frame(t, 0.0, rng.integers(0, 256, shape, dtype=np.uint8)) for t, shape in enumerate(shapes)]
     with pytest.raises(RunError, match="frame 2: expected 80x60 pixels as before, got 90x60"):
-        list(follow_target(iter(frames), np.array([5, 5, 30, 30.0]), make_tracker("kcf"), StageTimes()))
+        list(follow_target(iter(frames), np.array([5, 5, 30, 30.0]), SingleChoice("kcf").tracker(), StageTimes()))
 
 
 @pytest.mark.parametrize("method", METHODS)
@@ -115,5 +119,8 @@ def test_every_box_that_may_start_ends_in_bounded_time(method, box):
     faulthandler.dump_traceback_later(60, exit=True)
     small = (box[2] - max(box[0], 0)) * (box[3] - max(box[1], 0)) < 36
     with pytest.raises(RequestError, match="36 pixels") if method == "mil" and small else nullcontext():
-        assert all(np.isfinite(s.box).all() for s in run(make_tracker(method), images, np.array(box, dtype=np.float64)))
+        assert all(
+            np.isfinite(s.box).all()
+            for s in run(SingleChoice(method).tracker(), images, np.array(box, dtype=np.float64))
+        )
     faulthandler.cancel_dump_traceback_later()

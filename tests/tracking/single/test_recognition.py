@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.single import witness
 from tsuiseki.tracking.single.combined import Combined
 from tsuiseki.tracking.single.settings import SingleChoice
 from tsuiseki.tracking.single.tracker import TargetState
-from tsuiseki.tracking.single.witness import Recognised, RecognitionSettings
+from tsuiseki.tracking.single.witness import Recognised
 
 BOX = np.array([10.0, 10.0, 30.0, 50.0])
-EVERY = RecognitionSettings(every=1, trusted=2, lost_inferences=2)
 
 
 class StandingStill:
@@ -22,7 +22,13 @@ class StandingStill:
         return TargetState(self.box, 0.9, "tracking")
 
 
-def statuses(likenesses, settings=EVERY):
+@pytest.fixture(autouse=True)
+def in_every_frame(monkeypatch):
+    monkeypatch.setattr(witness, "EVERY", 1)
+    monkeypatch.setattr(witness, "TRUSTED", 2)
+
+
+def statuses(likenesses):
     """Of a tracker whose box looks like the first one by each of ``likenesses``."""
     told = iter([1.0, *likenesses])
 
@@ -30,10 +36,10 @@ def statuses(likenesses, settings=EVERY):
         likeness = next(told)
         return np.array([[likeness, np.sqrt(1 - likeness**2)]]) * 7  # any length
 
-    tracker = Recognised(StandingStill(), describe, settings)
+    tracker = Recognised(StandingStill(), describe)
     image = np.zeros((60, 60, 3), dtype=np.uint8)
     tracker.start(image, BOX)
-    return [tracker.follow(image).status for _ in range(len(likenesses) * settings.every)]
+    return [tracker.follow(image).status for _ in range(len(likenesses) * witness.EVERY)]
 
 
 def test_two_unlike_looks_in_a_row_say_lost_and_a_like_one_takes_it_back():
@@ -50,9 +56,10 @@ def test_a_box_that_is_lost_at_once_is_not_taken_for_the_target():
     assert statuses([0.1] * 4) == ["tracking"] + ["lost"] * 3
 
 
-def test_it_looks_every_few_frames():
-    settings = RecognitionSettings(every=3, lost_inferences=1, trusted=1)
-    assert statuses([0.9, 0.1], settings) == ["tracking"] * 5 + ["lost"]
+def test_it_looks_every_few_frames(monkeypatch):
+    for name, value in (("EVERY", 3), ("TRUSTED", 1), ("LOST_INFERENCES", 1)):
+        monkeypatch.setattr(witness, name, value)
+    assert statuses([0.9, 0.1]) == ["tracking"] * 5 + ["lost"]
 
 
 def test_of_what_is_not_upright_the_network_is_not_asked():
@@ -66,5 +73,5 @@ def test_of_what_is_not_upright_the_network_is_not_asked():
 
 
 def test_combined_has_a_witness_of_its_own():
-    assert isinstance(SingleChoice(recognise=True).tracker()[0], Combined)
-    assert isinstance(SingleChoice(method="kcf", recognise=True).tracker()[0], Recognised)
+    assert isinstance(SingleChoice(recognise=True).tracker(), Combined)
+    assert isinstance(SingleChoice(method="kcf", recognise=True).tracker(), Recognised)

@@ -14,7 +14,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.calls import evaluate_target
 from tsuiseki.tracking.formats.single import read_boxes
 from tsuiseki.tracking.single.run import follow_single, track_single
-from tsuiseki.tracking.single.settings import make_tracker
+from tsuiseki.tracking.single.settings import SingleChoice
 
 BOX = np.array([30, 40, 60, 80.0])
 
@@ -36,7 +36,7 @@ def truth(count: int = 10) -> np.ndarray:
     return BOX + np.arange(count)[:, None] * np.array([2, 0, 2, 0])
 
 
-@pytest.mark.parametrize("method", ["combined", "kcf-particle", "kcf", make_tracker("csk")])
+@pytest.mark.parametrize("method", ["combined", "kcf-particle", "kcf", SingleChoice("csk").tracker()])
 def test_every_frame_is_answered(folder: Path, method: Any) -> None:
     seen = list(follow_single(folder, BOX.tolist(), method))
     assert [frame.index for frame, _ in seen] == list(range(10))

@@ -19,4 +19,4 @@ def test_rows_that_were_seen_are_those_that_would_be_cut_out(middle):
 
 
 def test_levels_and_sizes_are_inverse():
-    assert [LADDER.level(size) for size in LADDER.sizes(-5)] == pytest.approx(list(range(-5, 6)))
+    assert [LADDER.level(1.03**level) for level in range(-5, 6)] == pytest.approx(list(range(-5, 6)))
