@@ -14,17 +14,15 @@ The paper leaves these points open; here, as in its experiments:
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Unpack
+from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion
-from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import LifecycleKeywords, LifecycleSettings, LifecycleTracker, adjusted
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Targets
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, adjusted, matched
+from tsuiseki.tracking.types import Targets
 
 
 @dataclass(frozen=True)
@@ -57,32 +55,14 @@ class ByteTrackSettings:
             raise RequestError(f"expected low_score up to high_score, got {self.low_score} and {self.high_score}")
 
 
-class ByteTrackKeywords(LifecycleKeywords, total=False):
-    """What `ByteTrack` takes by name; by default ``max_age`` is 30, ``min_hits`` 2 and ``start_score`` τ + 0.1.
-
-    Attributes:
-        high_score: score from which on a detection takes part in the first matching, 0.6 by default.
-        low_score: score below which a detection counts as a false positive, 0.1 by default.
-        min_iou: least overlap of a match in the first matching, 0.2 by default.
-        min_iou_low: least overlap of a match with a detection of low score, 0.5 by default.
-    """
-
-    high_score: float | None
-    low_score: float | None
-    min_iou: float | None
-    min_iou_low: float | None
-
-
-class ByteTrack(LifecycleTracker):
+class ByteTrack(LifecycleTracker[ByteTrackSettings]):
     """Each frame: predict every track, match the sure detections, then the unsure ones to the tracks left over.
 
-    Beyond the paper, the boxes a track had before it was confirmed are in ``tracks()`` too once it is. It draws no
-    random numbers.
-
     Args:
-        settings: all of them; what is given by name goes before.
+        settings: all of them.
         seed: taken as by all trackers; nothing is drawn.
-        given: see `ByteTrackKeywords`.
+        given: settings by name, those of `LifecycleSettings` too; they go before ``settings``. Without settings
+            ``start_score`` is ``high_score`` + 0.1, if that is given.
 
     Somebody who is detected with a low score for two frames stays one track:
 
@@ -95,34 +75,22 @@ class ByteTrack(LifecycleTracker):
     [[0, 1, 2, 3, 4]]
     """
 
-    def __init__(
-        self, settings: ByteTrackSettings | None = None, seed: int = 0, **given: Unpack[ByteTrackKeywords]
-    ) -> None:
+    def __init__(self, settings: ByteTrackSettings | None = None, seed: int = 0, **given: Any) -> None:
         high = given.get("high_score")
         if high is not None and settings is None and given.get("start_score") is None:
             given["start_score"] = high + 0.1
-        self.settings = adjusted(settings, ByteTrackSettings, given)
-        super().__init__(self.settings, seed)
+        super().__init__(adjusted(settings, ByteTrackSettings, given), seed)
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people. A detection without a score counts as sure."""
-        found = as_detections(detections, counted=self.bad)
-        high = ~(found.scores < self.settings.high_score)
-        low = ~high & (found.scores >= self.settings.low_score)
-        predicted = self._lifecycle.predict(time)
-        everyone = np.ones(len(predicted), dtype=np.bool_)
-        paired, detected = matched(predicted, found.boxes, everyone, high, self._lifecycle.least(self.settings.min_iou))
-        left = self._lifecycle.misses == 0
+        given, least = as_detections(detections, counted=self.bad), self._least
+        sure = ~(given.scores < self.settings.high_score)
+        high, low = np.flatnonzero(sure), np.flatnonzero(~sure & (given.scores >= self.settings.low_score))
+        predicted = self._predict(time)
+        everyone = np.arange(len(predicted))
+        paired, detected = matched(predicted, given.boxes, everyone, high, least(self.settings.min_iou))
+        left = self._misses == 0
         left[paired] = False
-        more, unsure = matched(predicted, found.boxes, left, low, self._lifecycle.least(self.settings.min_iou_low))
-        self._lifecycle.advance(np.concatenate([paired, more]), np.concatenate([detected, unsure]), found)
-        return self._lifecycle.targets
-
-
-def matched(
-    predicted: FloatArray, boxes: FloatArray, of_tracks: BoolArray, of_boxes: BoolArray, min_iou: float
-) -> tuple[IntArray, IntArray]:
-    """Matches by overlap among the tracks and the detections of two masks, as rows of all."""
-    tracks, found = np.flatnonzero(of_tracks), np.flatnonzero(of_boxes)
-    rows, columns = assign_overlaps(iou_matrix(predicted[tracks], boxes[found]), min_iou)
-    return tracks[rows], found[columns]
+        rest = np.flatnonzero(left)
+        more, unsure = matched(predicted, given.boxes, rest, low, least(self.settings.min_iou_low))
+        return self._advance(np.concatenate([paired, more]), np.concatenate([detected, unsure]), given)[0]

@@ -26,9 +26,10 @@ from tsuiseki.tracking.association.flow_window import CONTEXT, FlowWindow
 from tsuiseki.tracking.association.nearby import Pairs
 from tsuiseki.tracking.association.smoothing import SmoothingSettings
 from tsuiseki.tracking.association.tracklets import APPEARANCE_WINDOW, JOIN_WINDOW, join, unit_means
-from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, solve_window
+from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, least_logit, solve_window
 from tsuiseki.tracking.people.whole_flow import long_tracks, reported
 from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray, Targets, Track
+from tsuiseki.tracking.types.tracks import rows_of_each
 
 # Decisions in one delay: the more, the later in its delay a frame is settled, and the more is computed.
 DECISIONS = 4
@@ -76,17 +77,15 @@ class ReportedBoxes(Columns):
 
     def targets(self, frame: int, names: Mapping[int, str]) -> Targets:
         """A frame as a tracker answers it."""
-        here = self.select(slice(*np.searchsorted(self.frames, [frame, frame + 1]).tolist()))
-        status = np.where(here.observed, "tracking", "searching")
-        scores = np.where(here.observed, here.scores, 0.0)
-        origin = np.column_stack([here.origin[:, 0], here.votes])
-        return Targets(frame, here.ids, here.boxes, scores, status, origin, names)
+        people = self.select(slice(*np.searchsorted(self.frames, [frame, frame + 1]).tolist()))
+        status = np.where(people.observed, "tracking", "searching")
+        scores = np.where(people.observed, people.scores, 0.0)
+        origin = np.column_stack([people.origin[:, 0], people.votes])
+        return Targets(frame, people.ids, people.boxes, scores, status, origin, names)
 
     def tracks(self, names: Mapping[int, str]) -> list[Track]:
         """The tracks, by id."""
-        order = np.argsort(self.ids, kind="stable")
-        pieces = np.split(order, np.flatnonzero(np.diff(self.ids[order])) + 1) if len(order) else []
-        every = [self.select(piece) for piece in pieces]
+        every = map(self.select, rows_of_each(self.ids))
         return [Track(int(e.ids[0]), e.frames, e.boxes, e.scores, e.observed, e.origin, names) for e in every]
 
 
@@ -111,14 +110,14 @@ class DelayedFlow:
         self._scores, self._owner = np.empty(0), np.empty(0, dtype=np.int64)
         self._origin = np.empty((0, 2), dtype=np.int64)
         self._people = SettledPeople()
-        self._ids = self.clutter = 0
+        self._ids = 0
         self._answers = ReportedBoxes()
         self._smoothing: SmoothingSettings | None = None
         self._fitted = 0
 
-    def update(self, found: Detections) -> Targets | None:
+    def update(self, detections: Detections) -> Targets | None:
         """Take the next frame; the people of the frame ``delay`` before, None as long as there is none."""
-        self._waiting = (*self._waiting, found)
+        self._waiting = (*self._waiting, detections)
         self._frame += 1
         asked = self._frame - 1 - self.delay
         if asked < 0:
@@ -127,11 +126,6 @@ class DelayedFlow:
             self._decide(asked + max(1, (self.delay + 1) // DECISIONS))
         self._reported = asked + 1
         return self._answers.targets(asked, self.input.names)
-
-    @property
-    def finished_early(self) -> int:
-        """None beyond the others: all are."""
-        return 0
 
     def ended(self) -> DelayedFlow:
         """A copy for which the video ends here, so that asking changes nothing: all its frames are answered."""
@@ -233,28 +227,25 @@ class DelayedFlow:
 
     def _confirmed(self, sums: FloatArray) -> BoolArray:
         """``(M,)`` which tracks have enough detections, and good ones, to be answered."""
-        fewest = max(min(self.settings.fewest(self.input.frame_rate), self._frame), 1)
-        enough = sums[:, 0] >= fewest
-        least = self.settings.least_logit(self.input.observation)
-        return np.asarray(enough & (sums[:, 1] >= least * np.maximum(sums[:, 0], 1)))
+        enough = sums[:, 0] >= self.settings.fewest(self.input.frame_rate, self._frame)
+        return np.asarray(enough & (sums[:, 1] >= least_logit(self.input.observation) * np.maximum(sums[:, 0], 1)))
 
     def _answer(self, tracks: IntArray, ids: IntArray, before: int) -> None:
         """Answer the frames up to one that are not answered yet."""
-        table, settings = self.window.table, self.settings
-        longest = round(settings.fill * self.input.frame_rate)
-        found, images = [], []
+        table, longest = self.window.table, round(self.settings.fill * self.input.frame_rate)
+        known, images = [], []
         for rows in long_tracks(tracks):
             number = int(ids[tracks[rows[0]]])
             if number and table.frames[rows[-1]] >= self._answered:
                 frames, boxes, scores = table.frames[rows], table.boxes[rows], np.nan_to_num(self._scores[rows])
-                found.append(Track(number, frames, boxes, scores, origin=self._origin[rows]))
+                known.append(Track(number, frames, boxes, scores, origin=self._origin[rows]))
                 images.append(table.image[rows])
-        smoothing = self._strength(found)
+        smoothing = self._strength(known)
         parts = [
             reported(track, image, self.input, longest, smoothing, self._answered)
-            for track, image in zip(found, images, strict=True)
+            for track, image in zip(known, images, strict=True)
         ]
-        votes = [track.class_id for track in found]
+        votes = [track.class_id for track in known]
         self._answers = self._answers.and_then(ReportedBoxes.of(parts, votes, before))
 
     def _strength(self, tracks: list[Track]) -> SmoothingSettings | None:

@@ -111,11 +111,6 @@ class FlowTracker:
         self.bad = BadBoxes()
 
     @property
-    def exact(self) -> bool:
-        """False once a decision was made that frames to come might have changed."""
-        return self._flow.window.flow.exact
-
-    @property
     def camera(self) -> CameraTrajectory:
         """Where the frames lie, as of the last time that the tracks were asked for."""
         return self._ended.input.camera
@@ -136,11 +131,6 @@ class FlowTracker:
             raise RequestError("expected a flow without a delay, which forgets what people do; leave `delay` out")
         return self._ended.actions
 
-    @property
-    def rejected(self) -> tuple[int, int]:
-        """Detections that no track used when the tracks were last asked for, and all that were given."""
-        return self._given - self._used, self._given
-
     def follow(self, camera: StandingCamera) -> None:
         """Ask another one where the camera stood still; before the first frame."""
         self._flow.input.standing = camera if self.settings.input.follow_camera else None
@@ -154,7 +144,8 @@ class FlowTracker:
         camera = self.camera
         return {
             "delay": self.delay,
-            "exact": self.exact,
+            # False once a decision was made that frames to come might have changed.
+            "exact": self._flow.window.flow.exact,
             "entry_and_exit_by_place": self.settings.costs.places,
             "camera_from": camera.source,
             "camera_stood_still": self._ended.input.stood_still,
@@ -163,8 +154,7 @@ class FlowTracker:
             "detections": self._given,
             "detections_rejected": self._given - self._used,
             "typical_speed": round(self._ended.input.evidence.speed(), 3),
-            "clutter_tracks": self._ended.clutter,
-            "tracks_finished_early": self._ended.finished_early,
+            "tracks_finished_early": self._ended.finished_early if isinstance(self._ended, WholeFlow) else 0,
         }
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
@@ -174,14 +164,14 @@ class FlowTracker:
             RequestError: the learnt changes project appearance, and the detections have none, or of another length; or
                 see `Clock.now`.
         """
-        found = as_detections(detections, counted=self.bad)
+        given = as_detections(detections, counted=self.bad)
         if isinstance(self._changes, CostNetwork):
-            found = self._changes.projected(found)
-        refuse_heaps(found)
+            given = self._changes.projected(given)
+        refuse_heaps(given)
         inferences = self._flow.input.inferences
         self._flow.input.meet(time)
-        self._given += len(found)
-        targets = self._flow.update(found)
+        self._given += len(given)
+        targets = self._flow.update(given)
         if targets is None or inferences.all:
             return targets
         return replace(targets, frame=int(inferences.frames(np.array(targets.frame))))
@@ -203,9 +193,9 @@ class FlowTracker:
         inferences = self._flow.input.inferences
         if inferences.all:
             return track
-        found = replace(track, frames=inferences.frames(track.frames))
-        steps = np.diff(found.frames)[np.diff(track.frames) == 1]
-        return fill_gaps(found, int(steps.max(initial=1)) - 1)
+        frames = inferences.frames(track.frames)
+        steps = np.diff(frames)[np.diff(track.frames) == 1]
+        return fill_gaps(replace(track, frames=frames), int(steps.max(initial=1)) - 1)
 
     def network(self) -> SolvedNetwork | None:
         """What the tracks were chosen from when they were last asked for; None where it is forgotten on the way."""

@@ -27,8 +27,6 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray,
 
 # Deviation of the place of a box where the camera stands still and nothing says otherwise, heights.
 STILL = 0.002
-
-
 # By how much further off, in r, a box of probability 0 is than one of probability 1, and one that is quite hidden.
 UNSURE, HIDDEN = 1.5, 0.75
 # Seconds that stay undecided beyond the longest link, for the motion on both sides of what is decided.
@@ -37,6 +35,8 @@ SETTLE = 0.7
 LOST = 3.0
 # Of two boxes of a frame that overlap by more (intersection over union), the one of the lower score is left out.
 DUPLICATE = 0.95
+# Fewest detections of a track, unless the video itself has fewer frames.
+FEWEST = 3
 # How often the boxes of a dense frame may cover their place.
 MOST_TIMES = 5.0
 
@@ -138,22 +138,22 @@ class FlowInput:
         other.camera, other.evidence = self.camera.copy(), self.evidence.copy()
         return other
 
-    def rows(self, found: Sequence[Detections]) -> tuple[DetectionTable, FloatArray, IntArray]:
+    def rows(self, detections: Sequence[Detections]) -> tuple[DetectionTable, FloatArray, IntArray]:
         """The detections of the next frames, their scores, and where they come from.
 
         Args:
-            found: of at least one frame.
+            detections: of at least one frame.
         """
         first = len(self.camera)
-        rows = rows_of(found, first, self._count)
+        rows = rows_of(detections, first, self._count)
         kept = ~duplicates(rows.frames, rows.boxes, rows.scores)
         self.duplicates += int((~kept).sum())
-        origin = np.concatenate([each.origin for each in found])[kept]
-        self.names = {**self.names, **{number: name for each in found for number, name in each.names.items()}}
+        origin = np.concatenate([each.origin for each in detections])[kept]
+        self.names = {**self.names, **{number: name for each in detections for number, name in each.names.items()}}
         rows = rows.select(kept)
         rows = replace(rows, numbers=self._count + np.arange(len(rows)))
         self._count += len(rows)
-        self._follow_camera(rows, first, len(found))
+        self._follow_camera(rows, first, len(detections))
         boxes = self.camera.to_first(rows.boxes, rows.frames)
         times = None if self.inferences.even else self.inferences.seconds(rows.frames)
         self.evidence.add(rows.frames, boxes, rows.scores, len(self.camera) - 1, times)
@@ -165,7 +165,7 @@ class FlowInput:
             self._noise(rows),
             self.camera.variance(rows.frames),
         )
-        detections = DetectionTable(
+        table = DetectionTable(
             rows.numbers,
             rows.frames,
             rows.boxes,
@@ -177,7 +177,7 @@ class FlowInput:
             rows.actions,
             self.inferences.even,
         )
-        return detections, rows.scores, origin
+        return table, rows.scores, origin
 
     def on_grid(self, track: Track) -> Track:
         """A track whose frames are as far apart as its times."""
@@ -297,20 +297,20 @@ def solve_window(window: FlowWindow, given: FlowInput, scores: FloatArray, round
         window.solve(given.costs(scores), logit, rounds, given.first_costs(scores[free]))
 
 
-def refuse_heaps(found: Detections) -> None:
+def refuse_heaps(detections: Detections) -> None:
     """Refuse boxes of a frame that lie on each other many times over, which no links tell apart.
 
     Raises:
         RequestError: they do.
     """
-    if len(found) <= DENSE:
+    if len(detections) <= DENSE:
         return
-    low, high = found.boxes[:, :2].min(axis=0), found.boxes[:, 2:].max(axis=0)
-    times = float(sizes(found.boxes).prod(axis=1).sum() / (high - low).prod())
+    low, high = detections.boxes[:, :2].min(axis=0), detections.boxes[:, 2:].max(axis=0)
+    times = float(sizes(detections.boxes).prod(axis=1).sum() / (high - low).prod())
     if times > MOST_TIMES:
         raise RequestError(
-            f"{len(found)} boxes of a frame cover their place {times:.0f} times over, as a detector's do before it "
-            "suppresses those that overlap; suppress them, or leave low scores out"
+            f"{len(detections)} boxes of a frame cover their place {times:.0f} times over, as a detector's do before "
+            "it suppresses those that overlap; suppress them, or leave low scores out"
         )
 
 
@@ -341,10 +341,7 @@ class FlowSettings:
     Attributes:
         input: how detections are prepared: their probabilities, the motion of the camera, duplicates.
         costs: costs of the flow over detections.
-        min_detections: fewest detections of a track, unless the video itself has fewer frames.
         min_time: shortest time of detections of a track, seconds.
-        least: mean logit of the probability of a track's detections, under which it is taken for clutter; only where
-            something says what scores are worth. None takes 1.0, or 0.5 where scores are probabilities.
         fill: longest gap that is filled on a straight line, seconds.
         smoothing: smooth boxes by as much as suits the video; otherwise they are reported as detected.
         decide_every: least time between two decisions, seconds; None solves all frames at once in the end.
@@ -352,9 +349,7 @@ class FlowSettings:
 
     input: InputSettings = field(default_factory=InputSettings)
     costs: FlowCosts = field(default_factory=FlowCosts)
-    min_detections: int = 3
     min_time: float = 0.16
-    least: float | None = None
     fill: float = 2.0
     smoothing: bool = True
     decide_every: float | None = 20.0
@@ -362,21 +357,25 @@ class FlowSettings:
     def __post_init__(self) -> None:
         if self.decide_every is not None and self.decide_every <= 0:
             raise RequestError(f"expected decide_every above 0 seconds, got {self.decide_every}")
-        if min(self.min_detections, self.min_time, self.fill) < 0:
-            raise RequestError("expected min_detections, min_time and fill from 0")
+        if min(self.min_time, self.fill) < 0:
+            raise RequestError("expected min_time and fill from 0")
 
     def alike(self) -> FlowSettings:
         """These settings with entry and exit costs that take all places alike."""
         return replace(self, costs=replace(self.costs, places=False))
 
-    def least_logit(self, observation: ScoreCost | None) -> float:
-        """`least` where scores have these costs; anything will do where the video itself says what they are worth."""
-        if observation is None:
-            return -np.inf
-        # Somebody far away is detected with a probability of 0.65 in every frame, a logit of 0.62.
-        usual = 0.5 if isinstance(observation, ProbabilityCost) else 1.0
-        return usual if self.least is None else self.least
+    def fewest(self, frame_rate: float, frames: int | None = None) -> int:
+        """Detections that a track needs in a video of so many frames."""
+        needed = max(FEWEST, round(self.min_time * frame_rate))
+        return needed if frames is None else max(min(needed, frames), 1)
 
-    def fewest(self, frame_rate: float) -> int:
-        """Detections that a track needs."""
-        return max(self.min_detections, round(self.min_time * frame_rate), 1)
+
+def least_logit(observation: ScoreCost | None) -> float:
+    """Mean logit of the probability of a track's detections under which it is clutter, by what scores cost.
+
+    Where the video itself says what scores are worth, anything will do.
+    """
+    if observation is None:
+        return -np.inf
+    # Somebody far away is detected with a probability of 0.65 in every frame, a logit of 0.62.
+    return 0.5 if isinstance(observation, ProbabilityCost) else 1.0

@@ -134,15 +134,7 @@ def find_missed(
     finding: PeopleFinding,
     style: Style = "pixelated",
 ) -> Hiding:
-    """What to hide in a video: the people of the tracks, and those of a more sensitive detection beside them.
-
-    Args:
-        source: the video.
-        frames: of it.
-        tracks: through all of it.
-        wanted: whom.
-        finding: the second detector.
-        style: how they are hidden.
+    """What to hide in the frames of a video: people of the tracks, and those that a second detector has beside them.
 
     Raises:
         RequestError: a track lies outside of the pictures, or an id is not known.

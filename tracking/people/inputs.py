@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
@@ -42,7 +43,7 @@ from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detection
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground
 from tsuiseki.tracking.stages import StageTimes
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray
+from tsuiseki.tracking.types import BoolArray, Detections, Frame
 from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.video.source import Source, picture_size
 from tsuiseki.tracking.weights import shipped
@@ -108,7 +109,7 @@ class PeopleInputs:
             RunError: the video breaks off.
         """
         if self.needs_images:
-            yield from ((frame.index, found) for frame, found in self.with_frames(frames, times))
+            yield from ((frame.index, detections) for frame, detections in self.with_frames(frames, times))
             return
         assert isinstance(self.detect, Sequence)
         # A sequence that is text only, and does not say how long it is, ends with its detections.
@@ -120,33 +121,35 @@ class PeopleInputs:
     def with_frames(
         self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
     ) -> Iterator[tuple[Frame, Detections]]:
-        """The frames themselves with the detections there; see `found`."""
+        """The frames themselves with the detections there; see `detections`."""
         times = times or StageTimes()
         images = self.source.frames() if frames is None else frames
         yield from self.in_order(self._streamed(images, times), times)
 
     def in_order(
-        self, found: Iterable[tuple[Frame, Detections]], times: StageTimes
+        self, detected: Iterable[tuple[Frame, Detections]], times: StageTimes
     ) -> Iterator[tuple[Frame, Detections]]:
         """What networks detect in each frame, with what only the frames before tell: the ground, and the camera."""
         last, check = -1, self._box_check()
-        for frame, here in found:
+        for frame, detections in detected:
             if last < 0 and self.workers > 1:
                 # Trackers use it late; loaded while networks run on the next frames it takes no time.
                 Thread(target=_load_parts, name="tsuiseki-load").start()
             last = frame.index
             if check is not None and check.what == DETECTOR:
                 check.size = frame.image.shape[1], frame.image.shape[0]
-                check.add(here.boxes)
+                check.add(detections.boxes)
             if self.scale is not None and not isinstance(self.detect, list):
-                here = self.scale.next(here)
+                detections = self.scale.next(detections)
             if self.ground is not None:
                 with times.measure("ground"):
-                    here = self.ground.weighed(here, frame.image.shape[0])
-            if self.camera is not None:
-                with times.measure("camera"):
-                    self._show_camera(frame.image, here.boxes)
-            yield frame, here
+                    detections = self.ground.weighed(detections, frame.image.shape[0])
+            with times.measure("camera") if self.camera is not None else nullcontext():
+                if isinstance(self.camera, CameraPath):
+                    self.camera.add(frame.image, detections.boxes)
+                elif self.camera is not None:
+                    self.camera.add(frame.image)
+            yield frame, detections
         if check is not None:
             check.tell()
         self._check_all_used(last)
@@ -167,12 +170,6 @@ class PeopleInputs:
         if isinstance(network, ForeignDetector):
             return network.check
         return None if isinstance(network, Detector | Sequence) else BoxCheck(DETECTOR)
-
-    def _show_camera(self, image: ImageArray, boxes: FloatArray) -> None:
-        if isinstance(self.camera, CameraPath):
-            self.camera.add(image, boxes)
-        elif self.camera is not None:
-            self.camera.add(image)
 
     def _check_all_used(self, last: int) -> None:
         """Say that a video turned out to be shorter than its detections."""
@@ -229,11 +226,10 @@ def given_detections(
     Raises:
         RequestError: see `read_detections`, `as_detections` and `ClassChoice`; or the video is shorter.
     """
-    file = isinstance(given, str | Path)
     what, bad = given if isinstance(given, str | Path) else "`detections`", BadBoxes()
     if isinstance(given, str | Path):
         # The header of a video file only estimates its length: what is too much shows when the video has ended.
-        found = read_detections(given, source.length, score_range)
+        detections = read_detections(given, source.length, score_range)
     else:
         if not isinstance(given, Iterable) or isinstance(given, Mapping):
             raise RequestError(f"`detections`: expected a file, or boxes of each frame, got {type(given).__name__}")
@@ -243,31 +239,30 @@ def given_detections(
                 f"expected detections for {source.length} frames, one entry a frame, got {len(given)}; are these the "
                 "detections of another video?"
             )
-        found = [as_detections(entry, counted=bad) for entry in given]
+        detections = [as_detections(entry, counted=bad) for entry in given]
         if 2 * bad.bad > bad.given:
             raise RequestError(
                 f"{what}: {bad.bad} of {bad.given} boxes have no area or are not finite; expected x1, y1, x2, y2, not "
                 "x, y, width, height"
             )
-    compare_with_picture(
-        what, np.concatenate([np.empty((0, 4)), *(each.boxes for each in found)]), picture_size(source)
-    )
-    there = {int(number) for each in found if each.classes is not None for number in np.unique(each.classes)} - {-1}
+    boxes = np.concatenate([np.empty((0, 4)), *(each.boxes for each in detections)])
+    compare_with_picture(what, boxes, picture_size(source))
+    there = {int(number) for each in detections for number in np.unique(each.origin[:, 1])} - {-1}
     if choice is None:
-        if file and len(there) > 1:
+        if isinstance(given, str | Path) and len(there) > 1:
             warnings.warn(
                 f"{given}: detections of the classes {','.join(map(str, sorted(there)))} are tracked as one; give "
                 "`classes` to track each apart",
                 InputWarning,
                 stacklevel=2,
             )
-        return GivenRows(found, bad)
-    if any(each.classes is None and len(each) for each in found):
+        return GivenRows(detections, bad)
+    if any(each.classes is None and len(each) for each in detections):
         raise RequestError(f"`classes`: expected classes with the boxes of {what}, got boxes without; leave it out")
-    named = {number: name for each in found for number, name in each.names.items()}
+    named = {number: name for each in detections for number, name in each.names.items()}
     known, named = there | named.keys(), named or dict(enumerate(names or ()))
     numbers = choice.numbers(named, known, what)
-    chosen = (replace(each.select(np.isin(each.origin[:, 1], numbers)), names=named) for each in found)
+    chosen = (replace(each.select(np.isin(each.origin[:, 1], numbers)), names=named) for each in detections)
     return GivenRows(chosen, bad)
 
 
@@ -334,10 +329,10 @@ def people_detect(
     detector = shipped(default) if finding.detector is None else finding.detector
     threads = finding.threads if threads is None else threads
     options, chosen = finding.detector_options, finding.chosen
-    found = as_detector(detector, finding.score_threshold, threads, options, finding.device, classes=chosen)
-    if wanted == (1, None) or not isinstance(found, Detector | ForeignDetector):
-        return found
-    return ViewedDetector(found, wanted, frame_rate=source.frame_rate, sparing=True)
+    detect = as_detector(detector, finding.score_threshold, threads, options, finding.device, classes=chosen)
+    if wanted == (1, None) or not isinstance(detect, Detector | ForeignDetector):
+        return detect
+    return ViewedDetector(detect, wanted, frame_rate=source.frame_rate, sparing=True)
 
 
 def ground_of(detect: Detect | Sequence[Detections], wanted: Ground, source: Source) -> GroundPlane | None:

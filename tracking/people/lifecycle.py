@@ -4,22 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any, Literal, TypedDict, TypeVar, get_args
+from typing import Any, Generic, Literal, TypeVar, get_args, get_type_hints
 
 import numpy as np
 
+from tsuiseki.tracking.arguments import check_argument
+from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.association.inference_times import Intervals
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import (
-    BoxBelief,
     BoxMotion,
     per_longer_frame,
     predict_boxes,
     start_boxes,
     update_boxes,
 )
+from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.interchange import BadBoxes
 from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
+from tsuiseki.tracking.types.tracks import rows_of_each
 
 S = TypeVar("S")
 ReportedBox = Literal["filtered", "detected"]
@@ -49,22 +52,6 @@ class LifecycleSettings:
             raise RequestError(f"expected the boxes {' or '.join(get_args(ReportedBox))}, got {self.boxes!r}")
 
 
-class LifecycleKeywords(TypedDict, total=False):
-    """What all online trackers take by name, before their settings; each says its defaults.
-
-    Attributes:
-        max_age: frames for which a person is kept without a detection.
-        min_hits: detections in a row that confirm a person; 1 confirms at once.
-        start_score: lowest score of a detection that may start a track.
-        boxes: ``filtered`` boxes of the Kalman filter, as by default, or those ``detected``.
-    """
-
-    max_age: int | None
-    min_hits: int | None
-    start_score: float | None
-    boxes: ReportedBox | None
-
-
 def adjusted(settings: S | None, kind: type[S], given: Mapping[str, Any]) -> S:
     """Settings, in which those that are given and not None are others; names of `LifecycleSettings` go there.
 
@@ -72,18 +59,18 @@ def adjusted(settings: S | None, kind: type[S], given: Mapping[str, Any]) -> S:
         TypeError: there is no setting of a name.
         RequestError: ``settings`` are of no such ``kind``, or a value cannot be used.
     """
-    old: Any = kind() if settings is None else settings
+    if settings is not None and not isinstance(settings, kind):
+        raise RequestError(f"expected {kind.__name__}, got {type(settings).__name__}")
+    old: Any = settings or kind()
+    types = get_type_hints(LifecycleSettings) | get_type_hints(kind)
     own = {one.name for one in fields(old)}
-    known = {name: value for name, value in given.items() if value is not None}
-    life = {name: known.pop(name) for name in [*known] if name not in own}
-    if unknown := life.keys() - LifecycleKeywords.__annotations__.keys():
+    if unknown := given.keys() - types.keys():
         raise TypeError(f"expected settings of {kind.__name__}, got {', '.join(sorted(unknown))}")
-    try:
-        if life:
-            known["lifecycle"] = replace(old.lifecycle, **life)
-        changed: S = replace(old, **known)
-    except TypeError as error:
-        raise RequestError(f"expected numbers in the settings, got {life | known}") from error
+    known = {k: check_argument(k, value, types[k], value) for k, value in given.items() if value is not None}
+    life = {name: known.pop(name) for name in [*known] if name not in own}
+    if life:
+        known["lifecycle"] = replace(old.lifecycle, **life)
+    changed: S = replace(old, **known)
     return changed
 
 
@@ -106,94 +93,80 @@ class Survivors:
     lost: IntArray
 
 
-class Lifecycle:
-    """The tracks that are alive, each with a Kalman filter, and the record of all that were.
+class LifecycleTracker(Generic[S]):
+    """What online trackers share: the live tracks, each with a Kalman filter, and the record of all that were.
 
     A track is reported where it was detected. A frame of its filter is the usual interval between inferences.
 
+    Args:
+        settings: of the method, with ``lifecycle`` and ``motion``.
+        seed: taken as by all trackers; nothing is drawn.
+
     Attributes:
-        clock: counts frames and times of inferences.
-        longer: by what factor a frame of the filter has become longer before the last inference.
+        settings: likewise.
+        bad: boxes that are none, and left out.
     """
 
-    def __init__(self, settings: LifecycleSettings, motion: BoxMotion) -> None:
-        self._settings = settings
-        self._motion = motion
+    def __init__(self, settings: S, seed: int) -> None:
+        self.settings, self.seed, self.bad = settings, seed, BadBoxes()
+        own: Any = settings
+        self._life: LifecycleSettings = own.lifecycle
+        self._motion: BoxMotion = own.motion
         self._record = Record()
-        self.clock = Intervals(settings.max_age + 2)
-        self._belief = start_boxes(np.empty((0, 4)), motion)
-        self._numbers = np.empty(0, dtype=np.int64)
-        self._hits = np.empty(0, dtype=np.int64)
-        self._misses = np.empty(0, dtype=np.int64)
-        self._targets = Targets.empty(0)
+        self._clock = Intervals(self._life.max_age + 2)
+        # By what factor a frame of the filter has become longer before the last inference.
+        self._longer = 1.0
+        self._belief = start_boxes(np.empty((0, 4)), self._motion)
+        # Of each live track: its number in the record, its detections, and inferences since the last of them.
+        self._numbers, self._hits, self._misses = (np.empty(0, dtype=np.int64) for _ in range(3))
         self._votes = Votes()
-        self.longer = 1.0
-
-    def predict(self, time: float | None = None) -> FloatArray:
-        """``(N, 4)`` where the live tracks are expected in the next frame, at a time in seconds.
-
-        Raises:
-            RequestError: see `Clock.now`.
-        """
-        passed, longer = self.clock.step(time)
-        self.longer = longer
-        belief = self._belief if longer == 1 else per_longer_frame(self._belief, longer)
-        self._belief = predict_boxes(belief, self._motion, passed)
-        return self._belief.boxes
-
-    def least(self, overlap: float) -> float:
-        """The least overlap of a match: less after an interval longer than usual, over which people move further."""
-        return overlap / max(1.0, self.clock.passed[-1])
-
-    def skip(self) -> Targets:
-        """The confirmed tracks where they are expected in the next frame, on which the detector does not run."""
-        self.clock.skip()
-        boxes = predict_boxes(self._belief, self._motion, self.clock.since_last()).boxes
-        none = np.empty(0, dtype=np.int64)
-        lost = none, boxes[:0], none
-        return self._answer(np.zeros(len(boxes)), boxes, self._origin(none, none), *lost, skipped=True)
-
-    @property
-    def belief(self) -> BoxBelief:
-        """What is known of the live tracks."""
-        return self._belief
-
-    def correct(self, which: IntArray, belief: BoxBelief) -> None:
-        """Replace what is known of the tracks at ``(K,)`` indices."""
-        boxes, velocities, variance = (
-            part.copy() for part in (self._belief.boxes, self._belief.velocities, self._belief.variance)
-        )
-        boxes[which], velocities[which], variance[which] = belief.boxes, belief.velocities, belief.variance
-        self._belief = BoxBelief(boxes, velocities, variance)
-
-    @property
-    def misses(self) -> IntArray:
-        """``(N,)`` inferences since each live track was last detected."""
-        return self._misses
-
-    @property
-    def targets(self) -> Targets:
-        """The confirmed tracks of the last frame: those detected, those kept, and those deleted in it."""
-        return self._targets
 
     def tracks(self) -> list[Track]:
-        """All confirmed tracks so far."""
+        """The confirmed tracks of all frames so far, by id."""
         return [
             Track(number, frames, rows[:, :4], scores, origin=rows[:, 4:].astype(np.int64), names=self._votes.names)
             for number, frames, rows, scores in self._record.parts()
         ]
 
+    def skip(self) -> Targets:
+        """See `OnlineTracker`."""
+        self._clock.skip()
+        boxes = predict_boxes(self._belief, self._motion, self._clock.since_last()).boxes
+        none = np.empty(0, dtype=np.int64)
+        return self._answer(
+            np.zeros(len(boxes)), boxes, self._origin(none, none), (none, boxes[:0], none), skipped=True
+        )
+
     def forget(self) -> None:
-        """Drop the boxes so far from `tracks`."""
+        """See `OnlineTracker`."""
         self._record.forget()
 
-    def advance(self, paired: IntArray, detected: IntArray, detections: Detections) -> Survivors:
+    def _predict(self, time: float | None = None) -> FloatArray:
+        """``(N, 4)`` where the live tracks are expected in the next frame, at a time in seconds.
+
+        Raises:
+            RequestError: see `Clock.now`.
+        """
+        passed, self._longer = self._clock.step(time)
+        belief = self._belief if self._longer == 1 else per_longer_frame(self._belief, self._longer)
+        self._belief = predict_boxes(belief, self._motion, passed)
+        return self._belief.boxes
+
+    def _least(self, overlap: float) -> float:
+        """The least overlap of a match: less after an interval longer than usual, over which people move further."""
+        return overlap / max(1.0, self._clock.passed[-1])
+
+    def _advance(self, paired: IntArray, detected: IntArray, detections: Detections) -> tuple[Targets, Survivors]:
         """Update the tracks ``paired`` by the detections they were matched to, keep or drop the others, start new ones.
 
         Args:
-            matched: rows of the matched tracks.
+            paired: rows of the matched tracks.
             detected: the detection of each.
             detections: all of the frame.
+
+        Returns:
+            The confirmed tracks of the frame: those detected, those kept, and those deleted in it; and where the live
+            tracks come from.
         """
         parts = self._divide(paired, detected, detections)
         lost = self._numbers[parts.lost], self._belief.boxes[parts.lost], self._votes.classes()[parts.lost]
@@ -207,16 +180,15 @@ class Lifecycle:
             updated = updated.and_then(self._belief.select(parts.kept))
         if started:
             updated = updated.and_then(start_boxes(detections.boxes[parts.started], self._motion))
-            hits, misses = np.append(hits, np.ones(started, np.int64)), np.append(misses, np.zeros(started, np.int64))
         self._belief = updated
-        self._numbers = np.append(self._numbers[old], self._record.start(started)) if started else self._numbers[old]
-        self._hits, self._misses = hits, misses
-        present, used = np.flatnonzero(misses == 0), np.concatenate([detected, parts.started])
+        self._numbers = np.append(self._numbers[old], self._record.start(started))
+        self._hits = np.append(hits, np.ones(started, np.int64))
+        self._misses = np.append(misses, np.zeros(started, np.int64))
+        present, used = np.flatnonzero(self._misses == 0), np.concatenate([detected, parts.started])
         self._votes.follow(old, started, present, used, detections)
         origin = detections.origin[used]
         scores, boxes = self._note(present, used, detections, origin)
-        self._targets = self._answer(scores, boxes, self._origin(present, origin[:, 0]), *lost)
-        return parts
+        return self._answer(scores, boxes, self._origin(present, origin[:, 0]), lost), parts
 
     def _origin(self, present: IntArray, rows: IntArray) -> IntArray:
         """``(N, 2)`` the detection of each track, -1 for those that are not ``present``, and its class by vote."""
@@ -225,12 +197,12 @@ class Lifecycle:
         return origin
 
     def _divide(self, paired: IntArray, detected: IntArray, detections: Detections) -> Survivors:
-        unseen = self._hits >= self._settings.min_hits
-        unseen[paired] = False
-        young = self._misses < self._settings.max_age
-        free = ~(detections.scores < self._settings.start_score)
+        missed = self._hits >= self._life.min_hits
+        missed[paired] = False
+        young = self._misses < self._life.max_age
+        free = ~(detections.scores < self._life.start_score)
         free[detected] = False
-        kept, lost = np.flatnonzero(unseen & young), np.flatnonzero(unseen & ~young)
+        kept, lost = np.flatnonzero(missed & young), np.flatnonzero(missed & ~young)
         return Survivors(paired, detected, kept, np.flatnonzero(free), lost)
 
     def _note(
@@ -245,13 +217,13 @@ class Lifecycle:
         if not len(present):
             return scores, boxes
         numbers = self._numbers[present]
-        self._record.confirm(numbers[self._hits[present] == self._settings.min_hits])
+        self._record.confirm(numbers[self._hits[present] == self._life.min_hits])
         scores[present] = np.nan_to_num(detections.scores[detected])
-        if self._settings.boxes == "detected":
+        if self._life.boxes == "detected":
             boxes = boxes.copy()
             boxes[present] = detections.boxes[detected]
         rows = np.concatenate([boxes[present], origin], axis=1)
-        self._record.append(self.clock.frame - 1, numbers, rows, scores[present])
+        self._record.append(self._clock.frame - 1, numbers, rows, scores[present])
         return scores, boxes
 
     def _answer(
@@ -259,55 +231,30 @@ class Lifecycle:
         scores: FloatArray,
         boxes: FloatArray,
         origin: IntArray,
-        lost: IntArray,
-        lost_boxes: FloatArray,
-        lost_classes: IntArray,
+        lost: tuple[IntArray, FloatArray, IntArray],
         *,
         skipped: bool = False,
     ) -> Targets:
-        """The confirmed live tracks, then those deleted in this frame."""
-        confirmed = np.flatnonzero(self._hits >= self._settings.min_hits)
-        numbers, boxes, scores = self._numbers[confirmed], boxes[confirmed], scores[confirmed]
-        origin = origin[confirmed]
-        searched = (self._misses[confirmed] > 0) | skipped
-        status = _STATUSES[searched.astype(np.intp)]
-        if len(lost):
-            numbers, boxes = np.append(numbers, lost), np.concatenate([boxes, lost_boxes])
-            scores = np.append(scores, np.zeros(len(lost)))
-            origin = np.concatenate([origin, np.column_stack([np.full(len(lost), -1), lost_classes])])
-            status = np.append(status, _STATUSES[np.full(len(lost), 2)])
+        """The confirmed live tracks, then those deleted in this frame: their numbers, boxes and classes."""
+        live, (gone, last_boxes, classes) = np.flatnonzero(self._hits >= self._life.min_hits), lost
+        status = np.append((self._misses[live] > 0) | skipped, np.full(len(gone), 2))
+        boxes = np.concatenate([boxes[live], last_boxes])
         # Only a box that was missed can have shrunk.
-        boxes = with_area(boxes) if len(lost) or searched.any() else boxes
-        frame, ids = self.clock.frame - 1, self._record.ids(numbers)
-        return Targets(frame, ids, boxes, scores, status, origin, self._votes.names)
+        boxes = with_area(boxes) if status.any() else boxes
+        origin = np.concatenate([origin[live], np.column_stack([np.full(len(gone), -1), classes])])
+        ids, scores = (
+            self._record.ids(np.append(self._numbers[live], gone)),
+            np.append(scores[live], np.zeros(len(gone))),
+        )
+        return Targets(self._clock.frame - 1, ids, boxes, scores, _STATUSES[status], origin, self._votes.names)
 
 
-class LifecycleTracker:
-    """What online trackers share: a `Lifecycle` that keeps their tracks.
-
-    Args:
-        settings: of the method, with ``lifecycle`` and ``motion``.
-        seed: taken as by all trackers; nothing is drawn.
-
-    Attributes:
-        bad: boxes that are none, and left out.
-    """
-
-    def __init__(self, settings: Any, seed: int) -> None:
-        self._lifecycle = Lifecycle(settings.lifecycle, settings.motion)
-        self.seed, self.bad = seed, BadBoxes()
-
-    def tracks(self) -> list[Track]:
-        """The confirmed tracks of all frames so far, by id."""
-        return self._lifecycle.tracks()
-
-    def skip(self) -> Targets:
-        """See `OnlineTracker`."""
-        return self._lifecycle.skip()
-
-    def forget(self) -> None:
-        """See `OnlineTracker`."""
-        self._lifecycle.forget()
+def matched(
+    boxes: FloatArray, detected: FloatArray, tracks: IntArray, detections: IntArray, least: float
+) -> tuple[IntArray, IntArray]:
+    """Matches by an overlap of at least ``least`` among some rows of ``boxes`` and of ``detected``, as rows of all."""
+    rows, columns = assign_overlaps(iou_matrix(boxes[tracks], detected[detections]), least)
+    return tracks[rows], detections[columns]
 
 
 def with_area(boxes: FloatArray) -> FloatArray:
@@ -388,13 +335,11 @@ class Record:
         lookup[list(self._ids)] = list(self._ids.values())
         ids = lookup[np.concatenate(self._numbers)]
         frames = np.repeat(self._frames, [len(numbers) for numbers in self._numbers])
-        order = np.lexsort((frames, ids))
-        order = order[np.searchsorted(ids[order], 1) :]
-        if not len(order):
-            return []
         boxes, scores = np.concatenate(self._boxes), np.concatenate(self._scores)
-        tracks = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
-        return [(int(ids[rows[0]]), frames[rows], boxes[rows], scores[rows]) for rows in tracks]
+        # Frames were added in their order.
+        return [
+            (int(ids[rows[0]]), frames[rows], boxes[rows], scores[rows]) for rows in rows_of_each(ids) if ids[rows[0]]
+        ]
 
 
 class Votes:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from math import inf
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -35,6 +36,10 @@ from tsuiseki.tracking.video.source import Source, image_size
 from tsuiseki.tracking.weights import shipped
 
 APPEARANCE = ("flow", "deepsort")
+# Methods that answer at once, from their settings and a seed.
+ONLINE: Mapping[PeopleMethod, Callable[[Any, int], PeopleTracker]] = {
+    "deepsort": DeepSort, "sort": Sort, "bytetrack": ByteTrack, "ocsort": OcSort,
+}  # fmt: skip
 # What `--affinity` takes: costs learnt on pairs, or on whole tracks.
 LearntCosts = Affinity | CostNetwork
 # Overlap of boxes that show one thing, and the share of a track's detections that are nearly all.
@@ -86,26 +91,8 @@ def people_tracker(
         return FlowTracker(
             settings.flow, pairs, observation, rate, size, camera, seed, changes, delay, drop_straddling, stride
         )
-    makers: dict[PeopleMethod, Callable[[], PeopleTracker]] = {
-        "deepsort": lambda: DeepSort(settings.deepsort, seed),
-        "sort": lambda: Sort(settings.sort, seed),
-        "bytetrack": lambda: ByteTrack(settings.bytetrack, seed),
-        "ocsort": lambda: OcSort(settings.ocsort, seed),
-    }
-    tracker = makers[method]()
+    tracker = ONLINE[method](getattr(settings, method), seed)
     return MotionCompensated(tracker, camera) if isinstance(camera, CameraPath) else tracker
-
-
-def camera_for(method: PeopleMethod | PeopleTracker, *, moving: bool) -> CameraPath | StandingCamera | None:
-    """The estimator of the camera's motion for a method; for the flow whether it stands still; or none."""
-    if moving:
-        return CameraPath()
-    return StandingCamera() if method == "flow" else None
-
-
-def compares_appearance(method: PeopleMethod | PeopleTracker) -> bool:
-    """Whether the method needs more than boxes."""
-    return method in APPEARANCE if isinstance(method, str) else isinstance(method, FlowTracker | DeepSort)
 
 
 def cost_of_scores(detect: object) -> ProbabilityCost | None:
@@ -196,10 +183,10 @@ class MotionCompensated:
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
         """Take the detections of the next frame; what the tracker answers, in pixels of the frame it is about."""
-        found = as_detections(detections)
-        boxes = move_boxes(found.boxes, self.path.transforms[self._frame])
+        given = as_detections(detections)
+        boxes = move_boxes(given.boxes, self.path.transforms[self._frame])
         self._frame += 1
-        return self._returned(updated(self.tracker, replace(found, boxes=boxes), time))
+        return self._returned(updated(self.tracker, replace(given, boxes=boxes), time))
 
     def skip(self) -> Targets | None:
         """The detector does not run on the next frame."""
@@ -232,13 +219,16 @@ def without_flicker(tracks: Sequence[Track]) -> list[Track]:
     if len({track.class_id for track in tracks}) < 2:
         return list(tracks)
     owner = np.repeat(np.arange(len(tracks)), [track.frames[-1] - track.frames[0] + 1 for track in tracks])
-    frames, boxes, seen = (np.concatenate(column) for column in zip(*map(_without_gaps, tracks), strict=True))
-    classes, counts = np.array([track.class_id for track in tracks]), np.bincount(owner[seen], minlength=len(tracks))
+    frames, boxes, detected = (np.concatenate(column) for column in zip(*map(_without_gaps, tracks), strict=True))
+    classes, counts = (
+        np.array([track.class_id for track in tracks]),
+        np.bincount(owner[detected], minlength=len(tracks)),
+    )
     shared = np.zeros((len(tracks), len(tracks)), dtype=np.int64)
-    for frame in np.unique(frames[~seen]).tolist():
-        here, filled = (np.flatnonzero((frames == frame) & (seen == one)) for one in (True, False))
-        i, j = np.nonzero(iou_matrix(boxes[here], boxes[filled]) >= _SAME_PLACE)
-        np.add.at(shared, (owner[here[i]], owner[filled[j]]), 1)
+    for frame in np.unique(frames[~detected]).tolist():
+        there, filled = (np.flatnonzero((frames == frame) & (detected == one)) for one in (True, False))
+        i, j = np.nonzero(iou_matrix(boxes[there], boxes[filled]) >= _SAME_PLACE)
+        np.add.at(shared, (owner[there[i]], owner[filled[j]]), 1)
     shared *= (classes[:, None] != classes) & (counts[:, None] < counts)
     return [
         track for track, count, most in zip(tracks, counts, shared.max(axis=1), strict=True) if most < _NEARLY * count
@@ -278,9 +268,9 @@ class ByClass:
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
         """Take the next frame; the targets of all classes, where every class has decided on the same frame."""
-        found = as_detections(detections)
-        classes = found.origin[:, 1]
-        every = {one: found.select(np.isin(classes, called(one, found.names))) for one in self.trackers}
+        given = as_detections(detections)
+        classes = given.origin[:, 1]
+        every = {one: given.select(np.isin(classes, called(one, given.names))) for one in self.trackers}
         for number, one in every.items():
             self.first[number].add(one)
         return self._joined([updated(tracker, every[number], time) for number, tracker in self.trackers.items()])
@@ -303,12 +293,12 @@ class ByClass:
 
     def tracks(self) -> list[Track]:
         """The tracks of all classes, by id."""
-        found = [
+        tracks = [
             replace(track, id=self._id(number, track.id))
             for number, tracker in self.trackers.items()
             for track in tracker.tracks()
         ]
-        return sorted(without_flicker(found), key=lambda track: track.id)
+        return sorted(without_flicker(tracks), key=lambda track: track.id)
 
     def forget(self) -> None:
         """See `OnlineTracker`."""

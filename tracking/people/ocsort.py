@@ -23,7 +23,7 @@ The paper leaves these points open; here:
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from typing import Unpack
+from typing import Any
 
 import numpy as np
 
@@ -39,14 +39,8 @@ from tsuiseki.tracking.filters.kalman import (
 )
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import (
-    LifecycleKeywords,
-    LifecycleSettings,
-    LifecycleTracker,
-    Survivors,
-    adjusted,
-)
-from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, Survivors, adjusted, matched
+from tsuiseki.tracking.types import Columns, Detections, FloatArray, IntArray, Targets
 
 
 @dataclass(frozen=True)
@@ -79,32 +73,14 @@ class OcSortSettings:
             )
 
 
-class OcSortKeywords(LifecycleKeywords, total=False):
-    """What `OcSort` takes by name; by default ``max_age`` is 30, ``min_hits`` 3 and ``start_score`` ``min_score``.
-
-    Attributes:
-        min_score: score below which a detection is not used, 0.6 by default.
-        min_iou: least overlap of a match, 0.3 by default.
-        direction_weight: how much the direction of a track counts beside the overlap, 0.2 by default.
-        direction_span: frames between the two observations that give it, 3 by default.
-    """
-
-    min_score: float | None
-    min_iou: float | None
-    direction_weight: float | None
-    direction_span: int | None
-
-
-class OcSort(LifecycleTracker):
+class OcSort(LifecycleTracker[OcSortSettings]):
     """Each frame: predict, match by overlap and direction (OCM), recover what is left over (OCR), update (ORU).
 
-    Beyond the paper, the boxes a track had before it was confirmed are in ``tracks()`` too once it is. It draws no
-    random numbers.
-
     Args:
-        settings: all of them; what is given by name goes before.
+        settings: all of them.
         seed: taken as by all trackers; nothing is drawn.
-        given: see `OcSortKeywords`.
+        given: settings by name, those of `LifecycleSettings` too; they go before ``settings``. Without settings
+            ``start_score`` is ``min_score``, if that is given.
 
     Somebody hidden for ten frames who then walks on is one track:
 
@@ -117,29 +93,31 @@ class OcSort(LifecycleTracker):
     [20]
     """
 
-    def __init__(self, settings: OcSortSettings | None = None, seed: int = 0, **given: Unpack[OcSortKeywords]) -> None:
+    def __init__(self, settings: OcSortSettings | None = None, seed: int = 0, **given: Any) -> None:
         if settings is None and given.get("start_score") is None:
             given["start_score"] = given.get("min_score")
-        self.settings = adjusted(settings, OcSortSettings, given)
-        super().__init__(self.settings, seed)
-        self._history = _no_history(self.settings)
+        super().__init__(adjusted(settings, OcSortSettings, given), seed)
+        columns, none = self.settings.direction_span + 1, start_boxes(np.empty((0, 4)), self.settings.motion)
+        self._history = History(none, none.boxes, np.empty((0, columns, 2)), np.empty((0, columns)))
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people. A detection without a score takes part."""
-        found = as_detections(detections, counted=self.bad)
-        sure = found.select(~(found.scores < self.settings.min_score))
-        predicted, misses = self._lifecycle.predict(time), self._lifecycle.misses
-        if self._lifecycle.longer != 1:
-            belief = per_longer_frame(self._history.belief, self._lifecycle.longer)
+        given = as_detections(detections, counted=self.bad)
+        sure = given.select(~(given.scores < self.settings.min_score))
+        predicted, misses = self._predict(time), self._misses
+        if self._longer != 1:
+            belief = per_longer_frame(self._history.belief, self._longer)
             self._history = replace(self._history, belief=belief)
         paired, detected = self._match(predicted, sure)
         paired, detected = self._recover(sure, paired, detected)
-        passed = np.array(self._lifecycle.clock.passed)
+        passed = np.array(self._clock.passed)
         again = re_updated(self._history, paired, misses[paired], sure.boxes[detected], self.settings.motion, passed)
-        self._lifecycle.correct(paired, again)
-        parts = self._lifecycle.advance(paired, detected, sure)
-        self._history = _continued(self._history, parts, misses, sure.boxes, self._lifecycle.belief)
-        return self._lifecycle.targets
+        rest = np.setdiff1d(np.arange(len(misses)), paired)
+        order = np.argsort(np.concatenate([paired, rest]))
+        self._belief = again.and_then(self._belief.select(rest)).select(order)
+        targets, parts = self._advance(paired, detected, sure)
+        self._history = _continued(self._history, parts, misses, sure.boxes, self._belief)
+        return targets
 
     def _match(self, predicted: FloatArray, detections: Detections) -> tuple[IntArray, IntArray]:
         """The first matching, by C = C_IoU + λ C_v."""
@@ -147,21 +125,20 @@ class OcSort(LifecycleTracker):
         weight = self.settings.direction_weight
         # The least cost 1 - IoU + λ C_v is the most of IoU - λ C_v, which is never below -λ.
         gains = overlaps - weight * direction_costs(self._history, centres(detections.boxes))
-        near = overlaps >= self._lifecycle.least(self.settings.min_iou)
+        near = overlaps >= self._least(self.settings.min_iou)
         return assign_overlaps(np.where(near, gains, -np.inf), -weight)
 
     def _recover(self, detections: Detections, paired: IntArray, detected: IntArray) -> tuple[IntArray, IntArray]:
         """The matches so far and those with last observations among what they left."""
-        last = self._history.boxes
+        last, least = self._history.boxes, self._least(self.settings.min_iou)
         tracks = np.setdiff1d(np.arange(len(last)), paired)
         free = np.setdiff1d(np.arange(len(detections)), detected)
-        least = self._lifecycle.least(self.settings.min_iou)
-        rows, columns = assign_overlaps(iou_matrix(last[tracks], detections.boxes[free]), least)
-        return np.concatenate([paired, tracks[rows]]), np.concatenate([detected, free[columns]])
+        more, recovered = matched(last, detections.boxes, tracks, free, least)
+        return np.concatenate([paired, more]), np.concatenate([detected, recovered])
 
 
 @dataclass(frozen=True)
-class History:
+class History(Columns):
     """What was observed of N tracks.
 
     Attributes:
@@ -175,12 +152,6 @@ class History:
     boxes: FloatArray
     trail: FloatArray
     ages: FloatArray
-
-
-def _no_history(settings: OcSortSettings) -> History:
-    columns = settings.direction_span + 1
-    none = start_boxes(np.empty((0, 4)), settings.motion)
-    return History(none, none.boxes, np.empty((0, columns, 2)), np.empty((0, columns)))
 
 
 def _continued(history: History, parts: Survivors, misses: IntArray, boxes: FloatArray, belief: BoxBelief) -> History:
@@ -200,29 +171,23 @@ def _continued(history: History, parts: Survivors, misses: IntArray, boxes: Floa
     trail[:, 0], ages[:, 0] = centres(now), 0
     trail[: len(paired), 1:] = history.trail[paired, :-1]
     ages[: len(paired), 1:] = history.ages[paired, :-1] + (misses[paired] + 1)[:, None]
-    # In the order of the tracks: seen, kept, born.
+    # In the order of the tracks: matched, kept, started.
     order = np.concatenate([np.arange(len(paired)), len(now) + np.arange(len(kept)), np.arange(len(paired), len(now))])
     observed = np.concatenate([np.arange(len(paired)), len(paired) + len(kept) + np.arange(len(parts.started))])
-    beliefs = belief.select(observed).and_then(history.belief.select(kept))
-    return History(
-        beliefs.select(order),
-        np.concatenate([now, history.boxes[kept]])[order],
-        np.concatenate([trail, history.trail[kept]])[order],
-        np.concatenate([ages, history.ages[kept]])[order],
-    )
+    return History(belief.select(observed), now, trail, ages).and_then(history.select(kept)).select(order)
 
 
-def direction_costs(history: History, found: FloatArray) -> FloatArray:
+def direction_costs(history: History, detected: FloatArray) -> FloatArray:
     """``(N, M)`` C_v of OCM, in [-1/2, 1/2]: how much each track would have to turn to reach each detection.
 
     Args:
         history: of N tracks.
-        found: ``(M, 2)`` centres of the detections.
+        detected: ``(M, 2)`` centres of the detections.
     """
     earliest = np.where(history.ages < history.ages.shape[1], history.ages, -1).argmax(axis=1)
     last = history.trail[:, 0]
     moved = (last - history.trail[np.arange(len(last)), earliest])[:, None]
-    intended = found[None] - last[:, None]
+    intended = detected[None] - last[:, None]
     across = moved[..., 0] * intended[..., 1] - moved[..., 1] * intended[..., 0]
     along = (moved * intended).sum(axis=2)
     known = moved.any(axis=2) & intended.any(axis=2)
@@ -233,7 +198,7 @@ def re_updated(
     history: History,
     which: IntArray,
     misses: IntArray,
-    found: FloatArray,
+    detected: FloatArray,
     motion: BoxMotion,
     passed: FloatArray,
 ) -> BoxBelief:
@@ -243,7 +208,7 @@ def re_updated(
         history: of all tracks.
         which: ``(K,)`` the tracks that were matched.
         misses: ``(K,)`` inferences since each was detected; the filter is run through as many virtual observations.
-        found: ``(K, 4)`` the detections they were matched to.
+        detected: ``(K, 4)`` the detections they were matched to.
         motion: noise of the filter.
         passed: ``(L,)`` frames of the filter before each of the last inferences, the newest last; more than of
             ``misses``.
@@ -251,7 +216,7 @@ def re_updated(
     belief, start = history.belief.select(which), history.boxes[which]
     times = np.append(0, np.cumsum(passed))
     last = len(passed) - 1 - misses
-    step = (found - start) / np.maximum(times[-1] - times[last], 1e-9)[:, None]
+    step = (detected - start) / np.maximum(times[-1] - times[last], 1e-9)[:, None]
     for count in range(1, int(misses.max(initial=0)) + 1):
         hidden, rest = np.flatnonzero(misses >= count), np.flatnonzero(misses < count)
         now = last[hidden] + count

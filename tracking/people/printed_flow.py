@@ -51,30 +51,30 @@ class PrintedFlow:
             )
         self._affinity = affinity
         self._iterations = iterations if affinity.acting else 1
-        self._found: list[Detections] = []
+        self._detections: list[Detections] = []
         self.actions: list[FloatArray | None] = []
 
     def update(self, detections: DetectionsLike) -> None:
         """Take the next frame, with actions where the trees compare them."""
-        found = as_detections(detections)
-        if self._affinity.acting and found.actions is None and len(found):
+        given = as_detections(detections)
+        if self._affinity.acting and given.actions is None and len(given):
             raise RequestError("expected action features, which the costs of links compare, got detections without")
-        self._found.append(found)
+        self._detections.append(given)
 
     def skip(self) -> None:
         """Take a frame without inference."""
-        self._found.append(Detections.empty())
+        self._detections.append(Detections.empty())
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames so far; ``actions`` becomes ``(D, A)`` probabilities at the boxes of each."""
-        if not self._found:
+        if not self._detections:
             return []
-        rows = rows_of(self._found, 0, 0)
-        origin = np.concatenate([found.origin for found in self._found])
+        rows = rows_of(self._detections, 0, 0)
+        origin = np.concatenate([each.origin for each in self._detections])
         pieces = long_tracks(self._labels(rows))
         self.actions = [None if rows.actions is None else rows.actions[piece] for piece in pieces]
         scores = np.nan_to_num(rows.scores)
-        names = self._found[-1].names
+        names = self._detections[-1].names
         return [
             Track(number, rows.frames[p], rows.boxes[p], scores[p], origin=origin[p], names=names)
             for number, p in enumerate(pieces, start=1)
@@ -93,10 +93,9 @@ class PrintedFlow:
                 reach = (HALF_WINDOW, HALF_WINDOW)
                 averaged = window_means(rows.frames, labels, rows.actions, rows.frames, labels, reach)
             graph = build_graph(observation, self._links(rows, averaged), ENTRY, ENTRY)
-            found = track_labels(solve(graph))
-            if np.array_equal(found, labels):
+            before, labels = labels, track_labels(solve(graph))
+            if np.array_equal(before, labels):
                 break
-            labels = found
         return labels
 
     def _links(

@@ -58,19 +58,9 @@ def track(
     hide: str | None = None,
     replayed: Callable[[Run, OpenedPeople], tuple[OpenedPeople, Iterator[tuple[int, Detections]]]] | None = None,
 ) -> int:
-    """`people`, with detections that may come from elsewhere.
-
-    Args:
-        video: likewise.
-        output: likewise.
-        finding: likewise.
-        linking: likewise.
-        hide: likewise.
-        replayed: gives what runs instead, and each frame's number with what is there.
-    """
+    """`people`, where ``replayed`` may give what runs instead, and each frame's number with its detections."""
     from tsuiseki.tracking.answers.page import counted, with_page
     from tsuiseki.tracking.features.view_choice import report_blank, report_models
-    from tsuiseki.tracking.following import count
     from tsuiseki.tracking.formats.mot import detection_lines
     from tsuiseki.tracking.people.hiding import Wanted
     from tsuiseki.tracking.people.tracking import open_people, people_result
@@ -81,10 +71,11 @@ def track(
     with output.run() as run:
         run.facts |= report_models(opened.inputs.detect, opened.inputs.describe)
         if replayed is None:
-            found = opened.inputs.detections(run.frames(source, record=video.overlay or wanted is not None), run.times)
+            frames = run.frames(source, record=video.overlay or wanted is not None)
+            detections = opened.inputs.detections(frames, run.times)
         else:
-            opened, found = replayed(run, opened)
-        kept = run.kept("detections.txt", found, None if finding.detections else detection_lines)
+            opened, detections = replayed(run, opened)
+        kept = run.kept("detections.txt", detections, None if finding.detections else detection_lines)
         steps = run.steps(kept)
         settings = {"method": linking.method, "source": video.source, "hide": hide}
         result, lines = people_result(opened, steps, run.times, settings)
@@ -105,18 +96,18 @@ def _hiding(run: Run, source: Source, result: Result[Track], wanted: Wanted, fin
     """What to hide, whose places in doubt are listed in ``doubtful.csv``; None where that was not finished."""
     from tsuiseki.tracking.people.hiding import SENSITIVE, Hiding, find_missed
 
-    score, found = min(finding.threshold, SENSITIVE), list[Hiding]()
+    score, written = min(finding.threshold, SENSITIVE), list[Hiding]()
     second = replace(finding, detections=None, classes=None, score_range=None, score_threshold=score)
 
     def write(path: Path) -> None:
         hiding = find_missed(source, run.replay(source), list(result), wanted, second)
         hiding.write_doubts(path)
-        found.append(hiding)
+        written.append(hiding)
 
     run.draw("doubtful.csv", write)
-    for hiding in found:
+    for hiding in written:
         print(hiding.summary(run.output.out / "doubtful.csv"))
-    return found[0] if found else None
+    return written[0] if written else None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -157,10 +148,7 @@ def network_detections(
 ) -> Iterator[tuple[int, Detections]]:
     """Frame numbers with what a network detects there; the options are checked at the call.
 
-    Args:
-        source: the video.
-        finding: which network, and its tiles.
-        frames: of the source, where somebody watches them; by default they are read.
+    The frames are read, unless ``frames`` of the source are given.
     """
     detect = people_detect(source, finding, PEOPLE_DETECTOR)
     return PeopleInputs(source, detect, batch_size=finding.batch_size, threads=finding.threads).detections(frames)
@@ -173,11 +161,11 @@ def detect(video: SourceOptions, output: OutputFile, detecting: DetectSettings) 
     columns frame,x,y with the centre of each box. Frames count from 1.
     """
     source = video.open(images=True, ends="")
-    found = [Detections.empty()] * source.frames_wanted.first
-    for _, here in progress(network_detections(source, detecting.finding), "detecting", frames_expected(source)):
-        found.append(here)
+    detections = [Detections.empty()] * source.frames_wanted.first
+    steps = progress(network_detections(source, detecting.finding), "detecting", frames_expected(source))
+    detections += [of_frame for _, of_frame in steps]
     write = write_points if output.out.suffix == ".csv" else write_detections
-    output.write(output.out, lambda path: write(path, found))
-    total = count(sum(map(len, found)), "detection", "detections")
-    print(f"{total} in {count(len(found) - source.frames_wanted.first, 'frame', 'frames')}: {output.out}")
+    output.write(output.out, lambda path: write(path, detections))
+    total = count(sum(map(len, detections)), "detection", "detections")
+    print(f"{total} in {count(len(detections) - source.frames_wanted.first, 'frame', 'frames')}: {output.out}")
     return 0

@@ -21,7 +21,7 @@ The thesis leaves these points open; here:
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Unpack
+from typing import Any
 
 import numpy as np
 
@@ -30,13 +30,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import (
-    LifecycleKeywords,
-    LifecycleSettings,
-    LifecycleTracker,
-    Survivors,
-    adjusted,
-)
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, Survivors, adjusted
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets
 
 
@@ -59,26 +53,15 @@ class SortSettings:
             raise RequestError(f"expected min_iou in (0, 1], got {self.min_iou}")
 
 
-class SortKeywords(LifecycleKeywords, total=False):
-    """What `Sort` takes by name; by default ``max_age`` is 10, ``min_hits`` 3 and ``start_score`` 0.5.
-
-    Attributes:
-        min_iou: least overlap of a prediction and a detection that may be the same person, 0.3 by default.
-    """
-
-    min_iou: float | None
-
-
-class Sort(LifecycleTracker):
+class Sort(LifecycleTracker[SortSettings]):
     """Each frame: predict every track, match predictions to detections by overlap, update what matched.
 
-    The matching maximises the overlap (Hungarian method on 1 - IoU, gated). Beyond the paper, the boxes a track had
-    before it was confirmed are in ``tracks()`` too once it is. It draws no random numbers.
+    The matching maximises the overlap (Hungarian method on 1 - IoU, gated).
 
     Args:
-        settings: all of them; what is given by name goes before.
+        settings: all of them.
         seed: taken as by all trackers; nothing is drawn.
-        given: see `SortKeywords`.
+        given: settings by name, those of `LifecycleSettings` too; they go before ``settings``.
 
     >>> tracker = Sort()
     >>> for t in range(5):
@@ -89,18 +72,16 @@ class Sort(LifecycleTracker):
     [[0, 1, 2, 3, 4]]
     """
 
-    def __init__(self, settings: SortSettings | None = None, seed: int = 0, **given: Unpack[SortKeywords]) -> None:
-        self.settings = adjusted(settings, SortSettings, given)
-        super().__init__(self.settings, seed)
+    def __init__(self, settings: SortSettings | None = None, seed: int = 0, **given: Any) -> None:
+        super().__init__(adjusted(settings, SortSettings, given), seed)
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people."""
-        found = as_detections(detections, counted=self.bad)
-        predicted = self._lifecycle.predict(time)
-        least = self._lifecycle.least(self.settings.min_iou)
-        matched, detected = assign(1 - iou_matrix(predicted, found.boxes), 1 - least)
-        self._lifecycle.advance(matched, detected, found)
-        return self._lifecycle.targets
+        given = as_detections(detections, counted=self.bad)
+        predicted = self._predict(time)
+        least = self._least(self.settings.min_iou)
+        matched, detected = assign(1 - iou_matrix(predicted, given.boxes), 1 - least)
+        return self._advance(matched, detected, given)[0]
 
 
 @dataclass(frozen=True)
@@ -130,36 +111,17 @@ class DeepSortSettings:
             raise RequestError("expected feature_gate in [0, 2], position_gate in [0, 1) and memory in [0, 1)")
 
 
-class DeepSortKeywords(LifecycleKeywords, total=False):
-    """What `DeepSort` takes by name; by default ``max_age`` is 30, ``min_hits`` 3 and ``start_score`` 0.5.
-
-    Attributes:
-        feature_gate: largest cosine distance of a match by appearance, 0.3 by default.
-        position_gate: largest 1 - IoU of a match by position, 0.7 by default.
-        memory: weight of the past in a track's mean appearance, 0.9 by default.
-        reach: distance within which appearance may match, 1 height of the person by default.
-    """
-
-    feature_gate: float | None
-    position_gate: float | None
-    memory: float | None
-    reach: float | None
-
-
-class DeepSort(LifecycleTracker):
-    """Appearance first, then position, each with its own gate. It draws no random numbers.
+class DeepSort(LifecycleTracker[DeepSortSettings]):
+    """Appearance first, then position, each with its own gate.
 
     Args:
-        settings: all of them; what is given by name goes before.
+        settings: all of them.
         seed: taken as by all trackers; nothing is drawn.
-        given: see `DeepSortKeywords`.
+        given: settings by name, those of `LifecycleSettings` too; they go before ``settings``.
     """
 
-    def __init__(
-        self, settings: DeepSortSettings | None = None, seed: int = 0, **given: Unpack[DeepSortKeywords]
-    ) -> None:
-        self.settings = adjusted(settings, DeepSortSettings, given)
-        super().__init__(self.settings, seed)
+    def __init__(self, settings: DeepSortSettings | None = None, seed: int = 0, **given: Any) -> None:
+        super().__init__(adjusted(settings, DeepSortSettings, given), seed)
         self._appearance = np.empty((0, 0))
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
@@ -171,14 +133,14 @@ class DeepSort(LifecycleTracker):
         Raises:
             ValueError: the features are of another length than those before.
         """
-        found = as_detections(detections, counted=self.bad)
-        features = self._checked_features(found)
-        predicted = self._lifecycle.predict(time)
-        paired, detected = assign(self._feature_costs(predicted, found, features), self.settings.feature_gate)
-        paired, detected = self._match_rest(predicted, found, paired, detected)
-        parts = self._lifecycle.advance(paired, detected, found)
+        given = as_detections(detections, counted=self.bad)
+        features = self._checked_features(given)
+        predicted = self._predict(time)
+        paired, detected = assign(self._feature_costs(predicted, given, features), self.settings.feature_gate)
+        paired, detected = self._match_rest(predicted, given, paired, detected)
+        targets, parts = self._advance(paired, detected, given)
         self._appearance = self._updated_appearance(parts, features)
-        return self._lifecycle.targets
+        return targets
 
     def _checked_features(self, detections: Detections) -> FloatArray:
         """``(M, D)`` the features, NaN where there are none."""
@@ -197,7 +159,7 @@ class DeepSort(LifecycleTracker):
             return np.full((len(predicted), len(detections)), np.nan)
         move = centres(predicted)[:, None] - centres(detections.boxes)[None]
         heights = detections.boxes[:, 3] - detections.boxes[:, 1]
-        reach = self.settings.reach + self.settings.reach_growth * self._lifecycle.misses
+        reach = self.settings.reach + self.settings.reach_growth * self._misses
         far = np.hypot(move[..., 0], move[..., 1]) > reach[:, None] * heights
         return np.where(far, np.inf, 1 - self._appearance @ features.T)
 
@@ -208,7 +170,7 @@ class DeepSort(LifecycleTracker):
         tracks = np.setdiff1d(np.arange(len(predicted)), paired)
         free = np.setdiff1d(np.arange(len(detections)), detected)
         overlaps = iou_matrix(predicted[tracks], detections.boxes[free])
-        rows, columns = assign(1 - overlaps, 1 - self._lifecycle.least(1 - self.settings.position_gate))
+        rows, columns = assign(1 - overlaps, 1 - self._least(1 - self.settings.position_gate))
         return np.concatenate([paired, tracks[rows]]), np.concatenate([detected, free[columns]])
 
     def _updated_appearance(self, parts: Survivors, features: FloatArray) -> FloatArray:

@@ -92,12 +92,12 @@ class FirstDetections:
     first: list[Detections] = field(default_factory=list)
     _kept: int = 0
 
-    def add(self, found: Detections) -> None:
+    def add(self, detections: Detections) -> None:
         """Take the detections of the next inference."""
-        self.count += len(found)
+        self.count += len(detections)
         if self._kept < KEPT:
-            self._kept += len(found)
-            self.first.append(Detections(found.boxes, found.scores))
+            self._kept += len(detections)
+            self.first.append(Detections(detections.boxes, detections.scores))
 
     def line(self, used: int, tracks: int, settings: Any = None) -> str | None:
         """One line where most belong to no track; None where enough do.
@@ -113,8 +113,8 @@ class FirstDetections:
 
     def reason(self, settings: Any = None) -> str:
         """What most of the kept detections have in common."""
-        scores = np.concatenate([found.scores for found in self.first])
-        sides = np.concatenate([found.boxes[:, 2:] - found.boxes[:, :2] for found in self.first])
+        scores = np.concatenate([each.scores for each in self.first])
+        sides = np.concatenate([each.boxes[:, 2:] - each.boxes[:, :2] for each in self.first])
         least = getattr(getattr(settings, "lifecycle", None), "start_score", -np.inf)
         if np.mean(scores < least) > 0.5:
             low, high = np.nanmin(scores), np.nanmax(scores)
@@ -122,7 +122,7 @@ class FirstDetections:
         width, height = np.median(sides, axis=0)
         if min(width, height) < TINY:
             return f"boxes are {width:.2g} x {height:.2g} pixels; expected pixels, not shares or metres"
-        if len([found for found in self.first if len(found)]) < 3:
+        if sum(len(each) > 0 for each in self.first) < 3:
             return "they are in fewer than three frames"
         if least > -np.inf and np.median(self._overlaps()) < LEAST_OVERLAP:
             return "boxes hardly overlap those of the next frame; detect in more frames, or take the method flow"
@@ -150,11 +150,11 @@ class FrameLog:
     scores: list[float] = field(default_factory=list)
     first: FirstDetections = field(default_factory=FirstDetections)
 
-    def add(self, frame: int, found: Detections) -> None:
+    def add(self, frame: int, detections: Detections) -> None:
         """Note a frame and its detections."""
         self.frames.append(frame)
-        self.detections.append(len(found))
-        scores = found.scores[~np.isnan(found.scores)]
+        self.detections.append(len(detections))
+        scores = detections.scores[~np.isnan(detections.scores)]
         self.scores.append(float(scores.mean()) if len(scores) else float("nan"))
 
     def columns(self, tracks: Sequence[Track]) -> dict[str, list[Any]]:
@@ -193,15 +193,15 @@ def run_trackers(
         The tracks of each tracker, numbered as the frames are, and what happened in each frame.
     """
     log = FrameLog()
-    for index, found in frames:
-        log.add(index, found)
+    for index, detections in frames:
+        log.add(index, detections)
         detects = inferred is None or inferred[index : index + 1].any()
         if detects:
-            log.first.add(found)
+            log.first.add(detections)
         for name, tracker in trackers.items():
             with times.measure(name):
                 if detects:
-                    tracker.update(found)
+                    tracker.update(detections)
                 else:
                     skipped(tracker)
     first = log.frames[0] if log.frames else 0
@@ -236,6 +236,6 @@ def run_tracker(detections: Iterable[DetectionsLike], tracker: PeopleTracker) ->
         detections: of each frame in order, frames without any included.
         tracker: it goes on from its earlier frames.
     """
-    for found in detections:
-        tracker.update(found)
+    for given in detections:
+        tracker.update(given)
     return tracker.tracks()

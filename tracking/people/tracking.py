@@ -27,6 +27,7 @@ from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
+from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.view_choice import ViewedDetector, devices_of, inner_detector, knows_scores
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.interchange import BadBoxes
@@ -42,11 +43,10 @@ from tsuiseki.tracking.people.inputs import (
     threads_of_a_call,
 )
 from tsuiseki.tracking.people.methods import (
+    APPEARANCE,
     ByClass,
     LearntCosts,
     MotionCompensated,
-    camera_for,
-    compares_appearance,
     cost_of_scores,
     inner_tracker,
     people_affinity,
@@ -56,6 +56,7 @@ from tsuiseki.tracking.people.methods import (
 )
 from tsuiseki.tracking.people.printed_flow import PrintedFlow
 from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFinding, PeopleMethod, PeoplePreset
+from tsuiseki.tracking.people.sort import DeepSort
 from tsuiseki.tracking.people.tracker import FirstDetections, PeopleTracker, run_trackers, skipped
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes
@@ -155,9 +156,9 @@ def track_people(
     name, times = method if isinstance(method, str) else type(method).__name__, StageTimes()
     plain = {key: value for key, value in keywords.items() if isinstance(value, str | int | float | Path)}
     made = {"method": name, "source": named(source), "seed": 0, **plain}
-    found = opened.inputs.detections(times=times)
-    watched = progress(found, "tracking", frames_expected(video)) if shown else found
-    result, _ = people_result(opened, watched, times, made)
+    steps = opened.inputs.detections(times=times)
+    steps = progress(steps, "tracking", frames_expected(video)) if shown else steps
+    result, _ = people_result(opened, steps, times, made)
     if why := result.facts.get("detections_without_track"):
         warnings.warn(why, InputWarning, stacklevel=2)
     return result
@@ -242,10 +243,12 @@ def open_people(
     scale = score_scale(detect, linking.method, linking, source) if finding.score_range is None else None
     if scale is not None and isinstance(detect, list):
         detect = scale.every(detect)
-    compared = compares_appearance(linking.method)
+    method: Any = linking.method
+    compared = method in APPEARANCE if isinstance(method, str) else isinstance(method, FlowTracker | DeepSort)
     given, more = finding.appearance, finding.appearance_options
     describe = people_describer(source, compared, given, threads, more, finding.device)
-    camera = camera_for(linking.method, moving=linking.moving_camera)
+    # The flow sees for itself where the camera stands still.
+    camera = CameraPath() if linking.moving_camera else StandingCamera() if method == "flow" else None
     ground = ground_of(detect, finding.ground, source)
     taken = frames_with_inference(detect, source, inferred)
     unknown = finding.score_threshold is None and not source.live
@@ -301,36 +304,32 @@ def _opened(
     frames: str | None = None,
     frame_rate: float | None = None,
     frames_looked_at: Iterable[int] | None = None,
-    affinity: Any = None,
-    moving_camera: bool = False,
     seed: int = 0,
-    delay: float | None = None,
-    preset: PeoplePreset = "default",
-    corrections: str | Path | None = None,
-    **finding: Any,
+    **given: Any,
 ) -> OpenedPeople:
-    """`open_people` by the keywords of a call, whose other keywords are those of `PeopleFinding`."""
-    given: dict[str, Any] = {"method": method, "affinity": affinity, "moving_camera": moving_camera, "delay": delay}
-    linking = Linking(**given, preset=preset, corrections=a_path(corrections, "corrections") if corrections else None)
+    """`open_people` by the keywords of a call, whose others are those of `Linking` and `PeopleFinding`."""
+    if unknown := [name for name in given if name not in PeopleKeywords.__annotations__]:
+        raise RequestError(f"expected the keywords of `PeopleKeywords`, got {unknown[0]!r}")
+    if given.get("corrections") is not None:
+        given["corrections"] = a_path(given["corrections"], "corrections")
+    own = {one.name for one in fields(Linking)}
+    linking = Linking(method=method, **{name: value for name, value in given.items() if name in own})
     linking.check()
     Seed(seed).check()
     video = open_source(source, parse_frames(frames), frame_rate)
-    known = [one.name for one in fields(PeopleFinding)]
-    if unknown := [name for name in finding if name not in known]:
-        raise RequestError(f"expected the keywords of `PeopleKeywords`, got {unknown[0]!r}")
-    wanted = PeopleFinding(**finding)
-    wanted.check()
-    return open_people(video, wanted, linking, seed, frames_looked_at)
+    finding = PeopleFinding(**{name: value for name, value in given.items() if name not in own})
+    finding.check()
+    return open_people(video, finding, linking, seed, frames_looked_at)
 
 
 def people_result(
-    opened: OpenedPeople, found: Iterable[tuple[int, Detections]], times: StageTimes, settings: Mapping[str, Any]
+    opened: OpenedPeople, steps: Iterable[tuple[int, Detections]], times: StageTimes, settings: Mapping[str, Any]
 ) -> tuple[Result[Track], list[str]]:
     """The result of a run, and what of its facts is worth a line to the user.
 
     Args:
         opened: what runs.
-        found: 0-based frame numbers and the detections there, consecutive.
+        steps: 0-based frame numbers and the detections there, consecutive.
         times: of the run.
         settings: of the run; those named ``method`` and ``source`` are shown on its page.
     """
@@ -338,10 +337,12 @@ def people_result(
     from tsuiseki.tracking.report.overlay import Overlay
 
     video, name = opened.inputs.source, settings["method"]
-    every, log = run_trackers(found, {name: opened.tracker}, times, opened.inputs.inferred)
+    every, log = run_trackers(steps, {name: opened.tracker}, times, opened.inputs.inferred)
     tracks = every[name]
     facts, lines = facts_of(opened, 1000 * times.seconds.get("detect", 0.0) / max(len(log.frames), 1))
-    network = network_at(opened.tracker, log.frames[0] if log.frames else 0)
+    network = opened.tracker.network() if isinstance(opened.tracker, FlowTracker) else None
+    if network is not None and log.frames:
+        network = replace(network, frames=network.frames + log.frames[0])
     tracks, files, known, more = correction_files(tracks, network, opened.corrections, video, log.frames)
     facts, lines = facts | known, lines + more
     if names := {str(n): name for track in tracks for n, name in track.names.items() if name and n == track.class_id}:
@@ -366,12 +367,7 @@ def people_result(
 
 
 def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any], list[str]]:
-    """What a finished run found out about its input, as values by name, and what of it is worth a line to the user.
-
-    Args:
-        opened: of the run.
-        milliseconds: that the detector took a frame.
-    """
+    """Facts of a finished run by name, and which are worth a line; the detector took so many milliseconds a frame."""
     inputs, tracker = opened.inputs, opened.tracker
     facts: dict[str, Any] = {**devices_of(inputs.detect, inputs.describe)}
     lines: list[str] = []
@@ -447,11 +443,11 @@ def followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Fra
     waiting: deque[Frame] = deque()
     first, inferred = 0, inputs.inferred
     last = Targets.empty(0)
-    for number, (frame, found) in enumerate(inputs.with_frames()):
+    for number, (frame, detections) in enumerate(inputs.with_frames()):
         first = frame.index - number
         waiting.append(frame)
         detects = inferred is None or inferred[frame.index : frame.index + 1].any()
-        targets = tracker.update(found) if detects else skipped(tracker)
+        targets = tracker.update(detections) if detects else skipped(tracker)
         if targets is not None:
             while waiting[0].index - first < targets.frame:
                 # With a delay, frames without inference are not answered by themselves.
@@ -467,21 +463,10 @@ def followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Fra
 
 def expected(targets: Targets, frame: int) -> Targets:
     """The same people in a frame that nothing is known of."""
-    here = targets.select(targets.status != "lost")
-    nothing = np.column_stack([np.full(len(here), -1), here.classes])
-    status = np.full(len(here), "searching")
-    return replace(here, frame=frame, scores=np.zeros(len(here)), status=status, origin=nothing)
-
-
-def network_at(tracker: object, first: int) -> SolvedNetwork | None:
-    """The network of a flow that was solved whole, once it was asked for its tracks; None of others.
-
-    Args:
-        tracker: of people.
-        first: number of its first frame.
-    """
-    network = tracker.network() if isinstance(tracker, FlowTracker) else None
-    return None if network is None else replace(network, frames=network.frames + first)
+    people = targets.select(targets.status != "lost")
+    nothing = np.column_stack([np.full(len(people), -1), people.classes])
+    status = np.full(len(people), "searching")
+    return replace(people, frame=frame, scores=np.zeros(len(people)), status=status, origin=nothing)
 
 
 def check_corrections(path: Path, source: Source) -> None:
@@ -531,12 +516,12 @@ def correction_files(
     video = CorrectedVideo(Path(source.name).name, image_size(source), last + 1)
     rate = source.frame_rate
     known = network_of_tracks(tracks, round(FILL * rate), rate) if network is None else network
-    found = replayed(tracks, known, corrections, video)
+    again = replayed(tracks, known, corrections, video)
     files |= {
         SOLVED_FILE: lambda path, _: write_tracks(path, tracks),
-        CORRECTIONS_FILE: lambda path, _: found.write(path),
+        CORRECTIONS_FILE: lambda path, _: again.write(path),
     }
-    facts: Mapping[str, Any] = {"corrections": len(found.done), "track_names": found.names}
-    every, lost = found.given, len(found.left_out)
+    facts: Mapping[str, Any] = {"corrections": len(again.done), "track_names": again.names}
+    every, lost = again.given, len(again.left_out)
     lines = [f"corrections: {every - lost} of {every} done again"]
-    return list(found.tracks), files, dict(facts), [*lines, *(f"left out: {line}" for line in found.left_out)]
+    return list(again.tracks), files, dict(facts), [*lines, *(f"left out: {line}" for line in again.left_out)]

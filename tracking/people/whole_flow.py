@@ -9,9 +9,10 @@ of scores, places and smoothing is by then what all of it up to there showed.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from copy import copy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,8 +30,9 @@ from tsuiseki.tracking.association.tracklets import (
     join,
     straddling_tracks,
 )
-from tsuiseki.tracking.people.flow_input import SETTLE, FlowInput, FlowSettings, solve_window
+from tsuiseki.tracking.people.flow_input import SETTLE, FlowInput, FlowSettings, least_logit, solve_window
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
+from tsuiseki.tracking.types.tracks import rows_of_each
 
 # Seconds from one time that finished tracks are let go of to the next; the first is when as many more have come.
 RELEASE = 3600.0
@@ -51,7 +53,6 @@ class WholeFlow:
 
     def __init__(self, settings: FlowSettings, given: FlowInput, window: FlowWindow, drop_straddling: bool) -> None:
         self.settings, self.input, self.window, self.drop_straddling = settings, given, window, drop_straddling
-        self.clutter = 0
         self.actions: list[FloatArray | None] = []
         self._tracklets = Tracklets()
         self._record = NetworkRecord()
@@ -61,7 +62,7 @@ class WholeFlow:
         self._every = DetectionTable.empty(given.frame_rate, given.size)
         self._parts: list[DetectionTable] = []
         self._scores, self._origin = np.empty(0), np.empty((0, 2), dtype=np.int64)
-        self._released: list[tuple[int, Track]] = []
+        self._released: list[FinishedTrack] = []
         self._release_at = round(2 * RELEASE * given.frame_rate)
 
     @property
@@ -69,9 +70,9 @@ class WholeFlow:
         """Tracks that were finished before the end; see the head of this file."""
         return len(self._released)
 
-    def update(self, found: Detections) -> None:
+    def update(self, detections: Detections) -> None:
         """Take the next frame."""
-        self._waiting.append(found)
+        self._waiting.append(detections)
         self._frame += 1
         every, rate = self.settings.decide_every, self.input.frame_rate
         # Where much stays undecided, new frames are awaited in proportion.
@@ -83,7 +84,7 @@ class WholeFlow:
         """A copy for which the video ends here, so that asking changes nothing."""
         other = copy(self)
         other.input, other.window, other._tracklets = self.input.copy(), self.window.copy(), self._tracklets.copy()
-        other._parts, other.actions, other._released = [*self._parts], [], [*self._released]
+        other._parts, other._released = [*self._parts], [*self._released]
         other._record, other._joins = self._record.copy(), []
         return other
 
@@ -96,11 +97,9 @@ class WholeFlow:
         self._record.add(rest, window.flow.undecided, window.flow.graph)
         self._chain(rest, window.table)
         every = self._table()
-        found = self._finished(every, self._joined(every))
-        if not self._released:
-            return found
-        whole = sorted([*self._released, *zip(self._firsts, found, strict=True)], key=lambda pair: pair[0])
-        return [replace(track, id=number) for number, (_, track) in enumerate(whole, 1)]
+        whole = sorted([*self._released, *self._finished(every, self._joined(every))], key=lambda one: one.first)
+        self.actions = [one.actions for one in whole]
+        return [replace(one.track, id=number) for number, one in enumerate(whole, 1)]
 
     def _joined(self, every: DetectionTable) -> IntArray:
         """``(N,)`` track of each row, tracklets joined; -1 for none."""
@@ -127,8 +126,7 @@ class WholeFlow:
         np.maximum.at(last, joined, np.where(undecided, self._frame, every.frames))
         closed = np.where(joined >= 0, last[joined], every.frames) < frontier - reach
         self._tracklets.merge(every.numbers[~closed], joined[~closed])
-        done = self._finished(every.select(closed), joined[closed])
-        self._released += zip(self._firsts, done, strict=True)
+        self._released += self._finished(every.select(closed), joined[closed])
         self._every = every.select(~closed)
         # So long a result is not corrected by its network.
         self._record, self._joins = NetworkRecord(), []
@@ -168,7 +166,7 @@ class WholeFlow:
             self._origin,
             self._record.graph(len(every), self._joins),
             np.array([row.get(key, 0) for key in keys], dtype=np.int64),
-            max(min(self.settings.fewest(rate), self._frame), 1),
+            self.settings.fewest(rate, self._frame),
             round(self.settings.fill * rate * self.input.inferences.stride),
             rate * self.input.inferences.stride,
         )
@@ -197,45 +195,51 @@ class WholeFlow:
         self._parts = []
         return self._every
 
-    def _finished(self, every: DetectionTable, labels: IntArray) -> list[Track]:
-        """The tracks with enough detections, their gaps filled, by the frame they start in."""
+    def _finished(self, every: DetectionTable, labels: IntArray) -> list[FinishedTrack]:
+        """The tracks with enough detections, their gaps filled, by their first detections."""
         rate, settings = self.input.frame_rate, self.settings
-        longest = round(settings.fill * rate)
-        tracks: list[Track] = []
-        images: list[FloatArray] = []
-        self._firsts: list[int] = []
         # A video of fast targets bears nothing out, so its own calibration judges no track.
-        least = settings.least_logit(self.input.observation)
-        logit = self.input.logits(self._scores[every.numbers])
-        fewest = max(min(settings.fewest(rate), self._frame), 1)
-        for piece in long_tracks(labels, fewest):
-            if logit[piece].mean() < least:
-                self.clutter += 1
-                continue
-            frames, boxes, scores = every.frames[piece], every.boxes[piece], np.nan_to_num(self._scores[piece])
-            origin, names = self._origin[every.numbers[piece]], self.input.names
-            track = Track(len(tracks) + 1, frames, boxes, scores, origin=origin, names=names)
-            self.actions.append(None if every.actions is None else every.actions[piece])
-            tracks.append(track)
-            images.append(every.image[piece])
-            self._firsts.append(int(every.numbers[piece[0]]))
+        least, logit = least_logit(self.input.observation), self.input.logits(self._scores[every.numbers])
+        pieces = [p for p in long_tracks(labels, settings.fewest(rate, self._frame)) if not logit[p].mean() < least]
+        finished = [self._piece(every, piece) for piece in pieces]
         if self.input.observation is None:
-            tracks, images = self._without(standing_clutter(tracks, images, rate), tracks, images)
-        smoothing = self.input.smoothing(tracks) if settings.smoothing else None
-        result = [reported(*one, self.input, longest, smoothing) for one in zip(tracks, images, strict=True)]
+            tracks, images = [one.track for one in finished], [one.image for one in finished]
+            dropped = standing_clutter(tracks, images, rate)
+            finished = [finished[n] for n in np.setdiff1d(np.arange(len(finished)), dropped)]
+        smoothing = self.input.smoothing([one.track for one in finished]) if settings.smoothing else None
+        longest = round(settings.fill * rate)
+        finished = [
+            replace(one, track=reported(one.track, one.image, self.input, longest, smoothing)) for one in finished
+        ]
         if not self.drop_straddling:
-            return result
-        return self._without(np.flatnonzero(straddling_tracks(result)), result, [track.boxes for track in result])[0]
+            return finished
+        kept = ~straddling_tracks([one.track for one in finished])
+        return list(itertools.compress(finished, kept))
 
-    def _without(
-        self, dropped: IntArray, tracks: list[Track], images: list[FloatArray]
-    ) -> tuple[list[Track], list[FloatArray]]:
-        """Tracks and their boxes in the image but those at some indices, numbered anew; actions likewise."""
-        kept = np.delete(np.arange(len(tracks)), dropped).tolist()
-        self.clutter += len(dropped)
-        self.actions = [self.actions[n] for n in kept]
-        self._firsts = [self._firsts[n] for n in kept]
-        return [replace(tracks[n], id=number) for number, n in enumerate(kept, 1)], [images[n] for n in kept]
+    def _piece(self, every: DetectionTable, piece: IntArray) -> FinishedTrack:
+        """The track of some rows."""
+        numbers = every.numbers[piece]
+        scores, origin = np.nan_to_num(self._scores[numbers]), self._origin[numbers]
+        track = Track(1, every.frames[piece], every.boxes[piece], scores, origin=origin, names=self.input.names)
+        actions = None if every.actions is None else every.actions[piece]
+        return FinishedTrack(track, every.image[piece], actions, int(numbers[0]))
+
+
+@dataclass(frozen=True)
+class FinishedTrack:
+    """A track that nothing to come changes; the id is given when all are known.
+
+    Attributes:
+        track: its boxes as if the camera stood still, until it is reported.
+        image: ``(T, 4)`` those of its detections where the image shows them.
+        actions: ``(T, A)`` probabilities at the detections.
+        first: number of the first detection.
+    """
+
+    track: Track
+    image: FloatArray
+    actions: FloatArray | None
+    first: int
 
 
 def reported(
@@ -275,6 +279,5 @@ def long_tracks(labels: IntArray, fewest: int = 1) -> list[IntArray]:
         fewest: detections that a track needs.
     """
     used = np.flatnonzero(labels >= 0)
-    order = used[np.argsort(labels[used], kind="stable")]
-    pieces = np.split(order, np.flatnonzero(np.diff(labels[order])) + 1)
+    pieces = [used[rows] for rows in rows_of_each(labels[used])]
     return sorted((piece for piece in pieces if len(piece) >= fewest), key=lambda piece: int(piece[0]))

@@ -120,6 +120,6 @@ def test_windows_whose_borders_are_proved_give_the_ids_of_the_whole_solve(monkey
         for tracker in (whole, windows):
             tracker.update(Detections(boxes, np.full(len(boxes), 0.9)))
     expected, found = whole.tracks(), windows.tracks()
-    assert windows.exact
+    assert windows.facts()["exact"]
     assert windows.facts()["tracks_finished_early"] > 20
     assert [(t.id, t.frames.tolist()) for t in found] == [(t.id, t.frames.tolist()) for t in expected]

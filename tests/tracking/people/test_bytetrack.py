@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.people.bytetrack import ByteTrack, ByteTrackSettings, matched
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings
+from tsuiseki.tracking.people.bytetrack import ByteTrack, ByteTrackSettings
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, matched
 from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections
 
@@ -36,18 +36,17 @@ def test_a_matching_has_the_greatest_total_overlap_of_all(seed: int) -> None:
     overlaps = iou_matrix(boxes[:4], boxes[4:])
     counting = np.where(overlaps >= 0.2, overlaps, 0)
     best = max(sum(counting[row, column] for row, column in enumerate(p)) for p in itertools.permutations(range(5), 4))
-    every = np.ones(4, dtype=np.bool_), np.ones(5, dtype=np.bool_)
-    rows, columns = matched(boxes[:4], boxes[4:], *every, 0.2)
+    rows, columns = matched(boxes[:4], boxes[4:], np.arange(4), np.arange(5), 0.2)
     assert overlaps[rows, columns].sum() == pytest.approx(best)
     assert (overlaps[rows, columns] >= 0.2).all()
     assert len(set(columns.tolist())) == len(columns)
 
 
-def test_a_matching_is_within_its_masks() -> None:
+def test_a_matching_is_within_its_rows() -> None:
     boxes = np.array([HERE, moved(HERE, 200)])
-    rows, columns = matched(boxes, boxes, np.array([True, False]), np.array([True, True]), 0.2)
+    rows, columns = matched(boxes, boxes, np.array([0]), np.array([0, 1]), 0.2)
     assert rows.tolist() == columns.tolist() == [0]
-    rows, columns = matched(boxes, boxes, np.array([True, True]), np.array([False, True]), 0.2)
+    rows, columns = matched(boxes, boxes, np.array([0, 1]), np.array([1]), 0.2)
     assert rows.tolist() == columns.tolist() == [1]
 
 

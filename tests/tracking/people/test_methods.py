@@ -7,29 +7,18 @@ import pytest
 
 from tsuiseki.tracking.association.costs import ProbabilityCost
 from tsuiseki.tracking.features.exported import Detector
-from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.methods import people_tracker, straddles
-from tsuiseki.tracking.people.settings import MethodSettings
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.weights import shipped
 
 
-def lengths(score: float, least: float | None = None) -> list[int]:
-    """Of the tracks of one who walks past, found in each of 60 frames with ``score``, a probability."""
-    settings = MethodSettings() if least is None else MethodSettings(flow=FlowSettings(least=least))
-    tracker = people_tracker("flow", settings, scores=ProbabilityCost())
+@pytest.mark.parametrize(("score", "expected"), [(0.65, [60]), (0.6, [])])
+def test_who_is_more_likely_there_than_not_is_kept(score: float, expected: list[int]) -> None:
+    """One who walks past, found in each of 60 frames with a score that is a probability."""
+    tracker = people_tracker("flow", scores=ProbabilityCost())
     for frame in range(60):
         tracker.update(Detections(np.array([[10.0 + frame, 20, 30 + frame, 70]]), np.array([score])))
-    return [len(track) for track in tracker.tracks()]
-
-
-@pytest.mark.parametrize(("score", "least", "expected"), [(0.65, None, [60]), (0.6, None, []), (0.65, 2.0, [])])
-def test_who_is_more_likely_there_than_not_is_kept(score: float, least: float | None, expected: list[int]) -> None:
-    assert lengths(score, least) == expected
-
-
-def test_less_may_be_asked() -> None:
-    assert lengths(0.45, least=-1.0) == [60]
+    assert [len(track) for track in tracker.tracks()] == expected
 
 
 def two_and_one_between(drop: bool) -> int:

@@ -68,7 +68,7 @@ def test_re_update_mends_a_velocity_that_was_wrong() -> None:
     tracker = OcSort()
     for found in [*jerk, *hidden, frame(HERE)]:
         tracker.update(found)
-    (velocity,) = tracker._lifecycle.belief.velocities
+    (velocity,) = tracker._belief.velocities
     assert abs(velocity[0]) < 1.5
     assert velocity[0] == pytest.approx(-12 / 9, abs=0.4)
 
@@ -109,7 +109,7 @@ def test_the_momentum_decides_between_like_overlaps(weight: float, taken: float)
     for step in range(12):
         tracker.update(frame(HERE + 6 * step * ACROSS))
     tracker.update(frame(HERE + 61 * ACROSS, HERE + 84 * ACROSS))
-    person = int(np.flatnonzero(tracker._lifecycle.misses == 0)[0])
+    person = int(np.flatnonzero(tracker._misses == 0)[0])
     np.testing.assert_array_equal(tracker._history.boxes[person], HERE + taken * ACROSS)
 
 

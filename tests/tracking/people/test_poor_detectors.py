@@ -36,10 +36,9 @@ def test_people_that_are_missed_and_placed_ill_are_tracked(missed: float, noise:
     tracker = FlowTracker(frame_rate=RATE)
     for found in walkers(missed, noise):
         tracker.update(found)
-    tracks = tracker.tracks()
-    left_out, given = tracker.rejected
+    tracks, facts = tracker.tracks(), tracker.facts()
     assert len(tracks) == PEOPLE
-    assert left_out < given / 8
+    assert facts["detections_rejected"] < facts["detections"] / 8
 
 
 def test_false_boxes_anywhere_are_no_people_for_that() -> None:
