@@ -58,9 +58,9 @@ def generated_images(count: int, seed: int) -> list[BoxedImage]:
         settings = SingleClipSettings(
             frames=3, person_height=(size, 1.6 * size), passers=0, obstacles=int(rng.integers(0, 3))
         )
-        clip = SingleClip(rng, settings)
-        visible = [k for k in range(settings.frames) if clip.visibility[k] > 0.8]
-        images.extend(BoxedImage(clip.images[k], clip.boxes[k : k + 1]) for k in visible)
+        for (image,), truth in SingleClip(settings, rng).frames():
+            if truth.visibility[0] > 0.8:
+                images.append(BoxedImage(image, truth.boxes))
     return images[:count]
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import itertools
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import ClipSettings
+from tsuiseki.datamodules.scenes.clip import Clip, ClipSettings, FrameTruth, Moment, ground_truth
 from tsuiseki.datamodules.scenes.people.gait import walking
 from tsuiseki.datamodules.scenes.people.person import (
     paste,
@@ -20,7 +22,7 @@ from tsuiseki.datamodules.scenes.people.person import (
 from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.render.tracing import overlap
-from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.types import FloatArray, ImageArray
 
 PHASES = 12
 # Share of people who are dressed like the one before; chance that the camera jumps ten times as far in a frame.
@@ -87,75 +89,72 @@ def _walkers(rng: np.random.Generator, settings: SingleClipSettings) -> tuple[li
     return walkers, growth ** np.linspace(0, 1, settings.frames)
 
 
-class SingleClip:
-    """A random clip; the same generator state gives the same clip.
+class SingleClip(Clip[FrameTruth]):
+    """A walk as ``settings`` and ``seed`` have it; its truth is of the whole person, hidden or not.
 
-    Attributes:
-        images: ``(T, H, W, 3)`` uint8 RGB.
-        boxes: ``(T, 4)`` pixels, of the whole person, hidden or not.
-        visibility: ``(T,)`` share of the person that nothing hides and that is in the image.
+    Args:
+        settings: what it shows.
+        seed: of all random numbers, or what draws them; that is then where the plan left it when drawing begins.
     """
 
-    def __init__(self, rng: np.random.Generator, settings: SingleClipSettings = SingleClipSettings()) -> None:
-        walkers, sizes = _walkers(rng, settings)
-        (sprites, path), reach = walkers[0], np.array([settings.width, settings.height])
+    def __init__(self, settings: SingleClipSettings, seed: int | Sequence[int] | np.random.Generator) -> None:
+        self.settings, self._rng = settings, (rng := np.random.default_rng(seed))
+        self._walkers, self._sizes = _walkers(rng, settings)
+        (sprites, path), reach = self._walkers[0], np.array([settings.width, settings.height])
         # The view's top left corner is that of one behind the person, with shakes and jerks.
         follow = np.stack(list(itertools.accumulate(path, lambda behind, place: behind + 0.08 * (place - behind))))
         jump = np.where(rng.random(len(path)) < JERK, 10.0, 1.0)[:, None]
         shakes = np.cumsum(jump * rng.normal(0, SHAKE, path.shape), axis=0)
-        corners = np.round(follow + np.clip(shakes, -0.25 * reach, 0.25 * reach) - reach / 2).astype(int)
+        self._corners = np.round(follow + np.clip(shakes, -0.25 * reach, 0.25 * reach) - reach / 2).astype(int)
         # Left, top and picture ``(h, w, 4)`` of things that stand on the path.
-        obstacles, height = list[tuple[int, int, ImageArray]](), sprites[0].shape[0]
+        self._obstacles, height = list[tuple[int, int, ImageArray]](), sprites[0].shape[0]
         for _ in range(settings.obstacles):
             where = path[int(rng.integers(len(path) // 5, len(path)))]
             width, tall = round(height * float(rng.uniform(0.15, 0.7))), round(height * float(rng.uniform(0.8, 2.2)))
             picture = np.full((tall, max(width, 2), 4), 255, dtype=np.uint8)
             picture[..., :3] = np.clip(random_backdrop(rng, tall, max(width, 2)), 0, 255)
             side = where[0] - width / 2 + float(rng.normal(0, 0.3 * height))
-            obstacles.append((round(side), round(where[1] + 0.55 * height - tall), picture))
-        low, high = corners.min(axis=0), corners.max(axis=0) + reach
-        world = np.clip(random_backdrop(rng, int(high[1] - low[1]), int(high[0] - low[0])), 0, 255)
-        images, boxes, visibility = [], [], []
-        for t, corner in enumerate(corners):
-            left, top = corner - low
-            view = world[top : top + settings.height, left : left + settings.width].copy()
-            box, share = _draw(view, walkers, obstacles, corner, t, float(sizes[t]))
-            images.append(np.clip(view + rng.normal(0, 3, view.shape), 0, 255).astype(np.uint8))
-            boxes.append(box)
-            visibility.append(share)
-        self.images, self.boxes, self.visibility = np.stack(images), np.array(boxes), np.array(visibility)
+            self._obstacles.append((round(side), round(where[1] + 0.55 * height - tall), picture))
+        self._low, high = self._corners.min(axis=0), self._corners.max(axis=0) + reach
+        world = random_backdrop(rng, int(high[1] - self._low[1]), int(high[0] - self._low[0]))
+        self._world, self._planned = np.clip(world, 0, 255), rng.bit_generator.state
 
+    def frames(self) -> Iterator[Moment[FrameTruth]]:
+        """See `clip.Clip`."""
+        self._rng.bit_generator.state = self._planned
+        for frame, (left, top) in enumerate(self._corners - self._low):
+            view = self._world[top : top + self.settings.height, left : left + self.settings.width].copy()
+            truth = self._draw(view, frame)
+            yield (np.clip(view + self._rng.normal(0, 3, view.shape), 0, 255).astype(np.uint8),), truth
 
-def _draw(
-    view: Float32,
-    walkers: list[_Walker],
-    obstacles: list[tuple[int, int, ImageArray]],
-    corner: IntArray,
-    t: int,
-    size: float,
-) -> tuple[FloatArray, float]:
-    """Draws frame ``t``, the lower in front, and returns the followed person's box and visible share."""
-    order = sorted(range(len(walkers)), key=lambda k: float(walkers[k][1][t, 1]))
-    box, free, full = np.zeros(4), np.zeros(view.shape[:2], dtype=np.bool_), 1.0
+    def write_truth(self, folder: Path, name: str, truths: list[FrameTruth]) -> None:
+        """Write ``gt/gt.txt`` and ``seqinfo.ini``."""
+        self.settings.write_info(folder, name, ground_truth(truths))
 
-    def lay(sprite: ImageArray, left: int, top: int, owner: bool = False) -> None:
-        """Over the view; ``free`` has the owner's pixels that nothing later hides."""
-        paste(view, sprite, left, top)
-        there, own = overlap(free.shape, (top, left), sprite.shape)
-        free[there][sprite[..., 3][own] > 127] = owner
+    def _draw(self, view: Float32, t: int) -> FrameTruth:
+        """Draws frame ``t``, the lower in front, and returns what it shows of the followed person."""
+        walkers, corner, size = self._walkers, self._corners[t], float(self._sizes[t])
+        order = sorted(range(len(walkers)), key=lambda k: float(walkers[k][1][t, 1]))
+        box, free, full = np.zeros(4), np.zeros(view.shape[:2], dtype=np.bool_), 1.0
 
-    for k in order:
-        sprites, path = walkers[k]
-        filtering = cv2.INTER_AREA if size < 1 else cv2.INTER_LINEAR
-        sprite = np.asarray(
-            cv2.resize(sprites[t % len(sprites)], None, fx=size, fy=size, interpolation=filtering), dtype=np.uint8
-        )
-        place = path[t] - corner
-        left, top = round(place[0] - sprite.shape[1] / 2), round(place[1] - sprite.shape[0] / 2)
-        lay(sprite, left, top, owner=k == 0)
-        if k == 0:
-            box = np.array([left, top, left + sprite.shape[1], top + sprite.shape[0]], dtype=np.float64)
-            full = float((sprite[..., 3] > 127).sum())
-    for x, y, picture in obstacles:
-        lay(picture, x - int(corner[0]), y - int(corner[1]))
-    return box, float(free.sum()) / max(full, 1.0)
+        def lay(sprite: ImageArray, left: int, top: int, owner: bool = False) -> None:
+            """Over the view; ``free`` has the owner's pixels that nothing later hides."""
+            paste(view, sprite, left, top)
+            there, own = overlap(free.shape, (top, left), sprite.shape)
+            free[there][sprite[..., 3][own] > 127] = owner
+
+        for k in order:
+            sprites, path = walkers[k]
+            filtering = cv2.INTER_AREA if size < 1 else cv2.INTER_LINEAR
+            sprite = np.asarray(
+                cv2.resize(sprites[t % len(sprites)], None, fx=size, fy=size, interpolation=filtering), dtype=np.uint8
+            )
+            place = path[t] - corner
+            left, top = round(place[0] - sprite.shape[1] / 2), round(place[1] - sprite.shape[0] / 2)
+            lay(sprite, left, top, owner=k == 0)
+            if k == 0:
+                box = np.array([left, top, left + sprite.shape[1], top + sprite.shape[0]], dtype=np.float64)
+                full = float((sprite[..., 3] > 127).sum())
+        for x, y, picture in self._obstacles:
+            lay(picture, x - int(corner[0]), y - int(corner[1]))
+        return FrameTruth(np.ones(1, np.int64), box[None], np.array([float(free.sum()) / max(full, 1.0)]))

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.single_clip import SingleClip
+from tsuiseki.datamodules.scenes.single_clip import SingleClip, SingleClipSettings
 from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import spans
@@ -58,8 +58,8 @@ def read_clip(sequence: SingleSequence) -> Loaded:
 
 def draw_clip(number: int) -> Loaded:
     """Boxes and images of a generated clip."""
-    made = SingleClip(np.random.default_rng([17, number]))
-    return made.boxes, list(made.images)
+    frames = list(SingleClip(SingleClipSettings(), (17, number)).frames())
+    return np.concatenate([truth.boxes for _, truth in frames]), [image for (image,), _ in frames]
 
 
 def drawn_clips(count: int) -> dict[str, TargetClip]:

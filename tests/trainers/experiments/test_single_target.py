@@ -43,8 +43,8 @@ SMALL = CombinedSettings(filter=RegularisedSettings(sizes=1))
 
 def draw_tiny(seed: int, frames: int) -> tuple[FloatArray, list[ImageArray]]:
     settings = SingleClipSettings(frames=frames, width=120, height=90, person_height=(30, 31), passers=0, obstacles=0)
-    made = SingleClip(np.random.default_rng(seed), settings)
-    return made.boxes, list(made.images)
+    drawn = list(SingleClip(settings, seed).frames())
+    return np.concatenate([truth.boxes for _, truth in drawn]), [image for (image,), _ in drawn]
 
 
 def clip(seed: int = 1, frames: int = 14) -> TargetClip:
