@@ -38,6 +38,8 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 
 # Most bytes of decoded images kept of one source; beyond it they are decoded anew each time.
 _MEMORY = 1 << 30
+# People of whom a smaller share is visible are ignored.
+LEAST_VISIBLE = 0.25
 
 
 @dataclass(frozen=True)
@@ -50,7 +52,6 @@ class TrainingSource:
         part: likewise in shares of its length, such as [0, 0.9].
         share: how often examples come from here, relative to the other sources.
         fixed_camera: the camera stands still in each sequence, so that people can be cut out and pasted.
-        least_visible: people of whom a smaller share is visible are ignored, in [0, 1].
         generate: fill a folder that does not exist with this many random generated pictures.
         scene: what those show: a street; streets, crowds, views from afar and empty places by day and night (varied);
             few people among many things (sparse); people among many things from above (aerial); a few people near the
@@ -74,7 +75,6 @@ class TrainingSource:
     part: tuple[float, float] = (0.0, 1.0)
     share: float = 1.0
     fixed_camera: bool = False
-    least_visible: float = 0.25
     generate: int = 0
     scene: Literal["street", "varied", "sparse", "aerial", "near", "overhead", "drone", "ceiling"] = "street"
     sprites: str = ""
@@ -136,7 +136,7 @@ class TrainingImages:
         """The labelled image at ``index``."""
         label = self.labels[index]
         image = read_image(label.path) if self._decoded is None else self._decoded[index]
-        ignored = label.ignored | (label.visibility < self.source.least_visible)
+        ignored = label.ignored | (label.visibility < LEAST_VISIBLE)
         return Example(image, label.boxes, ignored, label.classes)
 
     def view(self, index: int) -> FixedView | None:
@@ -236,13 +236,13 @@ def _drawn(source: TrainingSource, size: tuple[int, int], folder: Path, numbers:
 def _picture(source: TrainingSource, size: tuple[int, int], number: int) -> tuple[ImageArray, FloatArray, FloatArray]:
     if source.scene == "drone":
         in_clip = number % _PER_CLIP
-        image, truth = _drone_clip(size, source.sun, source.seed + number - in_clip).draw_frame(_APART * in_clip)
+        (image,), truth = _drone_clip(size, source.sun, source.seed + number - in_clip).draw_frame(_APART * in_clip)
         return image, truth.boxes, truth.visibility
     rng = np.random.default_rng([source.seed, number])
     if source.scene == "ceiling":
         return panorama_picture(rng, *size, _stock(source.sprites, "")[0])
     settings = replace(
-        settings_of_scene(source.scene, rng, *size),
+        settings_of_scene(source.scene, rng, size),
         town=TOWN if source.town else (0, 0),
         things=THINGS if source.things else (0, 0),
         sun=source.sun,

@@ -125,7 +125,7 @@ def generated(streets: int, step: int) -> Iterator[tuple[ImageArray, LabelledBox
     for seed in range(streets):
         street = StreetClip(StreetSettings(frames=STREET), 7100 + seed)
         for number in range(0, STREET, step):
-            image, truth = street.draw_frame(number)
+            (image,), truth = street.draw_frame(number)
             yield image, LabelledBoxes(truth.boxes, truth.visibility < 0.25)
 
 

@@ -60,7 +60,7 @@ class OnePose(SpriteLibrary):
 def found(detector: SizedDetect, library: OnePose, number: int) -> FloatArray:
     """``(2, N)`` greatest IoU of a detection with each person of a picture, and how much of each is visible."""
     rng = np.random.default_rng([SEED, *(library.shown or STANDING).encode(), number])
-    settings = settings_of_scene(SCENES[number % len(SCENES)], rng, *SIZE)
+    settings = settings_of_scene(SCENES[number % len(SCENES)], rng, SIZE)
     settings = replace(settings, people=(2, 12), rendered=1.0)
     image, boxes, visible = random_training_scene(rng, settings, library)
     counted = visible >= 0.25

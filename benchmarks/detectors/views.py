@@ -97,7 +97,7 @@ def sets(data: Path) -> Iterator[tuple[str, Callable[[], Iterator[tuple[ImageArr
 
 def generated(size: tuple[int, int], first: int, count: int) -> Iterator[tuple[ImageArray, LabelledBoxes]]:
     """Pictures of places that no training used."""
-    small = TrainingSettings(*size, (8, 40), (24.0, 200.0), (8, 30), (5.0, 15.0), samples=1, beside=0.4, night=0.2)
+    small = TrainingSettings(size, (8, 40), (24.0, 200.0), (8, 30), (5.0, 15.0), samples=1, beside=0.4, night=0.2)
     for seed in range(first, first + count):
         image, boxes, visibility = random_training_scene(np.random.default_rng(seed), small)
         yield image, LabelledBoxes(boxes, visibility < 0.25)

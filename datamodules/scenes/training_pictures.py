@@ -48,21 +48,18 @@ class TrainingSettings:
     """What random pictures look like.
 
     Attributes:
-        width: pixels.
-        height: pixels.
+        size: width and height, pixels.
         people: (fewest, most) people that are tried.
         person_height: (least, greatest) height of a person, pixels.
         clutter: (fewest, most) things besides people.
         camera_height: (lowest, highest), metres.
-        degradation: strength of blur, noise and the like; 0 for none.
         samples: rays along each side of a pixel.
         beside: share of the people who stand or walk close to another.
         night: chance of a picture by night.
         sun: chance of a hard sun, in [0, 1]: one side of everything is dark, and so are its sharp shadows.
         rendered: share of the people who are shown as sprites, where there is a library of them.
-        photographs: chance that a photograph lies on the ground, and 0.3 times as large one that a whole view is one,
-            where there are photographs.
-        facades: chance of walls that photographs cover, likewise.
+        photographs: where there are some: chance that one lies on the ground, and 0.3 times as large one that a whole
+            view is one; and chance of walls that they cover.
         town: (fewest, most) things of a town: traffic lights, signs, bicycles and the like; where
             there may be any, walls with doors and shop windows too.
         things: (fewest, most) photographed things; above 0 it needs photographs.
@@ -71,20 +68,17 @@ class TrainingSettings:
             wide, and lie where, those of their whole walk are and do on average, as people label videos.
     """
 
-    width: int = 640
-    height: int = 480
+    size: tuple[int, int] = (640, 480)
     people: tuple[int, int] = (3, 20)
     person_height: tuple[float, float] = (20.0, 250.0)
     clutter: tuple[int, int] = (4, 22)
     camera_height: tuple[float, float] = (1.8, 9.0)
-    degradation: float = 1.0
     samples: int = 2
     beside: float = 0.3
     night: float = 0.0
     sun: float = 0.0
     rendered: float = 0.9
-    photographs: float = 0.6
-    facades: float = 0.5
+    photographs: tuple[float, float] = (0.6, 0.5)
     town: tuple[int, int] = (0, 0)
     things: tuple[int, int] = (0, 0)
     overhead: bool = False
@@ -93,13 +87,12 @@ class TrainingSettings:
     def __post_init__(self) -> None:
         names = ("people", "person_height", "clutter", "camera_height", "town", "things")
         ranges = ((name, *getattr(self, name)) for name in names)
-        size, kinds = (self.width, self.height), get_args(BoxConvention)
+        size, kinds = self.size, get_args(BoxConvention)
         expect(
             "training scenes",
             *((0 <= low <= high, f"{name} as (least, greatest) from 0", (low, high)) for name, low, high in ranges),
             (min(size) >= 32, "at least 32x32 pixels", size),
             (1 <= self.samples <= 8, "samples 1-8", self.samples),
-            (self.degradation >= 0, "no negative degradation", self.degradation),
             (0 <= self.sun <= 1, "sun as a chance in [0, 1]", self.sun),
             (self.boxes in kinds, f"boxes as one of {', '.join(kinds)}", repr(self.boxes)),
         )
@@ -110,18 +103,18 @@ SCENES: Mapping[str, TrainingSettings] = {
     "street": STREET,
     # Few people among many things: what scores are calibrated on, as most of a real view is empty.
     "sparse": replace(
-        STREET, people=(0, 2), clutter=(6, 26), person_height=(20.0, 200.0), night=0.1, facades=0.8
+        STREET, people=(0, 2), clutter=(6, 26), person_height=(20.0, 200.0), night=0.1, photographs=(0.6, 0.8)
     ),
     # A few people among many things from 4 to 14 m above, up to nearly straight below.
     "aerial": replace(
         STREET, people=(0, 14), clutter=(6, 30), person_height=(13.0, 120.0), camera_height=(4.0, 14.0), night=0.05,
-        photographs=0.75, facades=0.2,
+        photographs=(0.75, 0.2),
     ),
     # A few people who fill a good part of the picture, among many things, from about as high as their heads.
     "near": replace(STREET, people=(0, 9), clutter=(4, 16), camera_height=(1.0, 4.5), beside=0.5, night=0.15),
     # People all around below a fisheye camera, some of them right under it.
     "overhead": replace(
-        STREET, people=(0, 14), clutter=(4, 24), camera_height=(2.3, 6.0), overhead=True, photographs=0.0, facades=0.0,
+        STREET, people=(0, 14), clutter=(4, 24), camera_height=(2.3, 6.0), overhead=True, photographs=(0.0, 0.0),
         beside=0.4,
     ),
 }  # fmt: skip
@@ -134,13 +127,13 @@ VARIED: tuple[tuple[float, dict[str, Any]], ...] = (
 """Shares and settings of a varied set: an ordinary street, a crowd, a view from afar, or no person at all."""
 
 
-def settings_of_scene(scene: str, rng: np.random.Generator, width: int, height: int) -> TrainingSettings:
+def settings_of_scene(scene: str, rng: np.random.Generator, size: tuple[int, int]) -> TrainingSettings:
     """What one picture of a ``scene`` shows: one of `SCENES`, or ``varied``, of which ``rng`` draws one of `VARIED`."""
     if scene == "varied":
         chosen = int(rng.choice(len(VARIED), p=[share for share, _ in VARIED]))
-        return replace(STREET, width=width, height=height, night=0.2, **VARIED[chosen][1])
-    settings = replace(SCENES[scene], width=width, height=height)
-    return replace(settings, person_height=(80.0, 0.95 * height)) if scene == "near" else settings
+        return replace(STREET, size=size, night=0.2, **VARIED[chosen][1])
+    settings = replace(SCENES[scene], size=size)
+    return replace(settings, person_height=(80.0, 0.95 * size[1])) if scene == "near" else settings
 
 
 def random_training_scene(
@@ -181,7 +174,7 @@ def random_training_scene(
                 facing = np.arctan2(*(spot - camera.position[:2])[::-1]) + sprite.heading
                 people[-1] = person_thing(person, sprite.pose, spot, float(facing))
             people[-1] = Standing(sprite, spot, people[-1].solids, person.outfit)
-    ground, view = _photographed(of_photographs, ground, camera, photographs, settings.photographs)
+    ground, view = _photographed(of_photographs, ground, camera, photographs, settings.photographs[0])
     static = _scenery((rng, of_photographs, of_town, of_things), settings, photographs, camera, spots, view is not None)
     picture = empty_picture(ground, settings.samples)
     softness = float(rng.uniform(0.5, 2.5)) * (SHARPER if sunny else 1.0)
@@ -192,15 +185,15 @@ def random_training_scene(
     # Without nights no number is drawn: pictures of earlier seeds stay as they were.
     night = settings.night and rng.random() < settings.night
     colour = by_night(picture.colour, rng) if night else picture.colour
-    how = random_degradation(rng, settings.degradation)
+    how = random_degradation(rng)
     image = degrade(colour, replace(how, exposure=how.exposure * automatic_exposure(colour)), rng)
     if settings.boxes == "steady":
         for k, thing in enumerate(people):
             # Those of rendered people have the sides of the whole walk.
-            if (found := sightings[k]) is not None and isinstance(thing, Standing):
+            if (sighting := sightings[k]) is not None and isinstance(thing, Standing):
                 left, right = thing.steady_sides(camera)
-                sightings[k] = replace(found, box=np.array([left, found.box[1], right, found.box[3]]))
-    truth, _ = people_in_view(sightings, (settings.width, settings.height), LEAST_VISIBLE, 0.0)
+                sightings[k] = replace(sighting, box=np.array([left, sighting.box[1], right, sighting.box[3]]))
+    truth, _ = people_in_view(sightings, settings.size, LEAST_VISIBLE, 0.0)
     return image, truth.boxes, truth.visibility
 
 
@@ -219,7 +212,7 @@ def _scenery(
     rng, of_photographs, of_town, of_things = rngs
     farthest = float(np.linalg.norm(spots, axis=1).max(initial=0))
     reach, facades = max(farthest, 12.0), list[Thing]()
-    if photographs is not None and not in_view and of_photographs.random() < settings.facades:
+    if photographs is not None and not in_view and of_photographs.random() < settings.photographs[1]:
         facades = random_facades(of_photographs, photographs, int(of_photographs.integers(1, 7)), spots, reach)
     count = _count(rng, settings.clutter) // (4 if in_view else 1)
     static = street_things.clutter_around(rng, camera, count, spots, LARGEST)
@@ -246,8 +239,8 @@ def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> 
     """A camera and ``(N, 2)`` places on the ground where a person has a wanted size in its image."""
     count = _count(rng, settings.people)
     for _ in range(CAMERAS):
-        camera = street_things.random_camera(rng, settings.width, settings.height, settings.camera_height)
-        feet = rng.uniform([-0.03, 0.05], [1.03, 1.2], (400, 2)) * [settings.width, settings.height]
+        camera = street_things.random_camera(rng, *settings.size, settings.camera_height)
+        feet = rng.uniform([-0.03, 0.05], [1.03, 1.2], (400, 2)) * settings.size
         spots = camera.ground(feet)[:, :2]
         apparent = street_things.apparent_heights(camera, spots)
         low, high = settings.person_height
@@ -268,7 +261,7 @@ def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> 
 def _overhead(rng: np.random.Generator, settings: TrainingSettings) -> tuple[AnyCamera, FloatArray]:
     """A fisheye camera that looks down, and ``(N, 2)`` places about its foot, near ones as often as far ones."""
     count, up = _count(rng, settings.people), float(rng.uniform(*settings.camera_height))
-    lens = ceiling_lens(None, settings.width, settings.height)
+    lens = ceiling_lens(None, *settings.size)
     turned = looking_down(float(rng.uniform(0, 2 * np.pi)), *rng.normal(0, 0.03, 2))
     camera = OmnidirectionalCamera(lens, turned, np.array([0.0, 0.0, up]))
     angle, away = rng.uniform(0, 2 * np.pi, count), up * np.exp(rng.uniform(np.log(0.1), np.log(3.0), count))

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 
+from tsuiseki.datamodules import training_images
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.detection_data import (
     IGNORED,
@@ -185,11 +186,12 @@ def test_pictures_are_generated_once_and_read_as_any_sequence(tmp_path: Path) ->
     assert next(iter(module.train_dataloader())).images.shape == (1, 48, 64, 3)
 
 
-def test_hidden_people_are_ignored(tmp_path: Path) -> None:
+def test_hidden_people_are_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training_images, "LEAST_VISIBLE", 0.9)
     folder = tmp_path / "generated"
     write_pictures(TrainingSource(str(folder), generate=4, seed=1), (96, 72))
     truth = read_ground_truth(folder / "gt" / "gt.txt")
-    footage = TrainingImages(TrainingSource(str(folder), least_visible=0.9))
+    footage = TrainingImages(TrainingSource(str(folder)))
     ignored = np.concatenate([footage.example(i).ignored for i in range(4)])
     assert ignored.sum() == (truth.visibility < 0.9).sum() > 0
 

@@ -148,7 +148,8 @@ def _bending(rng: np.random.Generator, build: Build) -> Pose:
     pelvis, lean, knee = _between(rng, 0.1, 0.7), _between(rng, 0.4, 1.0), _both(rng, 0.02, 0.9)
     hip = pair(pelvis + 0.5 * np.array(knee))
     ankle = (knee[0] - 0.5 * knee[0], knee[1] - 0.5 * knee[1])
-    pose = Pose(lean=lean, nod=-0.3, hip=hip, knee=knee, ankle=ankle, straddle=_both(rng, 0.02, 0.35), pitch=pelvis)
+    straddle, tilt = _both(rng, 0.02, 0.35), (pelvis, 0.0)
+    pose = Pose(lean=lean, nod=-0.3, hip=hip, knee=knee, ankle=ankle, straddle=straddle, tilt=tilt)
     return balanced(build, _arms(rng, pose, lean + pelvis))
 
 
@@ -158,27 +159,28 @@ def _lying(rng: np.random.Generator, _: Build) -> Pose:
     tilt = _between(rng, -0.12, 0.12)
     if side < 0.45:
         # On the back: arms beside the body or over the head, knees drawn up now and then.
-        return Pose(pitch=-_QUARTER + tilt, nod=0.2, shoulder=_both(rng, 0.0, 0.5), spread=_both(rng, 0.05, 2.6, 0.5),
-                    elbow=elbow, hip=pair(drawn), knee=pair(1.9 * drawn), straddle=apart, roll=tilt,
-                    ankle=(-0.4, -0.4))  # fmt: skip
+        return Pose(tilt=(-_QUARTER + tilt, tilt), nod=0.2, shoulder=_both(rng, 0.0, 0.5),
+                    spread=_both(rng, 0.05, 2.6, 0.5), elbow=elbow, hip=pair(drawn), knee=pair(1.9 * drawn),
+                    straddle=apart, ankle=(-0.4, -0.4))  # fmt: skip
     if side < 0.7:
         knee = rng.uniform(0, 1.5, 2) * (rng.random(2) < 0.2)
-        return Pose(pitch=_QUARTER + tilt, nod=-0.2, look=float(rng.choice([-0.9, 0.9])), shoulder=(-0.05, -0.05),
+        return Pose(tilt=(_QUARTER + tilt, 0.0), nod=-0.2, look=float(rng.choice([-0.9, 0.9])), shoulder=(-0.05, -0.05),
                     spread=_both(rng, 0.1, 2.6, 0.5), elbow=(0.2, 0.2), knee=pair(knee), straddle=apart,
                     ankle=(-0.9, -0.9))  # fmt: skip
     hip = _both(rng, 0.0, 1.7, 0.35)
-    return Pose(roll=(_QUARTER + tilt) * float(rng.choice([-1, 1])), pitch=_between(rng, -0.4, 0.4), nod=0.2,
-                lean=_between(rng, -0.1, 0.6), shoulder=_both(rng, 0.0, 2.0, 0.4), spread=(0.1, 0.1), elbow=elbow,
-                hip=hip, knee=_both(rng, 0.1, 2.1, 0.3), straddle=(0.05, 0.05))  # fmt: skip
+    roll = (_QUARTER + tilt) * float(rng.choice([-1, 1]))
+    return Pose(tilt=(_between(rng, -0.4, 0.4), roll), nod=0.2, lean=_between(rng, -0.1, 0.6), spread=(0.1, 0.1),
+                shoulder=_both(rng, 0.0, 2.0, 0.4), elbow=elbow, hip=hip, knee=_both(rng, 0.1, 2.1, 0.3),
+                straddle=(0.05, 0.05))  # fmt: skip
 
 
 def _falling(rng: np.random.Generator, _: Build) -> Pose:
     towards, tilt = _between(rng, 0, 2 * math.pi), _between(rng, 0.35, 1.4)
     return Pose(
-        lean=_between(rng, -0.2, 0.7), nod=_between(rng, -0.3, 0.4), pitch=tilt * math.cos(towards),
-        roll=tilt * math.sin(towards), shoulder=pair(rng.uniform(-0.6, 2.5, 2)), spread=pair(rng.uniform(0, 1.3, 2)),
-        elbow=pair(rng.uniform(0, 1.7, 2)), hip=pair(rng.uniform(-0.4, 1.4, 2)), knee=pair(rng.uniform(0, 1.7, 2)),
-        straddle=_both(rng, 0, 0.5),
+        lean=_between(rng, -0.2, 0.7), nod=_between(rng, -0.3, 0.4), shoulder=pair(rng.uniform(-0.6, 2.5, 2)),
+        spread=pair(rng.uniform(0, 1.3, 2)), elbow=pair(rng.uniform(0, 1.7, 2)), hip=pair(rng.uniform(-0.4, 1.4, 2)),
+        knee=pair(rng.uniform(0, 1.7, 2)), straddle=_both(rng, 0, 0.5),
+        tilt=(tilt * math.cos(towards), tilt * math.sin(towards)),
     )  # fmt: skip
 
 

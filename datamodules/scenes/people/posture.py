@@ -80,8 +80,7 @@ class Pose:
         straddle: leg raised sideways.
         knee: bend, backward.
         ankle: toes up.
-        pitch: of the whole body, forward; a quarter turn for who lies on the belly.
-        roll: of the whole body, its left side up.
+        tilt: of the whole body: forward, a quarter turn for who lies on the belly; and its left side up.
         lift: of the whole body over the ground on which its lower foot rests, metres.
     """
 
@@ -99,8 +98,7 @@ class Pose:
     knee: Pair = (0.0, 0.0)
     ankle: Pair = (0.0, 0.0)
     lift: float = 0.0
-    pitch: float = 0.0
-    roll: float = 0.0
+    tilt: Pair = (0.0, 0.0)
 
 
 def blend(a: Pose, b: Pose, part: float) -> Pose:
@@ -118,7 +116,9 @@ def mirrored(pose: Pose) -> Pose:
     """The pose with left and right swapped."""
     paired = ("shoulder", "spread", "elbow", "inward", "hip", "straddle", "knee", "ankle")
     swapped = {name: getattr(pose, name)[::-1] for name in paired}
-    return replace(pose, sway=-pose.sway, twist=-pose.twist, look=-pose.look, roll=-pose.roll, **swapped)
+    return replace(
+        pose, sway=-pose.sway, twist=-pose.twist, look=-pose.look, tilt=(pose.tilt[0], -pose.tilt[1]), **swapped
+    )
 
 
 def turn(yaw: float, pitch: float = 0.0, roll: float = 0.0) -> FloatArray:
@@ -140,7 +140,7 @@ class PersonSkeleton:
     """Joints of a person in ``pose`` who stands at ``position`` ``(2,)`` and faces ``heading``.
 
     They lie in the world, metres; each limb's row 0 is the left one, row 1 the right one. The lower foot rests on the
-    ground z = 0, raised by ``pose.lift``; of a body that is pitched or rolled, the lowest joint does.
+    ground z = 0, raised by ``pose.lift``; of a body that is tilted, the lowest joint does.
 
     Attributes:
         pelvis: ``(3,)`` between the hips.
@@ -178,8 +178,8 @@ class PersonSkeleton:
         ankle, toe = paired[-2:]
         rest = min(ankle[:, 2].min() - ANKLE_HEIGHT * height, toe[:, 2].min() - 0.016 * height)
         bodies, axes = [chest, head, *paired], [pelvis_axes, trunk_axes, head_axes]
-        if pose.pitch or pose.roll:
-            whole = turn(heading, pose.pitch, pose.roll) @ turn(heading).T
+        if any(pose.tilt):
+            whole = turn(heading, *pose.tilt) @ turn(heading).T
             bodies, axes = [joint @ whole.T for joint in bodies], [whole @ each for each in axes]
             rest = min(0.0, *(float(joint[..., 2].min()) for joint in bodies)) - _THICK * height
         self.pelvis = root = np.array([position[0], position[1], pose.lift - rest])

@@ -55,8 +55,8 @@ def test_they_are_shown_in_their_colours_from_the_ground_up(photographs: Photogr
 
 
 def test_nobody_is_labelled_for_them(photographs: Photographs) -> None:
-    settings = TrainingSettings(160, 120, people=(0, 0), clutter=(0, 0), things=(6, 6))
-    plain = TrainingSettings(160, 120, people=(0, 0), clutter=(0, 0), things=(0, 0))
+    settings = TrainingSettings((160, 120), people=(0, 0), clutter=(0, 0), things=(6, 6))
+    plain = TrainingSettings((160, 120), people=(0, 0), clutter=(0, 0), things=(0, 0))
     image, boxes, _ = random_training_scene(np.random.default_rng(5), settings, photographs=photographs)
     assert len(boxes) == 0
     other, _, _ = random_training_scene(np.random.default_rng(5), plain, photographs=photographs)
@@ -67,7 +67,7 @@ def test_near_pictures_show_people_large() -> None:
     heights = []
     for seed in range(6):
         _, boxes, _ = random_training_scene(
-            np.random.default_rng(seed), settings_of_scene("near", np.random.default_rng(0), 160, 120)
+            np.random.default_rng(seed), settings_of_scene("near", np.random.default_rng(0), (160, 120))
         )
         heights.append(boxes[:, 3] - boxes[:, 1])
     assert np.median(np.concatenate(heights)) > 0.4 * 120

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules import training_images
+from tsuiseki.datamodules.scenes import training_pictures
 from tsuiseki.datamodules.scenes.figures import rendering
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.figures.figure import Figure
@@ -20,6 +22,7 @@ from tsuiseki.datamodules.scenes.people.gait import random_manner, walking
 from tsuiseki.datamodules.scenes.people.person import view_from
 from tsuiseki.datamodules.scenes.people.poses import draw_pose
 from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton
+from tsuiseki.datamodules.scenes.render.degrade import random_degradation
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Surface, boxes
 from tsuiseki.datamodules.scenes.render.tracing import silhouette_box, tight
@@ -116,7 +119,7 @@ def test_steady_sides_stand_where_the_person_does() -> None:
 
 
 def test_pictures_with_steady_boxes_are_the_same_pictures(library: Path) -> None:
-    settings = TrainingSettings(160, 120, people=(4, 4), clutter=(2, 2), rendered=1.0)
+    settings = TrainingSettings((160, 120), people=(4, 4), clutter=(2, 2), rendered=1.0)
     stock = SpriteLibrary(library)
     shown, boxes, visibility = random_training_scene(np.random.default_rng(9), settings, stock)
     again, steady, as_visible = random_training_scene(
@@ -208,8 +211,14 @@ def test_sprites_seen_from_about_the_same_height_are_taken(library: Path) -> Non
     assert tilt_of(CAMERA, np.array([0.0, 2.1])) == pytest.approx(np.pi / 4)
 
 
+@pytest.fixture
+def clean(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(training_pictures, "random_degradation", partial(random_degradation, strength=0.0))
+
+
+@pytest.mark.usefixtures("clean")
 def test_rendered_people_take_the_places_of_drawn_ones_and_leave_the_rest(library: Path) -> None:
-    settings = TrainingSettings(160, 120, people=(4, 4), clutter=(2, 2), degradation=0.0, rendered=1.0)
+    settings = TrainingSettings((160, 120), people=(4, 4), clutter=(2, 2), rendered=1.0)
     drawn, boxes, _ = random_training_scene(np.random.default_rng(9), settings)
     shown, others, _ = random_training_scene(np.random.default_rng(9), settings, SpriteLibrary(library))
     assert len(boxes) == len(others) > 0
@@ -344,13 +353,13 @@ def test_who_is_seen_from_above_is_placed_by_the_middle(posed: SpriteLibrary, sp
             assert sorted(box[2:] - box[:2])[1] < 1.5 * scale * max(sprite.label.shape)
 
 
+@pytest.mark.usefixtures("clean")
 def test_pictures_from_straight_above_show_people_within_the_lens(posed: SpriteLibrary) -> None:
     settings = replace(
-        settings_of_scene("overhead", np.random.default_rng(0), 120, 120),
+        settings_of_scene("overhead", np.random.default_rng(0), (120, 120)),
         people=(6, 6),
         clutter=(2, 2),
         samples=1,
-        degradation=0.0,
     )
     for seed in range(3):
         image, boxes, visibility = random_training_scene(np.random.default_rng(seed), settings, posed)

@@ -79,7 +79,9 @@ def test_the_mirror_image_swaps_the_sides() -> None:
 
 
 def test_a_pitched_body_turns_with_its_heading() -> None:
-    ahead, aside = (PersonSkeleton(BUILD, Pose(pitch=np.pi / 2), np.array([2.0, 3.0]), h) for h in (0.0, np.pi / 2))
+    ahead, aside = (
+        PersonSkeleton(BUILD, Pose(tilt=(np.pi / 2, 0.0)), np.array([2.0, 3.0]), h) for h in (0.0, np.pi / 2)
+    )
     np.testing.assert_allclose(ahead.head - ahead.pelvis, [ahead.head[0] - 2, 0, 0], atol=0.06)
     assert ahead.head[0] > 2.6
     assert aside.head[1] > 3.6

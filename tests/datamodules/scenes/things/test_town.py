@@ -13,7 +13,7 @@ from tsuiseki.datamodules.scenes.training_pictures import TrainingSettings, rand
 from tsuiseki.tracking.errors import RequestError
 
 PLACE = np.array([3.0, 12.0])
-SMALL = TrainingSettings(width=160, height=120, people=(2, 5), person_height=(12, 70), clutter=(0, 0), samples=1)
+SMALL = TrainingSettings((160, 120), people=(2, 5), person_height=(12, 70), clutter=(0, 0), samples=1)
 
 
 @pytest.mark.parametrize("make", THINGS)
