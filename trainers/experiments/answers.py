@@ -160,13 +160,14 @@ def dithering(seed: int) -> Case:
         x = (0.08 + 0.84 * (number + 0.5) / people) * size[0] + np.zeros(frames)
         boxes = np.column_stack([x - half, y - height, x + half, y])
         true.append(Track(number + 1, np.arange(frames), boxes, np.ones(frames)))
-    found = [Detections(np.array([t.boxes[k] for t in true]), np.ones(people)) for k in range(frames)]
-    return _case(true, found, 25.0, size, tracked=False)
+    detections = [Detections(np.array([t.boxes[k] for t in true]), np.ones(people)) for k in range(frames)]
+    scene = scene_in(size)
+    return Case(detections, true, scene, true_answers(true, scene, frames, 25.0), 25.0)
 
 
-def _case(true: list[Track], found: list[Detections], rate: float, size: tuple[int, int], tracked: bool = True) -> Case:
-    scene, tracks = scene_in(size), association.tracks_over(found, rate, size) if tracked else true
-    return Case(found, tracks, scene, true_answers(true, scene, len(found), rate), rate)
+def _case(true: list[Track], detections: list[Detections], rate: float, size: tuple[int, int]) -> Case:
+    scene, tracks = scene_in(size), association.tracks_over(detections, rate, size)
+    return Case(detections, tracks, scene, true_answers(true, scene, len(detections), rate), rate)
 
 
 made: Callable[[Unit], Case] = lru_cache(maxsize=1)(call)

@@ -182,18 +182,18 @@ def as_written(tracks: Sequence[Track]) -> list[Track]:
 def flow_over(given: GivenSequence, **more: Any) -> FlowTracker:
     """The flow, with ``more`` arguments, after all detections of a sequence."""
     tracker = FlowTracker(**more, **given.filmed)
-    for found in given_detections(given):
-        tracker.update(found)
+    for detections in given_detections(given):
+        tracker.update(detections)
     return tracker
 
 
 def tracks_over(
-    found: Sequence[Detections], rate: float, size: tuple[int, int], method: PeopleMethod = "flow", **more: Any
+    detections: Sequence[Detections], rate: float, size: tuple[int, int], method: PeopleMethod = "flow", **more: Any
 ) -> list[Track]:
     """The tracks of `track_people` over the detections of each frame, without pictures."""
     with tempfile.TemporaryDirectory() as folder:
-        write_sequence_info(Path(folder), "given", rate, len(found), *size)
-        return list(track_people(folder, method, detections=found, **more))
+        write_sequence_info(Path(folder), "given", rate, len(detections), *size)
+        return list(track_people(folder, method, detections=detections, **more))
 
 
 def track_sums(given: GivenSequence, tracks: Sequence[Track]) -> FloatArray:
@@ -303,9 +303,9 @@ def write_streets(folder: Path, clips: int, frames: int, motion: Motion = "walk"
         clip.write_truth(home, home.name, [truth for _, truth in clip.frames()])
         truth = read_ground_truth(home / "gt" / "gt.txt")
         faults = DetectorFaults(**{name: float(rng.uniform(*ends)) for name, ends in FAULTS.items()})
-        found = simulate_detections(rng, truth, frames, settings.width, settings.height, faults)
+        detections = simulate_detections(rng, truth, frames, settings.width, settings.height, faults)
         (home / "det").mkdir(parents=True)
-        write_detections(home / "det" / "det.txt", found)
+        write_detections(home / "det" / "det.txt", detections)
 
 
 FLOW, UNFILLED, BOXES_ALONE = "flow", "flow, nothing filled in", "flow, boxes alone"
@@ -396,13 +396,13 @@ def linked(
         delay: seconds after which it answers; None is the end.
         pictures: compare appearance where the sequence has pictures and all its frames are kept, as the command does.
     """
-    found = given_detections(given)
+    detections = given_detections(given)
     if pictures and given.pictures is not None and given.every == 1:
         first = given.kept.start
-        whole = [Detections.empty()] * first + found
+        whole = [Detections.empty()] * first + detections
         tracks = track_people(given.pictures, method, detections=whole, frames=given.frames, threads=1, delay=delay)
         return as_written([shifted(track, -first) for track in tracks])
-    return as_written(tracks_over(found, given.rate, given.size, method, delay=delay))
+    return as_written(tracks_over(detections, given.rate, given.size, method, delay=delay))
 
 
 def peer_tracks(peer: Peer, given: GivenSequence, logistic: bool) -> dict[str, list[Track]]:

@@ -36,8 +36,6 @@ UNSEEN = ("mot17", "mot15", "kitti-pedestrians", "pets", "tud")
 # Windows that are learnt from: of a group, and of the streets.
 STEPS, UNSEEN_STEPS = 120, 300
 PAIRS = shipped("affinity_people")
-# Longest gap that the right links bridge, seconds.
-GAP = 2.0
 NOTE = (
     "Intervals: paired bootstrap over sequences, 2,000 samples, 95 %. Settings of the fits were chosen on MOT15; "
     "the other sets had no part in that. The default's were tuned on all real sets."
@@ -141,7 +139,9 @@ def given_rows(
         rows[name] = np.empty_like(rows[DEFAULT])
         for group, part in enumerate(by_fold):
             rows[name][group::count] = part
-    rows["right links"] = sums_of(store, association.right_sums, [(given, GAP, True) for given in sequences])
+    rows["right links"] = sums_of(
+        store, association.right_sums, [(given, association.GAP, True) for given in sequences]
+    )
     return rows
 
 

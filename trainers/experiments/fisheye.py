@@ -48,6 +48,8 @@ from tsuiseki.trainers.experiments.study import Column, Name, Outcome, Store, Ta
 
 ROOMS: tuple[Room, ...] = ("large", "small")
 VALIDATION_SEEDS = (900, 901)
+# Of each sequence at 15 frames a second.
+FAST_SECONDS = 10
 # MOTA of Table 4.3 at 1 and 15 frames a second: large, small, large, small.
 PAPER: dict[str, tuple[float, float, float, float]] = {
     "baseline": (8.4, 51.0, -3.5, 48.7),
@@ -129,14 +131,14 @@ class Observed:
 
     Attributes:
         clip: the sequence.
-        found: of each frame, without features.
+        detections: of each frame, without features.
         features: by kind of crop, of each frame, in half precision.
         truth: its frames count seconds.
         seconds: of each stage, over all frames.
     """
 
     clip: CeilingClip
-    found: list[FloorDetections]
+    detections: list[FloorDetections]
     features: dict[str, list[FloatArray]]
     truth: GroundTruth
     seconds: dict[str, float]
@@ -144,13 +146,13 @@ class Observed:
     def described(self, crops: str, least_score: float) -> list[FloorDetections]:
         """The detections from a score on, with the features of a kind of crop; ``none`` goes without."""
         result = []
-        for frame, each in enumerate(self.found):
+        for frame, each in enumerate(self.detections):
             kept = each.detections.scores >= least_score
-            detections = each.detections.select(kept)
+            own = each.detections.select(kept)
             if crops != "none":
                 wide = self.features[crops][frame][kept].astype(np.float64)
-                detections = detections.with_features(wide / np.linalg.norm(wide, axis=1, keepdims=True).clip(1e-9))
-            result.append(FloorDetections(detections, each.rotated[kept], each.places[kept]))
+                own = own.with_features(wide / np.linalg.norm(wide, axis=1, keepdims=True).clip(1e-9))
+            result.append(FloorDetections(own, each.rotated[kept], each.places[kept]))
         return result
 
 
@@ -164,7 +166,7 @@ def observe(clip: CeilingClip, detector_file: Path, appearance_file: Path) -> Ob
     views = {crops: CeilingView(table, appearance, crops) for crops in CROPS}
     detector = ceiling_detector(Detector(detector_file, LEAST_SCORE, threads=1), camera, "unrolled")
     times = StageTimes(dict.fromkeys(STAGES, 0.0), time.process_time)
-    found, truths = list[FloorDetections](), list[FrameTruth]()
+    detections, truths = list[FloorDetections](), list[FrameTruth]()
     features: dict[str, list[FloatArray]] = {crops: [] for crops in CROPS}
     for frame, image, truth in clip.pictures():
         with times.measure("detect"):
@@ -174,9 +176,9 @@ def observe(clip: CeilingClip, detector_file: Path, appearance_file: Path) -> Ob
             own = each.describe(image, located, times if crops == "upright" else None).detections.features
             features[crops].append((np.empty((0, 128)) if own is None else own).astype(np.float16))
         plain = Detections(located.detections.boxes, detected.scores)
-        found.append(FloorDetections(plain, located.rotated, located.places))
+        detections.append(FloorDetections(plain, located.rotated, located.places))
         truths += [truth] if frame % RATE == 0 else []
-    return Observed(clip, found, features, ground_truth(truths), times.seconds)
+    return Observed(clip, detections, features, ground_truth(truths), times.seconds)
 
 
 # Seconds that all rows keep a track without a detection, and that a new one needs detections in a row.
@@ -188,6 +190,7 @@ ANY_OVERLAP = 0.99
 PLACE_GATE = 0.5
 SHIPPED = FisheyeSettings()
 Choice = dict[str, float]
+Frames = Sequence[FloorDetections]
 
 
 class RoomRow(NamedTuple):
@@ -201,7 +204,7 @@ class RoomRow(NamedTuple):
     """
 
     crops: str
-    track: Callable[[Sequence[FloorDetections], float, Choice], list[Track]]
+    track: Callable[[Frames, float, Choice], list[Track]]
     grid: Mapping[str, Sequence[float]]
     least_score: float | None = None
 
@@ -212,18 +215,18 @@ def choices_of(row: RoomRow) -> list[Choice]:
 
 
 def _hungarian(
-    by_appearance: bool, by_place: bool, found: Sequence[FloorDetections], rate: float, choice: Choice, **fixed: float
+    by_appearance: bool, by_place: bool, detections: Frames, rate: float, choice: Choice, **fixed: float
 ) -> list[Track]:
     # As in the thesis, the second stage asks for the place alone, unless a row says otherwise.
     given = {"start_score": 0.0, "place_feature_gate": 2.0, **choice, **fixed}
     settings = FisheyeSettings(by_appearance, by_place, confirm=CONFIRM, max_age=PATIENCE, **given)
-    return _command("hungarian", found, rate, {}, settings)
+    return _command("hungarian", detections, rate, {}, settings)
 
 
 def _command(
-    method: FloorMethod, found: Sequence[FloorDetections], rate: float, _: Choice, settings: FisheyeSettings = SHIPPED
+    method: FloorMethod, detections: Frames, rate: float, _: Choice, settings: FisheyeSettings = SHIPPED
 ) -> list[Track]:
-    return [one.track for one in link_on_floor(found, rate, method, settings, StageTimes())]
+    return [one.track for one in link_on_floor(detections, rate, method, settings, StageTimes())]
 
 
 def _lifecycle(rate: float, choice: Choice) -> LifecycleSettings:
@@ -236,12 +239,12 @@ def _motion(rate: float, walk: float) -> BoxMotion:
     return BoxMotion(acceleration=walk / rate**1.5, start_velocity=walk / rate)
 
 
-def _sort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[Track]:
+def _sort(detections: Frames, rate: float, choice: Choice) -> list[Track]:
     settings = SortSettings(choice["min_iou"], _lifecycle(rate, choice), _motion(rate, choice["walk"]))
-    return run_tracker((f.detections for f in found), Sort(settings))
+    return run_tracker((each.detections for each in detections), Sort(settings))
 
 
-def _deepsort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> list[Track]:
+def _deepsort(detections: Frames, rate: float, choice: Choice) -> list[Track]:
     growth = choice["growth"] / rate
     settings = DeepSortSettings(
         feature_gate=choice["feature_gate"],
@@ -252,7 +255,7 @@ def _deepsort(found: Sequence[FloorDetections], rate: float, choice: Choice) -> 
         lifecycle=_lifecycle(rate, choice),
         motion=_motion(rate, choice["walk"]),
     )
-    return run_tracker((f.detections for f in found), DeepSort(settings))
+    return run_tracker((each.detections for each in detections), DeepSort(settings))
 
 
 # Chosen values are meant to lie within these. A cosine distance of 1 is as good as no gate, an overlap of .01 as any.
@@ -288,8 +291,8 @@ def each_second(tracks: Sequence[Track], rate: int) -> list[Track]:
 def tracked(name: str, choice: Choice, least: float, observed: Observed) -> list[Track]:
     """The tracks of a row by its name, choice and lowest score in a sequence, in the seconds that have a truth."""
     how = ROWS[name]
-    found = observed.described(how.crops, least if how.least_score is None else how.least_score)
-    return each_second(how.track(found, float(observed.clip.rate), choice), observed.clip.rate)
+    detections = observed.described(how.crops, least if how.least_score is None else how.least_score)
+    return each_second(how.track(detections, float(observed.clip.rate), choice), observed.clip.rate)
 
 
 def pair_of(name: str, observed: Observed, tracks: Sequence[Track], where: Any = None) -> SequencePair:
@@ -299,7 +302,7 @@ def pair_of(name: str, observed: Observed, tracks: Sequence[Track], where: Any =
         truth = truth.select(where(truth.boxes))
         kept = [(t, where(t.boxes)) for t in plain]
         plain = [Track(t.id, t.frames[k], t.boxes[k], t.scores[k]) for t, k in kept if k.any()]
-    return SequencePair(name, truth, plain, len(observed.found) // observed.clip.rate)
+    return SequencePair(name, truth, plain, len(observed.detections) // observed.clip.rate)
 
 
 LEAST_SCORES = (0.2, 0.3, 0.4, 0.5, 0.6)
@@ -369,7 +372,6 @@ def reproduce(
     first_seed: int = 0,
     seconds: int = 60,
     fast_seeds: int = 3,
-    fast_seconds: int = 10,
     calibration: Path | None = None,
 ) -> Outcome:
     """People under ceiling fisheye cameras, at 1 and 15 frames a second: what upright crops and floor places bring.
@@ -381,8 +383,7 @@ def reproduce(
         seeds: rooms of each size, two cameras each.
         first_seed: of these rooms.
         seconds: of each sequence at 1 frame a second.
-        fast_seeds: of these rooms, tracked at 15 frames a second, too; 0 leaves them out.
-        fast_seconds: of each sequence at 15 frames a second.
+        fast_seeds: of these rooms, of which 10 seconds are tracked at 15 frames a second, too; 0 leaves them out.
         calibration: lens of the cameras, any that tsuiseki calibrate convert reads; by default an equidistant one.
 
     Raises:
@@ -394,7 +395,7 @@ def reproduce(
         raise RequestError(f"`first_seed`: expected rooms without {known}, on which settings are chosen")
     models = shipped(DETECTORS["unrolled"]), shipped("appearance_people")
     plans = [(room, seed, seconds, 1) for room in ROOMS for seed in (*VALIDATION_SEEDS, *tested)]
-    plans += [(room, seed, fast_seconds, 15) for seed in tested[:fast_seeds] for room in ROOMS]
+    plans += [(room, seed, FAST_SECONDS, 15) for seed in tested[:fast_seeds] for room in ROOMS]
     jobs = [CeilingClip(*plan, camera, calibration) for plan in plans for camera in range(CAMERAS)]
     every = store.each(observe, [(clip, *models) for clip in jobs], "clips")
     chosen, least = _chosen(store, [one for one in every if one.clip.seed in VALIDATION_SEEDS])
@@ -404,7 +405,7 @@ def reproduce(
         own = [o for o in every if o.clip.seed in tested and (o.clip.rate, o.clip.room) == kind]
         results += [FloorResults(own, store.study(rows, own, "tracking"))] if own else []
     values: dict[str, Any] = {
-        "rooms": {"seeds": list(tested), "seconds": seconds, "fast_seeds": fast_seeds, "fast_seconds": fast_seconds},
+        "rooms": {"seeds": list(tested), "seconds": seconds, "fast_seeds": fast_seeds, "fast_seconds": FAST_SECONDS},
         "chosen": {"least_score": least, "rows": {name: each._asdict() for name, each in chosen.items()}},
         "rows": {label: row_values(each) for label, each in zip(LABELS, results, strict=False)},
         "where": where_parts_help(results[0]),
@@ -426,45 +427,47 @@ def _chosen(store: Store, every: Sequence[Observed]) -> tuple[dict[str, Graded],
     return chosen, least
 
 
-def _scores(found: FloorResults, name: str, where: Any = None) -> list[PeopleScores]:
+def _scores(results: FloorResults, name: str, where: Any = None) -> list[PeopleScores]:
     """Scores of a row for each seed; ``where`` keeps some boxes."""
-    every = zip(found.observed, found.tracks[name], strict=True)
+    every = zip(results.observed, results.tracks[name], strict=True)
     pairs = [pair_of(str(k), observed, tracks, where) for k, (observed, tracks) in enumerate(every)]
     return [evaluate_sequences(pairs[first : first + CAMERAS]).combined for first in range(0, len(pairs), CAMERAS)]
 
 
-def row_values(found: FloorResults) -> dict[str, list[dict[str, float]]]:
+def row_values(results: FloorResults) -> dict[str, list[dict[str, float]]]:
     """The scores of each row, one a seed; shares in percent."""
     shares = ("mota", "idf1", "hota", "recall", "precision")
     return {
-        name: [{**{k: 100 * getattr(s, k) for k in shares}, "id_switches": s.id_switches} for s in _scores(found, name)]
-        for name in found.tracks
+        name: [
+            {k: 100 * getattr(s, k) for k in shares} | {"id_switches": s.id_switches} for s in _scores(results, name)
+        ]
+        for name in results.tracks
     }
 
 
-def where_parts_help(found: FloorResults) -> dict[str, Any]:
+def where_parts_help(results: FloorResults) -> dict[str, Any]:
     """Table 4.4: gains of each part alone, in points of MOTA, by direction and distance from the image's middle."""
 
     def inside(within: Region, boxes: FloatArray) -> BoolArray:
         x, y = ((boxes[:, :2] + boxes[:, 2:]) / 2 - [640, 480]).T
         return within(np.abs((np.arctan2(y, x) + np.pi / 4) % (np.pi / 2) - np.pi / 4), np.hypot(x, y))
 
-    result = {}
+    gains = {}
     for label, (_, ours, theirs, _, within) in REGIONS.items():
-        pairs = zip(*(_scores(found, row, partial(inside, within)) for row in (ours, theirs)), strict=True)
-        result[label] = {"row": ours, "against": theirs, "by_seed": [100 * (a.mota - b.mota) for a, b in pairs]}
-    return result
+        pairs = zip(*(_scores(results, row, partial(inside, within)) for row in (ours, theirs)), strict=True)
+        gains[label] = {"row": ours, "against": theirs, "by_seed": [100 * (a.mota - b.mota) for a, b in pairs]}
+    return gains
 
 
-def stage_milliseconds(found: FloorResults, chosen: Graded, least: float) -> dict[str, float]:
+def stage_milliseconds(results: FloorResults, chosen: Graded, least: float) -> dict[str, float]:
     """Milliseconds a frame of each stage in the first sequence, both parts with the chosen settings."""
-    observed = found.observed[0]
-    frames, begin = len(observed.found), time.process_time()
+    observed = results.observed[0]
+    frames, begin = len(observed.detections), time.process_time()
     tracked("both", chosen.choice, least, observed)
     seconds = {**observed.seconds, "associate": time.process_time() - begin}
     return {
         **{s: 1000 * spent / frames for s, spent in seconds.items()},
-        "people": sum(map(len, observed.found)) / frames,
+        "people": sum(map(len, observed.detections)) / frames,
     }
 
 
@@ -496,10 +499,10 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
     return [*result, Table("Table 4.5: milliseconds of the processor a frame", columns, lines)]
 
 
-def switch_pictures(found: FloorResults) -> dict[str, bytes]:
+def switch_pictures(results: FloorResults) -> dict[str, bytes]:
     """``prevented.jpg``: DeepSORT above, both parts below; ``remaining.jpg`` likewise. Missing where there is none."""
     pictures = dict[str, bytes]()
-    for observed, *rows in zip(found.observed, found.tracks["DeepSORT"], found.tracks["both"], strict=True):
+    for observed, *rows in zip(results.observed, results.tracks["DeepSORT"], results.tracks["both"], strict=True):
         theirs, ours = (named(observed, tracks) for tracks in rows)
         spots = {"prevented.jpg": first_switch(theirs, ours), "remaining.jpg": first_switch(ours, None)}
         for name, spot in spots.items():

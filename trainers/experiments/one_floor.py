@@ -205,14 +205,14 @@ def shelf_scores(folder: Path) -> list[tuple[str, int, float, int]]:
     return rows
 
 
-def nearest_ids(truth: PlacedTruth, found: PlacedTruth, who: int, seconds: float, metres: float) -> IntArray:
+def nearest_ids(truth: PlacedTruth, tracks: PlacedTruth, who: int, seconds: float, metres: float) -> IntArray:
     """``(T,)`` id of the nearest track within so many seconds and metres of each label of a person, -1 for none."""
     own, result = truth.ids == who, list[int]()
     for moment, place in zip(truth.times[own], truth.places[own], strict=True):
-        there = np.flatnonzero(np.abs(found.times - moment) < seconds)
-        apart = np.linalg.norm(found.places[there] - place, axis=1)
+        there = np.flatnonzero(np.abs(tracks.times - moment) < seconds)
+        apart = np.linalg.norm(tracks.places[there] - place, axis=1)
         near = len(there) > 0 and apart.min() <= metres
-        result.append(int(found.ids[there[apart.argmin()]]) if near else -1)
+        result.append(int(tracks.ids[there[apart.argmin()]]) if near else -1)
     return np.array(result, dtype=np.int64)
 
 
@@ -255,7 +255,7 @@ def _followed(measured: MeasuredFloor) -> PlacedTruth:
     )
 
 
-def kept_ids(truth: PlacedTruth, found: PlacedTruth, in_view: dict[int, np.ndarray]) -> tuple[int, int]:
+def kept_ids(truth: PlacedTruth, tracks: PlacedTruth, in_view: dict[int, np.ndarray]) -> tuple[int, int]:
     """Changes of view in which the person bears one id before and after, and all changes.
 
     ``in_view`` is ``(T, C)`` of each person: in which camera's labels the person is at each moment.
@@ -269,7 +269,7 @@ def kept_ids(truth: PlacedTruth, found: PlacedTruth, in_view: dict[int, np.ndarr
     wait, kept, changes = round(APART / step), 0, 0
     for who, visible in in_view.items():
         ids = np.full(len(times), -1)
-        ids[np.searchsorted(times, truth.times[truth.ids == who])] = nearest_ids(truth, found, who, 0.5 * step, NEAR)
+        ids[np.searchsorted(times, truth.times[truth.ids == who])] = nearest_ids(truth, tracks, who, 0.5 * step, NEAR)
         for frame, camera in np.argwhere(visible[:-1] & ~visible[1:]).tolist():
             later = visible[frame + 1 : frame + 1 + wait].copy()
             later[:, camera] = False

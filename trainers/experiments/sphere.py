@@ -221,10 +221,10 @@ def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[FilmRow]) 
     for index, (images, _) in enumerate(progress(scene.frames(), f"film {seed}", settings.frames)):
         board = scene.covered_image(0, rng) if any(index in frames for frames in hidden) else None
         for n, (tracker, state, own) in enumerate(runs):
-            seen = list(images[: ways[n].cameras])
+            shown = list(images[: ways[n].cameras])
             if board is not None and index in hidden[n]:
-                seen[0] = board
-            state, info = tracker.step(state, TimedViews(float(scene.times[index]), seen), own)
+                shown[0] = board
+            state, info = tracker.step(state, TimedViews(float(scene.times[index]), shown), own)
             runs[n] = tracker, state, own
             points[n].append(info.point)
     paths = [np.array(own) for own in points]

@@ -92,11 +92,11 @@ class Store:
             units: what every row is measured on.
             what: names the runs in the line of progress.
         """
-        found: dict[Any, list[T]] = {name: [] for name in rows}
+        measured: dict[Any, list[T]] = {name: [] for name in rows}
         jobs = [(unit, name) for unit in units for name in rows]
         for unit, name in progress(jobs, what, len(jobs)):
-            found[name].append(self.recall(rows[name], unit))
-        return found
+            measured[name].append(self.recall(rows[name], unit))
+        return measured
 
     def made(self, name: str, write: Callable[Concatenate[Path, P], Any], *args: P.args, **kwargs: P.kwargs) -> Path:
         """The file or folder ``name`` that ``write(path, *args, **kwargs)`` makes, from an earlier run if it is there.
@@ -260,9 +260,9 @@ class Column:
     beside: str = "paper"
     gain: Show | None = None
 
-    def values(self, found: Iterable[Any]) -> FloatArray:
+    def values(self, measured: Iterable[Any]) -> FloatArray:
         """``(S,)`` values of S units."""
-        return self.factor * np.concatenate([np.atleast_1d(self._value(one)) for one in found]).astype(np.float64)
+        return self.factor * np.concatenate([np.atleast_1d(self._value(one)) for one in measured]).astype(np.float64)
 
     def _value(self, one: Any) -> Any:
         if callable(self.value):
@@ -305,7 +305,7 @@ class Table:
 
 
 def tabulated(
-    found: Mapping[Any, Iterable[Any]],
+    measured: Mapping[Any, Iterable[Any]],
     columns: Sequence[Column],
     heads: Sequence[str] = ("",),
     title: str = "",
@@ -314,7 +314,7 @@ def tabulated(
     """A line for each row.
 
     Args:
-        found: measurements by row, one a unit, the units in the same order.
+        measured: measurements by row, one a unit, the units in the same order.
         columns: of the table.
         heads: headings of the cells of a row's name.
         title: stands above.
@@ -326,7 +326,7 @@ def tabulated(
         headings += [column.heading, *([column.beside] if column.paper else [])]
         headings += [f"{column.heading}{over}"] if column.gain else []
     lines = []
-    for name, own in found.items():
+    for name, own in measured.items():
         cells: list[str] = [name] if isinstance(name, str) else list(name)
         below = base(name) if callable(base) else base
         for column in columns:
@@ -336,15 +336,15 @@ def tabulated(
                 cells.append(f"{column.paper[name]:{column.form}}" if name in column.paper else "")
             if column.gain:
                 alone = below in (None, name)
-                cells.append("" if alone else column.gain(values - column.values(found[below]), f"+{column.form}"))
+                cells.append("" if alone else column.gain(values - column.values(measured[below]), f"+{column.form}"))
         lines.append(cells)
     return Table(title, headings, lines)
 
 
-def values_of(found: Mapping[Any, Iterable[Any]], heads: Sequence[str] = ("row",)) -> list[dict[str, Any]]:
+def values_of(measured: Mapping[Any, Iterable[Any]], heads: Sequence[str] = ("row",)) -> list[dict[str, Any]]:
     """All measurements for results.json: of each row its name, a key a head, and ``runs``, one a unit."""
-    names = {name: (name,) if isinstance(name, str) else name for name in found}
-    return [{**dict(zip(heads, names[name], strict=True)), "runs": runs} for name, runs in found.items()]
+    names = {name: (name,) if isinstance(name, str) else name for name in measured}
+    return [{**dict(zip(heads, names[name], strict=True)), "runs": runs} for name, runs in measured.items()]
 
 
 @dataclass(frozen=True)

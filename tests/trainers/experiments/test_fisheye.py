@@ -142,7 +142,7 @@ def test_the_thesis_rows_ask_for_the_place_alone():
     assert tracks == {"both": 1, GATED: 2, "track fisheye": 2}
 
 
-@pytest.mark.parametrize(("argument", "value"), [("seeds", 0), ("seconds", 0), ("fast_seconds", 0), ("fast_seeds", -1)])
+@pytest.mark.parametrize(("argument", "value"), [("seeds", 0), ("seconds", 0), ("fast_seeds", -1)])
 def test_impossible_sizes_are_named(tmp_path, argument, value, capsys):
     words = ["--out", str(tmp_path / "out"), f"--{argument}", str(value)]
     assert main(["reproduce", "omnidirectional", *words]) == 2
@@ -201,7 +201,7 @@ def test_a_prevented_switch_is_one_that_the_other_does_not_have():
 def test_a_room_is_drawn_observed_and_shown():
     clip = CeilingClip("small", 3, 3, 1, 0, None)
     some = observe(clip, shipped(DETECTORS["unrolled"]), shipped("appearance_people"))
-    assert len(some.found) == 3
+    assert len(some.detections) == 3
     assert set(some.truth.frames) == {0, 1, 2}
     assert len(some.truth) > 3
     for each in some.described("upright", 0.2):
