@@ -40,9 +40,8 @@ class Clip:
 
 def make_clip(seed: int, settings: BouncingBallSettings) -> Clip:
     """A generated clip as the tracker sees it."""
-    clip = BouncingClip(settings, seed)
-    frames = [clip.draw_frame(number) for number in range(settings.frames)]
-    return Clip(np.stack([f.states[0] for f in frames]), [EdgeImage.of(f.image, EXTRACTION) for f in frames])
+    images, states = zip(*BouncingClip(settings, seed).frames(), strict=True)
+    return Clip(np.stack(states)[:, 0], [EdgeImage.of(image, EXTRACTION) for image, _ in images])
 
 
 def follow(clip: Clip, motion: BodyMotion, particles: int, seed: int = 0) -> FloatArray:

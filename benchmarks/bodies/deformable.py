@@ -84,8 +84,8 @@ def main() -> None:
     options = parser.parse_args()
     cv2.setNumThreads(1)
     planned = GoldfishClip(GoldfishSettings(frames=options.frames, fish=1), seed=3)
-    drawn = [planned.draw_frame(number) for number in range(options.frames)]
-    clip = Clip([frame.image for frame in drawn], np.stack([frame.states[0] for frame in drawn]))
+    images, states = zip(*planned.frames(), strict=True)
+    clip = Clip([image for image, _ in images], np.stack(states)[:, 0])
     print(f"{platform.processor() or platform.machine()}, OpenCV {cv2.__version__}, numpy {np.__version__}; 640x480")
     print(f"{'particles':>9} {'bare':>7} {'image':>7} {'particles':>9} {'frame':>7} {'ratio':>6} {'frames/s':>8}")
     for particles in WHOLE_FRAMES:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from tsuiseki.datamodules.scenes.clip import IMAGES, Clip, ClipSettings, Moment
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.render.tracing import Window, overlap
 from tsuiseki.tracking.formats.body_states import FOLDER, write_states
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.tracks import exact_track
 
 MOST_BODIES = 5
@@ -74,40 +74,23 @@ def paint(image: Float32, body: Drawn) -> None:
     image[part] = (1 - cover) * image[part] + cover * body.colour[own]
 
 
-@dataclass(frozen=True)
-class BodyFrame:
-    """One frame of a clip of bodies.
-
-    Attributes:
-        image: ``(H, W, 3)`` uint8 RGB.
-        states: ``(K, D)`` exact states; body ``k`` has the id ``k + 1``.
-        silhouettes: ``(H, W)`` uint8 whose bit ``k`` says that body ``k`` lies there, covered by another or not.
-    """
-
-    image: ImageArray
-    states: FloatArray
-    silhouettes: ImageArray
-
-
 class BodyClip(Clip[FloatArray]):
-    """A planned clip, of which every frame can be drawn on its own; its images are followed by the silhouettes.
+    """A planned clip, of which every frame can be drawn on its own; its truth are the states ``(K, D)``.
+
+    Its second view are the silhouettes, ``(H, W)`` uint8 whose bit ``k`` says that body ``k`` lies there, covered by
+    another or not.
 
     Attributes:
         fields: names of the D numbers of a state.
-        states: ``(T, K, D)`` exact states.
+        states: ``(T, K, D)`` exact states; body ``k`` has the id ``k + 1``.
     """
 
     fields: tuple[str, ...]
     states: FloatArray
     views = (IMAGES, f"{FOLDER}/{{number:06d}}.png")
 
-    def frames(self) -> Iterator[Moment[FloatArray]]:
-        """See `clip.Clip`; the truth is the states ``(K, D)``."""
-        for frame in map(self.draw_frame, range(len(self.states))):
-            yield (frame.image, frame.silhouettes), frame.states
-
-    def draw_frame(self, frame: int) -> BodyFrame:
-        """Frame ``frame`` of the clip."""
+    def draw_frame(self, frame: int) -> Moment[FloatArray]:
+        """See `clip.Clip`."""
         image, bodies = self._picture(frame)
         height, width = image.shape[:2]
         silhouettes = np.zeros((height, width), np.uint8)
@@ -116,7 +99,7 @@ class BodyClip(Clip[FloatArray]):
             silhouettes[part] |= np.where(body.opacity[own] > 0.3, np.uint8(1 << bit), np.uint8(0))
         top, left = self._places[frame]
         noisy = cv2.add(image, self._noise[top : top + height, left : left + width], dtype=cv2.CV_8U)
-        return BodyFrame(np.asarray(noisy, np.uint8), self.states[frame], silhouettes)
+        return (np.asarray(noisy, np.uint8), silhouettes), self.states[frame]
 
     def write_truth(self, folder: Path, name: str, truths: list[FloatArray]) -> None:
         """Write ``states.csv`` and ``seqinfo.ini``."""

@@ -44,7 +44,7 @@ class Clip(ABC, Generic[Truth]):
     settings: Any
     quality: ClassVar[int] = QUALITY
     draw_frame: ClassVar[Callable[..., Any]]
-    """Draws one frame of a clip whose frames depend on none before: the image of its only view, and the truth."""
+    """The moment of one frame, of a clip whose frames depend on none before."""
 
     @property
     def views(self) -> tuple[str, ...]:
@@ -53,9 +53,7 @@ class Clip(ABC, Generic[Truth]):
 
     def frames(self) -> Iterator[Moment[Truth]]:
         """The clip from the start: an image of each view, ``(H, W, 3)`` uint8 RGB, before JPEG, and their truth."""
-        for frame in range(self.settings.frames):
-            image, truth = self.draw_frame(frame)
-            yield (image,), truth
+        return map(self.draw_frame, range(self.settings.frames))
 
     @abstractmethod
     def write_truth(self, folder: Path, name: str, truths: list[Truth]) -> None:
@@ -183,12 +181,12 @@ def people_in_view(
         shown: share of the silhouette that shows, at least.
         inside: share of the box that lies in the image, of which there must be more.
     """
-    found = [(row, s) for row, s in enumerate(sightings) if s is not None and s.visibility >= shown]
-    whole = np.array([s.box for _, s in found], dtype=np.float64).reshape(-1, 4)
+    visible = [(row, s) for row, s in enumerate(sightings) if s is not None and s.visibility >= shown]
+    whole = np.array([s.box for _, s in visible], dtype=np.float64).reshape(-1, 4)
     boxes = clip_boxes(whole, *size)
     kept = areas(boxes) > inside * areas(whole)
-    rows = np.array([row for row, _ in found], dtype=np.int64)[kept]
-    visibility = np.array([s.visibility for _, s in found], dtype=np.float64)[kept]
+    rows = np.array([row for row, _ in visible], dtype=np.int64)[kept]
+    visibility = np.array([s.visibility for _, s in visible], dtype=np.float64)[kept]
     return FrameTruth(rows + 1, boxes[kept], visibility), rows
 
 

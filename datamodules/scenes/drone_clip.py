@@ -170,8 +170,8 @@ class DroneClip(clip.Clip[clip.FrameTruth]):
         """See `clip.Clip`."""
         return (clip.IMAGES if self.settings.layout == "mot" else OKUTAMA_FRAMES.format(seed=self.seed),)
 
-    def draw_frame(self, frame: int) -> tuple[ImageArray, clip.FrameTruth]:
-        """Frame ``frame``, ``(H, W, 3)`` uint8 RGB before JPEG; ids count the performers of the plan from 1."""
+    def draw_frame(self, frame: int) -> clip.Moment[clip.FrameTruth]:
+        """See `clip.Clip`; ids count the performers of the plan from 1."""
         camera, settings = self.cameras[frame], self.settings
         states = [performer.states[frame] for performer in self.gathering.performers]
         people = [person_thing(m.person, m.pose, m.position, m.heading) for m in states]
@@ -190,7 +190,7 @@ class DroneClip(clip.Clip[clip.FrameTruth]):
         rng = np.random.default_rng([self.seed, 1, frame])
         image = photographed(image, self.tone, BLUR, self.grains, rng)
         truth, rows = clip.people_in_view(sightings[: len(people)], (camera.width, camera.height), 1e-9, INSIDE)
-        return image, replace(truth, actions=tuple(states[i].activity.actions for i in rows))
+        return (image,), replace(truth, actions=tuple(states[i].activity.actions for i in rows))
 
     def write_truth(self, folder: Path, name: str, truths: list[clip.FrameTruth]) -> None:
         """Write ``gt/gt.txt``, ``gt/actions.txt`` and ``seqinfo.ini``, or the labels of Okutama-Action's layout."""

@@ -70,8 +70,8 @@ class FlowPair:
         self.inside = (goal >= 0).all(axis=2) & (goal <= np.array([width - 1, height - 1])).all(axis=2)
         # What the sensor makes of both.
         grains = (noise * sensor_noise(rng, height, width) if noise else 0 for _ in range(2))
-        seen = (image + grain + 0.5 for image, grain in zip((first, second), grains, strict=True))
-        self.first, self.second = (np.clip(image, 0, 255).astype(np.uint8) for image in seen)
+        noisy = (image + grain + 0.5 for image, grain in zip((first, second), grains, strict=True))
+        self.first, self.second = (np.clip(image, 0, 255).astype(np.uint8) for image in noisy)
 
 
 def _paste(image: Float32, sprite: ImageArray, place: FloatArray) -> None:

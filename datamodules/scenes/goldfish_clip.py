@@ -21,6 +21,8 @@ SHADOW = (11, 15)
 SHADOW_BLUR = 4.0
 # Length and width of the ellipse of a fish, and of its tail, pixels.
 LENGTH, WIDTH, TAIL = 56.0, 24.0, 32.0
+# Each fish is larger or smaller by up to this share.
+SPREAD = 0.06
 # Strength of the moving light, of mirror images in the glass, and of shadows, as shares of the brightness.
 RIPPLES, REFLECTIONS, SHADOWS = 0.16, 0.3, 0.35
 # Share of the surface that mirrors the lamp, and stones about as orange as the fish.
@@ -35,12 +37,10 @@ class GoldfishSettings(ClipSettings):
 
     Attributes:
         fish: how many, 1 to 5; nearer ones (later ids) cover farther ones.
-        size_spread: each fish is larger or smaller by up to this share.
     """
 
     frame_rate: float = 15.0
     fish: int = 2
-    size_spread: float = 0.06
 
     def __post_init__(self) -> None:
         self.expect("goldfish", 4 * int(LENGTH), (1 <= self.fish <= MOST_BODIES, f"1 to {MOST_BODIES} fish", self.fish))
@@ -61,7 +61,7 @@ class GoldfishClip(BodyClip):
     def __init__(self, settings: GoldfishSettings, seed: int) -> None:
         self.settings, (plan, stage) = settings, np.random.default_rng(seed).spawn(2)
         self.states = goldfish_states(settings, plan)
-        scales = stage.uniform(1 - settings.size_spread, 1 + settings.size_spread, settings.fish)
+        scales = stage.uniform(1 - SPREAD, 1 + SPREAD, settings.fish)
         self._fish = [FishAppearance(scale * LENGTH, scale * WIDTH, scale * TAIL, stage) for scale in scales.tolist()]
         self._floor = gravel(settings.width, settings.height, stage)
         # Waves that drift against each other: two layers of light on the floor, one of facets that may mirror the lamp.

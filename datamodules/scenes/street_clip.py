@@ -18,7 +18,7 @@ from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.datamodules.scenes.things import street_things
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types import FloatArray
 
 CAMERAS = 300
 # Share of the image in which people have a wanted size, at least.
@@ -42,7 +42,6 @@ class StreetSettings(clip.ClipSettings):
         people: about how many are around at a time.
         occluders: things that may hide people: poles, boxes, bushes, parked cars.
         person_height: (least, greatest) of a person where people walk, pixels.
-        look_alikes: probability of being dressed much like somebody else around.
         samples: rays along each side of a pixel.
         motion: people walk, dance in step, or play: run fast, and turn at once.
     """
@@ -51,7 +50,6 @@ class StreetSettings(clip.ClipSettings):
     people: int = 10
     occluders: int = 7
     person_height: tuple[float, float] = (30.0, 170.0)
-    look_alikes: float = 0.15
     samples: int = 2
     motion: Motion = "walk"
 
@@ -60,7 +58,6 @@ class StreetSettings(clip.ClipSettings):
             (self.people >= 1, "at least one person", self.people),
             (self.occluders >= 0, "occluders >= 0", self.occluders),
             (0 < self.person_height[0] < self.person_height[1], "person_height as (low, high)", self.person_height),
-            (0 <= self.look_alikes <= 1, "look_alikes in [0, 1]", self.look_alikes),
             (1 <= self.samples <= 8, "samples from 1 to 8", self.samples),
             (self.motion in get_args(Motion), "motion walk, dance or sport", self.motion),
         )
@@ -85,7 +82,7 @@ class StreetClip(clip.Clip[clip.FrameTruth]):
         bare, self.sunlit = darken(empty_picture(ground, settings.samples), static, camera, light, sunlit, 1.0)
         self.background, _ = compose(bare, static, camera, light)
         self.walkers = crowd(
-            rng, settings, settings.people, settings.look_alikes, lambda r: spots[int(r.integers(len(spots)))],
+            rng, settings, settings.people, lambda r: spots[int(r.integers(len(spots)))],
             lambda r: _out_of_view(r, camera, spots), np.array(obstacles, dtype=np.float64).reshape(-1, 3),
             settings.motion,
         )  # fmt: skip
@@ -101,8 +98,8 @@ class StreetClip(clip.Clip[clip.FrameTruth]):
         waves = zip(rng.uniform(0.02, 0.3, 3), rng.uniform(0, 2 * np.pi, 3), strict=True)
         self.drift = np.exp(EXPOSURE_DRIFT * sum(np.sin(2 * np.pi * f * seconds + p) for f, p in waves))
 
-    def draw_frame(self, frame: int) -> tuple[ImageArray, clip.FrameTruth]:
-        """Frame ``frame``, ``(H, W, 3)`` uint8 RGB before JPEG; ids count the people of the plan from 1."""
+    def draw_frame(self, frame: int) -> clip.Moment[clip.FrameTruth]:
+        """See `clip.Clip`; ids count the people of the plan from 1."""
         camera = self.camera
         there = [i for i, walker in enumerate(self.walkers) if walker.is_there(frame)]
         things = [self.walkers[i].thing(frame) for i in there]
@@ -111,7 +108,7 @@ class StreetClip(clip.Clip[clip.FrameTruth]):
         rng = np.random.default_rng([self.seed, 1, frame])
         image = degrade(picture.colour, replace(self.lens, exposure=self.lens.exposure * self.drift[frame]), rng)
         truth, rows = clip.people_in_view(sightings, (camera.width, camera.height), 0.0, INSIDE)
-        return image, replace(truth, ids=np.array(there, dtype=np.int64)[rows] + 1)
+        return (image,), replace(truth, ids=np.array(there, dtype=np.int64)[rows] + 1)
 
     def write_truth(self, folder: Path, name: str, truths: list[clip.FrameTruth]) -> None:
         """Write ``gt/gt.txt``, with ids without gaps in the order of appearance, and ``seqinfo.ini``."""

@@ -25,11 +25,10 @@ class BallClip:
     """Exact states ``(T, 4)``, silhouettes and edges of one ball."""
 
     def __init__(self, seed):
-        clip = BouncingClip(BouncingBallSettings(frames=150, frame_rate=30.0), seed)
-        frames = [clip.draw_frame(number) for number in range(150)]
-        self.states = np.stack([frame.states[0] for frame in frames])
-        self.silhouettes = np.stack([frame.silhouettes for frame in frames])
-        self.edges = [EdgeImage.of(frame.image, EXTRACTION) for frame in frames]
+        frames = list(BouncingClip(BouncingBallSettings(frames=150, frame_rate=30.0), seed).frames())
+        self.states = np.stack([states[0] for _, states in frames])
+        self.silhouettes = np.stack([shown for (_, shown), _ in frames])
+        self.edges = [EdgeImage.of(image, EXTRACTION) for (image, _), _ in frames]
 
     def track(self, motion, particles, seed=0):
         settings = DeformableSettings(particles=particles, spread=10.0)

@@ -19,12 +19,14 @@ from tsuiseki.tracking.filters.body_motion import RandomWalk
 from tsuiseki.tracking.formats.body_states import centre_inside, read_states
 from tsuiseki.trainers.learn_body import Outline, area_centroids, evenly_sampled, learn_body, line_up, outlines_of
 
-SETTINGS = GoldfishSettings(frames=60, fish=3, size_spread=0.0)
+SETTINGS = GoldfishSettings(frames=60, fish=3)
 
 
 @pytest.fixture(scope="module")
 def clip(tmp_path_factory):
-    return write_clip(tmp_path_factory.mktemp("clips") / "clip", GoldfishClip(SETTINGS, 5))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(goldfish_clip, "SPREAD", 0.0)
+        return write_clip(tmp_path_factory.mktemp("clips") / "clip", GoldfishClip(SETTINGS, 5))
 
 
 @pytest.fixture(scope="module")
@@ -85,28 +87,27 @@ def test_it_fits_fish_it_has_not_seen(fit, monkeypatch):
     monkeypatch.setattr(goldfish_clip, "PEBBLES", 0)
     monkeypatch.setattr(goldfish_clip, "GLINTS", 0.0)
     drawn = GoldfishClip(GoldfishSettings(frames=20, fish=1), seed=77)
-    frames = [drawn.draw_frame(number) for number in range(0, 20, 5)]
-    for frame in frames:
-        edges = EdgeImage.of(frame.image, extraction)
-        states = np.tile([*frame.states[0, :3], 0.0], (20000, 1))
+    for (image, _), exact in (drawn.draw_frame(number) for number in range(0, 20, 5)):
+        edges = EdgeImage.of(image, extraction)
+        states = np.tile([*exact[0, :3], 0.0], (20000, 1))
         low, high = fit.body.limits[3]
         states += np.column_stack([rng.normal(0, 12, (20000, 2)), rng.normal(0, 0.4, 20000), np.zeros(20000)])
         states[:, 3] = rng.uniform(low, high, 20000)
         assert point_distances(edges, fit.body.contour(states)).max(axis=1).min() < 5.0
 
 
-def test_the_tracker_follows_a_body_that_nobody_drew(fit):
+def test_the_tracker_follows_a_body_that_nobody_drew(fit, monkeypatch):
     """On the fish of another clip, and of the size that was learnt."""
-    drawn = GoldfishClip(GoldfishSettings(frames=40, fish=1, size_spread=0.0), seed=78)
-    frames = [drawn.draw_frame(number) for number in range(40)]
+    monkeypatch.setattr(goldfish_clip, "SPREAD", 0.0)
+    frames = list(GoldfishClip(GoldfishSettings(frames=40, fish=1), seed=78).frames())
     extraction = Extraction(parse_colour("orange"))
     tracker = DeformableTracker(fit.body, RandomWalk(wide_noise(fit.body)), extraction, DeformableSettings(2000))
-    for index, frame in enumerate(frames):
-        tracker.update_edges(index, EdgeImage.of(frame.image, extraction))
+    for index, ((image, _), _) in enumerate(frames):
+        tracker.update_edges(index, EdgeImage.of(image, extraction))
     (track,) = tracker.tracks()
-    silhouettes = np.stack([frame.silhouettes for frame in frames])
+    silhouettes = np.stack([shown for (_, shown), _ in frames])
     assert centre_inside(silhouettes, 1, track.states[:, :2]).all()
-    exact = np.array([frame.states[0] for frame in frames])
+    exact = np.array([states[0] for _, states in frames])
     assert np.cos(track.states[:, 2] - exact[:, 2]).min() > 0.5
     assert np.corrcoef(track.states[:, 3], exact[:, 3])[0, 1] > 0.8
 

@@ -96,13 +96,13 @@ class Standing(Thing):
         away = self.spot - camera.position[:2]
         return np.asarray(away / max(float(np.linalg.norm(away)), 1e-6))
 
-    def shade(self, layer: Layer, seen: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
+    def shade(self, layer: Layer, visible: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
         """See `composing.Thing.shade`."""
         del samples
         away, shown = self._away(camera), layer.shown
         axes = np.array([[away[0], -away[1], 0], [away[1], away[0], 0], [0, 0, 1]], dtype=np.float32)
-        normal = shown.normal[seen].astype(np.float32) / np.float32(127) @ axes.T
-        albedo = np.square(shown.albedo[seen].astype(np.float32) / np.float32(255))
+        normal = shown.normal[visible].astype(np.float32) / np.float32(127) @ axes.T
+        albedo = np.square(shown.albedo[visible].astype(np.float32) / np.float32(255))
         facing = np.maximum(normal @ light.direction, 0)[:, None]
         up = (np.float32(0.5) + np.float32(0.5) * normal[:, 2])[:, None]
         return np.asarray(albedo * (facing * light.sun + up * (light.sky - light.ground) + light.ground))

@@ -26,6 +26,8 @@ STANDING_SPEED = 0.25
 SPEED = (1.3, 0.2)
 # Of people on a street, the probability of walking in company, and of a halt at a place where the way turns.
 GROUPS, PAUSES = 0.35, 0.25
+# And of being dressed much like somebody else around.
+LOOK_ALIKES = 0.15
 # Dancers: metres from one to the next, and seconds from one figure to the next.
 FORMATION, FIGURE = 1.1, (0.8, 2.0)
 # Players: m/s, metres about the play that they run to, and seconds that it stays in one place.
@@ -75,7 +77,7 @@ Places = Callable[[np.random.Generator], FloatArray]
 
 
 def crowd(
-    rng: np.random.Generator, clip: ClipSettings, people: int, look_alikes: float, inside: Places, outside: Places,
+    rng: np.random.Generator, clip: ClipSettings, people: int, inside: Places, outside: Places,
     obstacles: FloatArray, motion: Motion = "walk",
 ) -> list[Walker]:  # fmt: skip
     """Everybody who comes by within a clip.
@@ -84,7 +86,6 @@ def crowd(
         rng: draws everything.
         clip: its length and frame rate.
         people: about how many are around at a time.
-        look_alikes: probability of being dressed much like somebody else around.
         inside: draws a place ``(2,)`` in view.
         outside: draws a place ``(2,)`` out of view, where people come from and go to.
         obstacles: ``(M, 3)`` x, y and radius of what people walk around, metres.
@@ -98,7 +99,7 @@ def crowd(
     ways = keep_apart(starts, ways, clip, obstacles)
     persons: list[Person] = []
     for _ in ways:
-        persons.append(somebody(rng, persons, look_alikes))
+        persons.append(somebody(rng, persons, LOOK_ALIKES))
     return [Walker(rng, *row, clip.frame_rate) for row in zip(persons, starts, ways, strict=True)]
 
 
@@ -252,16 +253,16 @@ HALTS, INDOORS = 0.35, (1.1, 0.25)
 
 def dressed(rng: np.random.Generator, people: int, repeated: float) -> list[Person]:
     """People of whom a share wears the same clothes as another, or nearly."""
-    found: list[Person] = []
+    persons: list[Person] = []
     for _ in range(people):
         outfit = Outfit(rng)
-        if found and rng.random() < repeated:
-            model = found[int(rng.integers(len(found)))].outfit
+        if persons and rng.random() < repeated:
+            model = persons[int(rng.integers(len(persons)))].outfit
             # The same clothes on somebody else, or most of them.
             other = model.but(skin=outfit.skin, hair=outfit.hair, hair_style=outfit.hair_style, phase=outfit.phase)
             outfit = other if rng.random() < 0.6 else similar_outfit(rng, model)
-        found.append(Person(random_build(rng), outfit, random_manner(rng)))
-    return found
+        persons.append(Person(random_build(rng), outfit, random_manner(rng)))
+    return persons
 
 
 def wander(

@@ -38,9 +38,9 @@ class Thing:
         # Only of people it matters how much lies outside the image.
         return tracing.trace(self.solids, camera, samples, 0.0 if self.outfit is None else 1.0)
 
-    def shade(self, layer: Layer, seen: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
-        """Linear colours ``(n, 3)`` of the subpixels of its layer where ``seen`` is True, row by row."""
-        return shade(layer, seen, self.solids, camera, samples, light, self.outfit)
+    def shade(self, layer: Layer, visible: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
+        """Linear colours ``(n, 3)`` of the subpixels of its layer where ``visible`` is True, row by row."""
+        return shade(layer, visible, self.solids, camera, samples, light, self.outfit)
 
 
 @dataclass(frozen=True)
@@ -107,24 +107,24 @@ def compose(
             sightings.append(None)
             continue
         there, own = tracing.overlap(owner.shape, (layer.top, layer.left), layer.distance.shape)
-        seen = np.zeros(layer.distance.shape, dtype=np.bool_)
-        seen[own] = owner[there] == index
-        if seen.any():
-            _draw(added, thing, layer, seen, camera, samples, light)
-        share = int((seen & layer.own).sum()) / max(int(layer.own.sum()), 1)
+        visible = np.zeros(layer.distance.shape, dtype=np.bool_)
+        visible[own] = owner[there] == index
+        if visible.any():
+            _draw(added, thing, layer, visible, camera, samples, light)
+        share = int((visible & layer.own).sum()) / max(int(layer.own.sum()), 1)
         sightings.append(Sighting(tracing.silhouette_box(layer, samples), share))
     return Picture(added, distance, samples), sightings
 
 
 def _draw(
-    colour: Float32, thing: Thing, layer: Layer, seen: BoolArray, camera: RayCamera, samples: int, light: Light
+    colour: Float32, thing: Thing, layer: Layer, visible: BoolArray, camera: RayCamera, samples: int, light: Light
 ) -> None:
-    """Adds the ``seen`` part of the layer of a thing to ``colour``."""
-    weight = np.full(seen.shape, 1 / samples**2, dtype=np.float32)
+    """Adds the ``visible`` part of the layer of a thing to ``colour``."""
+    weight = np.full(visible.shape, 1 / samples**2, dtype=np.float32)
     if thing.outfit is None:
-        seen, weight = _fewer(layer, seen, samples)
-    rows, columns = np.nonzero(seen)
-    values = thing.shade(layer, seen, camera, samples, light) * weight[rows, columns][:, None]
+        visible, weight = _fewer(layer, visible, samples)
+    rows, columns = np.nonzero(visible)
+    values = thing.shade(layer, visible, camera, samples, light) * weight[rows, columns][:, None]
     rows, columns = (rows + layer.top) // samples, (columns + layer.left) // samples
     top, left = rows[0], columns.min()
     shape = (rows[-1] - top + 1, columns.max() - left + 1)
@@ -134,16 +134,16 @@ def _draw(
         colour[top : top + shape[0], left : left + shape[1], channel] += sums.reshape(shape)
 
 
-def _fewer(layer: Layer, seen: BoolArray, samples: int) -> tuple[BoolArray, Float32]:
+def _fewer(layer: Layer, visible: BoolArray, samples: int) -> tuple[BoolArray, Float32]:
     """One subpixel for all those of a pixel that show the same solid, and the weights of the subpixels.
 
     Edges stay as they are; only the texture is sampled less finely, which is enough for things.
     """
-    h, w = seen.shape
+    h, w = visible.shape
     above, before = layer.top % samples, layer.left % samples
     rows, columns = -(-(above + h) // samples), -(-(before + w) // samples)
     padded = np.full((rows * samples, columns * samples), -1, dtype=np.int16)
-    padded[above : above + h, before : before + w] = np.where(seen, layer.solid, np.int16(-1))
+    padded[above : above + h, before : before + w] = np.where(visible, layer.solid, np.int16(-1))
     blocks = padded.reshape(rows, samples, columns, samples)
     first = blocks[:, :1, :, :1]
     alike = (blocks == first) & (first >= 0)
@@ -210,11 +210,11 @@ def shadows(things: list[Thing], camera: RayCamera, direction: Float32, softness
         points = np.where(solids.box[:, None, None], corners, points.reshape(len(solids), 16, 3))
         points[:, :, 2] = np.maximum(points[:, :, 2], 0)
         pixels, depth = camera.project((points - points[:, :, 2:] / sun[2] * sun).reshape(-1, 3))
-        pixels, seen = pixels.reshape(len(solids), 16, 2), (depth.reshape(len(solids), 16) > 0.3).all(axis=1)
+        pixels, before = pixels.reshape(len(solids), 16, 2), (depth.reshape(len(solids), 16) > 0.3).all(axis=1)
         limit = 8 * max(camera.width, camera.height)
-        seen &= (np.abs(np.nan_to_num(pixels, nan=1e9)) < limit).all(axis=(1, 2))
+        before &= (np.abs(np.nan_to_num(pixels, nan=1e9)) < limit).all(axis=(1, 2))
         # fillConvexPoly reads fixed-point numbers and puts a pixel's centre at a whole one.
-        for fixed in np.round((pixels[seen] - 0.5) * 16).astype(np.int32):
+        for fixed in np.round((pixels[before] - 0.5) * 16).astype(np.int32):
             cv2.fillConvexPoly(mask, cv2.convexHull(fixed), 255, lineType=cv2.LINE_AA, shift=4)
     blurred = cv2.GaussianBlur(mask, (0, 0), softness) if softness > 0 else mask
     return np.asarray(blurred, dtype=np.float32) / np.float32(255)

@@ -158,9 +158,9 @@ class GroundMap:
 
     def __init__(self, ground: Ground, cameras: list[PinholeCamera], light: Light) -> None:
         edges = (np.array([[x, y] for x in (0, c.width) for y in (0, c.height)], dtype=np.float64) for c in cameras)
-        seen = np.concatenate([c.ground(edge)[:, :2] for c, edge in zip(cameras, edges, strict=True)])
-        seen = seen[np.isfinite(seen).all(axis=1)]
-        self.corner, high = seen.min(axis=0) - 1.0, seen.max(axis=0) + 1.0
+        places = np.concatenate([c.ground(edge)[:, :2] for c, edge in zip(cameras, edges, strict=True)])
+        places = places[np.isfinite(places).all(axis=1)]
+        self.corner, high = places.min(axis=0) - 1.0, places.max(axis=0) + 1.0
         extent = high - self.corner
         finest = min(float(camera.position[2] / camera.focal[0]) for camera in cameras)
         self.cell = cell = max(finest, float(extent.max()) / (LARGEST * cameras[0].width))

@@ -182,14 +182,14 @@ class Facade(Thing):
             return None
         return Layer(x1, y1, distance, np.zeros(distance.shape, np.int16), shown)
 
-    def shade(self, layer: Layer, seen: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
+    def shade(self, layer: Layer, visible: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
         """See `composing.Thing.shade`."""
         del samples
         normal = across(self.angle)[:2]
         if normal @ (camera.position[:2] - self.place) < 0:
             normal = -normal
         facing = max(float(normal @ light.direction[:2]), 0.0)
-        albedo = np.square(layer.shown[seen].astype(np.float32) / np.float32(255))
+        albedo = np.square(layer.shown[visible].astype(np.float32) / np.float32(255))
         return np.asarray(albedo * (facing * light.sun + (light.sky + light.ground) / 2), dtype=np.float32)
 
 

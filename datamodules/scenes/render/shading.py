@@ -78,15 +78,15 @@ def _light(azimuth: float, elevation: float, sun: FloatArray, sky: FloatArray, g
 
 def shade(
     layer: Layer,
-    seen: BoolArray,
+    visible: BoolArray,
     solids: Solids,
     camera: RayCamera,
     samples: int,
     light: Light,
     outfit: Outfit | None = None,
 ) -> Float32:
-    """Linear colours ``(n, 3)`` of the ``n`` subpixels of ``layer`` where ``seen`` ``(h, w)`` is True, row by row."""
-    rows, columns = np.nonzero(seen)
+    """Linear colours ``(n, 3)`` of the n subpixels of ``layer`` where ``visible`` ``(h, w)`` is True, row by row."""
+    rows, columns = np.nonzero(visible)
     which = layer.solid[rows, columns]
     order = np.argsort(which, kind="stable")
     which = which[order].astype(np.int32)

@@ -67,10 +67,10 @@ def test_balls_never_gain_energy(ways):
 
 def test_the_body_fits_the_drawing():
     clip = BouncingClip(BouncingBallSettings(frames=60), seed=3)
-    for frame in (clip.draw_frame(number) for number in range(0, 60, 4)):
-        own = silhouette_of(frame.silhouettes, 1).astype(np.uint8) * 255
+    for (_, silhouettes), states in (clip.draw_frame(number) for number in range(0, 60, 4)):
+        own = silhouette_of(silhouettes, 1).astype(np.uint8) * 255
         distance = cv2.distanceTransform(255 - cv2.Canny(own, 100, 200), cv2.DIST_L2, 5)
-        at = np.clip(np.floor(Ball().contour(frame.states)[0]).astype(int), 0, [639, 479])
+        at = np.clip(np.floor(Ball().contour(states)[0]).astype(int), 0, [639, 479])
         assert distance[at[:, 1], at[:, 0]].max() < 4.0
 
 

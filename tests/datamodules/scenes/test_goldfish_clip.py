@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes import fish
+from tsuiseki.datamodules.scenes import fish, goldfish_clip
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.fish import swim
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishClip, GoldfishSettings
@@ -21,23 +21,28 @@ SHORT = GoldfishSettings(frames=12, fish=3)
 
 
 def drawn(settings, seed):
-    clip = GoldfishClip(settings, seed)
-    return [clip.draw_frame(number) for number in range(settings.frames)]
+    """Images, silhouettes and states of all frames."""
+    views, states = zip(*GoldfishClip(settings, seed).frames(), strict=True)
+    images, silhouettes = zip(*views, strict=True)
+    return np.stack(images), np.stack(silhouettes), np.stack(states)
 
 
 @pytest.fixture(scope="module")
 def clip():
-    return drawn(replace(SHORT, size_spread=0.0), seed=5)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(goldfish_clip, "SPREAD", 0.0)
+        return drawn(SHORT, seed=5)
 
 
 def test_contours_of_exact_states_lie_on_the_drawn_outlines(clip):
     """Drawing and body share no code. A fin is 10 pixels wide, so that its middle is 5 from an edge."""
     body = Goldfish()
-    for frame in clip[::3]:
-        contours = body.contour(frame.states)
+    _, silhouettes, states = (each[::3] for each in clip)
+    for shown, exact in zip(silhouettes, states, strict=True):
+        contours = body.contour(exact)
         assert len(contours) == 3
         for k, contour in enumerate(contours):
-            own = silhouette_of(frame.silhouettes, k + 1).astype(np.uint8) * 255
+            own = silhouette_of(shown, k + 1).astype(np.uint8) * 255
             distance = cv2.distanceTransform(255 - cv2.Canny(own, 100, 200), cv2.DIST_L2, 5)
             at = np.floor(contour).astype(int)
             assert distance[at[:, 1], at[:, 0]].max() < 6.5
@@ -46,8 +51,7 @@ def test_contours_of_exact_states_lie_on_the_drawn_outlines(clip):
 
 
 def test_silhouettes_hold_the_centres_and_keep_what_others_cover(clip):
-    states = np.stack([frame.states for frame in clip])
-    silhouettes = np.stack([frame.silhouettes for frame in clip])
+    _, silhouettes, states = clip
     for k in range(3):
         assert centre_inside(silhouettes, k + 1, states[:, k, :2]).all()
     areas = [silhouette_of(silhouettes, k + 1).sum(axis=(1, 2)) for k in range(3)]
@@ -55,21 +59,20 @@ def test_silhouettes_hold_the_centres_and_keep_what_others_cover(clip):
 
 
 def test_fish_are_orange_on_green_and_the_water_moves(clip):
-    body = silhouette_of(clip[0].silhouettes, 1)
-    red, green, blue = clip[0].image[body].mean(axis=0)
+    images, silhouettes, _ = clip
+    body = silhouette_of(silhouettes[0], 1)
+    red, green, blue = images[0][body].mean(axis=0)
     assert red > green + 50 > blue
-    still = ~silhouette_of(clip[0].silhouettes | clip[-1].silhouettes, 1)
-    assert np.abs(clip[0].image[still].astype(int) - clip[-1].image[still]).mean() > 4
+    still = ~silhouette_of(silhouettes[0] | silhouettes[-1], 1)
+    assert np.abs(images[0][still].astype(int) - images[-1][still]).mean() > 4
 
 
 def test_same_seed_same_clip_and_another_seed_another():
     settings = replace(SHORT, frames=2)
     one, same, other = (drawn(settings, seed) for seed in (1, 1, 2))
     for a, b in zip(one, same, strict=True):
-        assert np.array_equal(a.image, b.image)
-        assert np.array_equal(a.states, b.states)
-        assert np.array_equal(a.silhouettes, b.silhouettes)
-    assert not np.array_equal(one[0].states, other[0].states)
+        assert np.array_equal(a, b)
+    assert not np.array_equal(one[2], other[2])
 
 
 def body_fixed(states):
@@ -117,14 +120,14 @@ def test_a_fish_without_a_beat_only_glides(monkeypatch):
 def test_clips_on_disk(tmp_path):
     settings = replace(SHORT, frames=3)
     folder = write_clip(tmp_path / "clip", GoldfishClip(settings, 5))
-    frames = drawn(settings, seed=5)
+    images, silhouettes, states = drawn(settings, seed=5)
     source = open_source(folder)
     assert (source.frame_rate, source.length) == (15.0, 3)
     image = next(iter(source.frames())).image
-    assert np.abs(image.astype(int) - frames[0].image).mean() < 4
+    assert np.abs(image.astype(int) - images[0]).mean() < 4
     tracks = read_states(folder / "states.csv", ("a", "b", "theta", "phi"))
-    assert np.stack([t.states for t in tracks], axis=1) == pytest.approx(np.stack([f.states for f in frames]), abs=1e-4)
-    assert np.array_equal(read_silhouettes(folder), np.stack([f.silhouettes for f in frames]))
+    assert np.stack([t.states for t in tracks], axis=1) == pytest.approx(states, abs=1e-4)
+    assert np.array_equal(read_silhouettes(folder), silhouettes)
 
 
 @pytest.mark.parametrize(

@@ -69,7 +69,7 @@ def errors_of(seed, frames):
     plan, path = DroneClip(SCENE, seed), CameraPath()
     steps = [UNKNOWN] * SCENE.frames
     for number, frame in enumerate(frames):
-        image, truth = plan.draw_frame(frame)
+        (image,), truth = plan.draw_frame(frame)
         path.add(image, truth.boxes)
         if number:
             steps[frame] = path.step(number)
