@@ -9,8 +9,6 @@ is no evidence, for the person goes on beyond it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from tsuiseki.tracking.cameras.camera_files import AnyCamera
@@ -22,32 +20,19 @@ HEIGHT, HEIGHT_DEVIATION = 1.72, 0.12
 """Mean and deviation of the height of people, metres."""
 WIDTH = 0.36
 """Width of a person, heights."""
+BOX_NOISE, ANKLE_NOISE, FLOOR_NOISE = 0.05, 0.03, 0.05
+"""Deviations of an edge of a box and of the middle of both ankles, heights of the box; of the body from the foot point,
+and of the calibration, metres."""
 BORDER, STEP, ROUNDS = 2.0, 0.02, 3
 """Width of the image's border, pixels; step of a numerical derivative, metres; rounds of Gauss and Newton."""
 
 
-@dataclass(frozen=True)
-class FootNoise:
-    """Noise of a detection as a measurement of the place where a person stands.
-
-    Attributes:
-        box: deviation of an edge of a box, heights of the box.
-        ankle: deviation of the middle of both ankles, heights of the box.
-        floor: deviation of the body from the foot point, and of the calibration, metres.
-    """
-
-    box: float = 0.05
-    ankle: float = 0.03
-    floor: float = 0.05
-
-
-def on_floor(camera: AnyCamera, people: StandingPeople, noise: FootNoise) -> tuple[FloatArray, FloatArray, FloatArray]:
+def on_floor(camera: AnyCamera, people: StandingPeople) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Where people stand.
 
     Args:
         camera: with its pose over the floor.
         people: N detections of one frame, or of several.
-        noise: of the detections.
 
     Returns:
         Places ``(N, 2)`` metres, covariances ``(N, 2, 2)``, and ``(N,)`` pixels a square metre there; NaN where a
@@ -56,7 +41,7 @@ def on_floor(camera: AnyCamera, people: StandingPeople, noise: FootNoise) -> tup
     boxes = people.detections.boxes
     if not len(boxes):
         return np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0)
-    pixels, deviations, levels, known = _measured(camera, people, noise)
+    pixels, deviations, levels, known = _measured(camera, people)
     # The middle of a box is that of both ends, which need not lie over each other.
     boxed = np.isnan(people.feet).any(axis=1) & isinstance(camera, PinholeCamera)
     state = _start(camera, pixels, levels, known)
@@ -75,16 +60,14 @@ def on_floor(camera: AnyCamera, people: StandingPeople, noise: FootNoise) -> tup
         information[broken], pull[broken] = np.eye(3), np.nan
         information += 1e-9 * np.eye(3)
         state = state + np.linalg.solve(information, pull[..., None])[..., 0]
-    covariance = np.linalg.inv(information)[:, :2, :2] + noise.floor**2 * np.eye(2)
+    covariance = np.linalg.inv(information)[:, :2, :2] + FLOOR_NOISE**2 * np.eye(2)
     behind = ~(camera.project(np.column_stack([state[:, :2], np.zeros(len(state))]))[1] > 0)
     state[behind], covariance[behind] = np.nan, np.nan
     (a, b), (c, d) = np.moveaxis(slope[:, 0, :, :2], 0, -1)
     return state[:, :2], covariance, np.abs(a * d - b * c)
 
 
-def _measured(
-    camera: AnyCamera, people: StandingPeople, noise: FootNoise
-) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
+def _measured(camera: AnyCamera, people: StandingPeople) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
     """Up to two points of each person: pixels ``(N, 2, 2)``, deviations, levels as shares of h, and which are known."""
     boxes, ankles = people.detections.boxes, np.isfinite(people.feet).all(axis=1)
     middle, height = (boxes[:, 0] + boxes[:, 2]) / 2, boxes[:, 3] - boxes[:, 1]
@@ -94,16 +77,16 @@ def _measured(
         levels[:, 0] = 0.5
         size = np.sqrt((boxes[:, 2] - boxes[:, 0]) * height)
         known = np.column_stack([np.ones(len(boxes), np.bool_), np.zeros(len(boxes), np.bool_)])
-        deviations = np.repeat(noise.box * size[:, None], 2, axis=1)
+        deviations = np.repeat(BOX_NOISE * size[:, None], 2, axis=1)
     else:
         pixels = np.stack([np.column_stack([middle, boxes[:, 3]]), np.column_stack([middle, boxes[:, 1]])], axis=1)
         # Only a box cut off at the border has its edge there; one that reaches beyond was completed.
         cut = np.abs(boxes[:, [3, 1]] - [camera.height, 0.0]) <= BORDER
-        known, deviations = ~cut, np.repeat(noise.box * height[:, None], 2, axis=1)
+        known, deviations = ~cut, np.repeat(BOX_NOISE * height[:, None], 2, axis=1)
         sides = (np.abs(boxes[:, [0, 2]] - [0.0, camera.width]) <= BORDER).any(axis=1)
         deviations[sides] = np.maximum(deviations[sides], 0.3 * (boxes[sides, 2:3] - boxes[sides, :1]))
     pixels[ankles, 0], levels[ankles, 0] = people.feet[ankles], 0.0
-    deviations[ankles, 0], known[ankles, 0] = noise.ankle * height[ankles], True
+    deviations[ankles, 0], known[ankles, 0] = ANKLE_NOISE * height[ankles], True
     return pixels, np.maximum(deviations, 0.5), levels, known
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from tsuiseki.tracking.cameras.camera_files import AnyCamera, CameraOverFloor
 from tsuiseki.tracking.cameras.multicamera import StandingPeople
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.floor.foot_points import FootNoise, expected_boxes, on_floor
+from tsuiseki.tracking.floor.foot_points import expected_boxes, on_floor
 from tsuiseki.tracking.formats.world_tables import FloorPositions, check_names
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.video.synchronise import Moment, align, default_tolerance
@@ -74,8 +74,8 @@ class SensorRates:
 
     def detected(self, share: FloatArray) -> FloatArray:
         """``(E, S)`` probabilities of shares ``(E, S)``."""
-        found: FloatArray = self.detection[np.arange(share.shape[1]), _step_of(share)]
-        return np.asarray(np.where(share > LEAST_VISIBLE, found, 1e-6))
+        chance = self.detection[np.arange(share.shape[1]), _step_of(share)]
+        return np.asarray(np.where(share > LEAST_VISIBLE, chance, 1e-6))
 
     def learnt(self, share: FloatArray, hit: BoolArray, false: FloatArray) -> SensorRates:
         """Rates estimated from tracks.
@@ -150,7 +150,7 @@ def shares(views: Sequence[SensorView], moment: IntArray, places: FloatArray) ->
 
 @dataclass(frozen=True)
 class CameraFeed:
-    """One camera and what it found.
+    """One camera and its detections.
 
     Attributes:
         placed: the camera.
@@ -234,9 +234,8 @@ def check_feeds(feeds: Sequence[CameraFeed]) -> None:
 def measured_floor(
     feeds: Sequence[CameraFeed],
     positions: Sequence[FloorPositions],
-    floor: FloatArray | None,
-    noise: FootNoise,
-    tolerance: float | None,
+    floor: FloatArray | None = None,
+    tolerance: float | None = None,
 ) -> MeasuredFloor:
     """All measurements on one floor.
 
@@ -244,8 +243,7 @@ def measured_floor(
         feeds: the cameras.
         positions: of other sensors.
         floor: ``(4,)`` of the plan; by default what the measurements span.
-        noise: of the detections.
-        tolerance: seconds within which frames count as taken together.
+        tolerance: seconds within which frames count as taken together; by default as `default_tolerance` says.
 
     Raises:
         RequestError: see `check_feeds` and `check_names`; or all that a sensor measured lies outside the plan.
@@ -256,7 +254,7 @@ def measured_floor(
     slack = default_tolerance(stamps) if tolerance is None else tolerance
     check_names(list(positions), slack)
     moments = align(stamps, slack)
-    parts = [_of_camera(feed, noise) for feed in feeds] + [_of_positions(one) for one in positions]
+    parts = [_of_camera(feed) for feed in feeds] + [_of_positions(one) for one in positions]
     names = [feed.placed.name for feed in feeds] + [str(one.path) for one in positions]
     plan = _spanned([part["places"] for part in parts]) if floor is None else floor
     low, high = plan[:2] - MARGIN, plan[2:] + MARGIN
@@ -285,11 +283,11 @@ def measured_floor(
 _Columns = dict[str, Any]
 
 
-def _of_camera(feed: CameraFeed, noise: FootNoise) -> _Columns:
+def _of_camera(feed: CameraFeed) -> _Columns:
     counts, camera = [len(each) for each in feed.people], feed.placed.camera
     boxes = np.concatenate([np.empty((0, 4)), *(each.detections.boxes for each in feed.people)])
     feet = np.concatenate([np.empty((0, 2)), *(each.feet for each in feed.people)])
-    places, covariances, density = on_floor(camera, StandingPeople(Detections(boxes, np.ones(len(boxes))), feet), noise)
+    places, covariances, density = on_floor(camera, StandingPeople(Detections(boxes, np.ones(len(boxes))), feet))
     described = [each.detections.features for each in feed.people if len(each)]
     known = [one for one in described if one is not None]
     rows = np.concatenate([np.empty(0, np.int64), *map(np.arange, counts)])

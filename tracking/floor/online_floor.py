@@ -17,13 +17,14 @@ from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import Label
 from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor, PointModel, cartesian, linear_sensor
 from tsuiseki.tracking.filters.point_motion import straight
 from tsuiseki.tracking.floor.measured_floor import MeasuredFloor, SensorView
+from tsuiseki.tracking.floor.walking import BIRTHS, LIVES, SPEED
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.measurements import PersonOnFloor
 
 DETECTION, FALSE = 0.75, 1.5
 """Of each sensor: probability of detecting a person in full view, and false positives a moment."""
-BIRTHS, LIVES, SPEED, ACCELERATION = 0.004, 20.0, 0.9, 0.8
-"""New people per square metre and second; mean time that one stays, seconds; speed, m/s; acceleration, m/s²."""
+ACCELERATION = 0.8
+"""Of people, m/s²."""
 PARTICLES, NEAR = 300, 9.0
 REPORT, CONFIRM, KERNEL = 0.5, 0.8, 0.3
 SHORTEST = 3

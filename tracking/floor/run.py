@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal
@@ -17,8 +17,6 @@ from tsuiseki.tracking.cli.run import Run, SeededOutput
 from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer, as_detector
 from tsuiseki.tracking.fisheye.unrolled import ceiling_detector
-from tsuiseki.tracking.floor.floor_flow import FloorFlow
-from tsuiseki.tracking.floor.foot_points import FootNoise
 from tsuiseki.tracking.floor.measured_floor import CameraFeed, MeasuredFloor, measured_floor
 from tsuiseki.tracking.floor.online_floor import people_online
 from tsuiseki.tracking.floor.page import floor_files
@@ -52,15 +50,11 @@ class OneFloorSettings(Shared):
         tolerance: frames of different cameras within so many seconds count as taken together; by default a quarter of
             the shortest time between frames.
         floor: X1,Y1,X2,Y2 of the plan, metres; by default that of cameras.yaml, or what the measurements span.
-        noise: how exact a detection is as a measurement of the place where a person stands.
-        flow: settings of the flow.
     """
 
     method: OneFloorMethod = "flow"
     tolerance: float | None = None
     floor: tuple[float, float, float, float] | None = None
-    noise: FootNoise = field(default_factory=FootNoise)
-    flow: FloorFlow = field(default_factory=FloorFlow)
 
     def check(self) -> None:
         """See `Shared.check`."""
@@ -110,7 +104,7 @@ class FloorRun:
             np.array(plan) if plan is not None else next((p.floor for p in self.placed if p.floor is not None), None)
         )
         with stages.measure("locate"):
-            return measured_floor(feeds, self.positions, floor, self.settings.noise, self.settings.tolerance)
+            return measured_floor(feeds, self.positions, floor, self.settings.tolerance)
 
     def _stamps(self) -> list[FloatArray]:
         if self.sources:
@@ -147,7 +141,7 @@ class FloorRun:
             if self.settings.method == "lmb":
                 people = people_online(measured, int(made.get("seed", 0)))
             else:
-                people = flow_on_one_floor(measured, self.settings.flow)
+                people = flow_on_one_floor(measured)
         steps = np.diff(measured.times)
         facts = {
             "people": len(people), "moments": len(measured.moments),

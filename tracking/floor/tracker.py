@@ -1,78 +1,312 @@
-"""The people on one floor, as tracks with one id in all cameras."""
+"""People on one floor over a whole video, as tracks with one id in all cameras: grouping and linking, alternated.
+
+1. The detections of each moment are grouped by themselves (`grouping`).
+2. The groups are the nodes of the minimum-cost flow (`association.network_flow`), which links them into tracks.
+3. Along the tracks, Kalman filters from either side predict each person's place at each moment.
+4. The detections are grouped anew, now beside the tracks that are expected there; the flow links the new groups, by the
+   velocities that the tracks gave. And again from 3.
+
+Solving both at once is a set packing over all candidate groups: NP-hard, and its relaxation over the candidates of a
+crowd takes longer than all rounds here. Alternated, each step is solved exactly or climbs, in a second or two a minute
+of video; later rounds correct errors of the first grouping.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
+from tsuiseki.tracking.association.network_flow import build_graph, solve, track_labels
 from tsuiseki.tracking.filters.kalman import Gaussians, update
-from tsuiseki.tracking.floor.floor_flow import FloorFlow, FloorTracks, solve_on_floor
 from tsuiseki.tracking.floor.foot_points import expected_boxes
-from tsuiseki.tracking.floor.measured_floor import MeasuredFloor
-from tsuiseki.tracking.floor.walking import PLACE
-from tsuiseki.tracking.types import BoolArray, IntArray, Track
+from tsuiseki.tracking.floor.grouping import ExpectedTracks, MomentPoints, PersonNodes, group, joined_nodes, weighed
+from tsuiseki.tracking.floor.measured_floor import FloorPoints, MeasuredFloor, SensorRates, SensorView, shares
+from tsuiseki.tracking.floor.walking import (
+    BIRTHS,
+    LIVES,
+    PLACE,
+    Expectations,
+    filtered,
+    from_both_sides,
+    link_likelihood,
+    start,
+)
+from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.measurements import PersonOnFloor
 
+# Rounds of grouping and linking; tracks of fewer moments are left out.
+ROUNDS, SHORTEST = 3, 2
+LEAST_CHANCE, CERTAIN = 0.05, 50.0
+CHUNK, MOMENTS = 20_000, 200
+# Longest time between two linked groups, seconds; speed of a link, m/s, and its length beside the noise, metres.
+WINDOW, FASTEST, FARTHEST = 3.0, 4.0, 4.0
+# Expected people per square metre where no track is expected.
+DENSITY = 0.015
+# Log probability of being hidden from all sensors for one moment, and for each further one.
+HIDDEN, HIDDEN_FURTHER = -5.0, -1.0
+# Moments for which a track is expected beyond its ends.
+BEYOND = 1
+# Cost of a cosine distance of 1 between two features, nats, and the distance that costs nothing, in [0, 2].
+APPEARANCE, NEUTRAL = 2.0, 0.35
 # As `SensedTrack` orders a state: x, vx, y, vy.
 AXES = np.array([0, 2, 1, 3])
 UNSEEN = 0.5
 IN_VIEW = 0.3
 
 
-def flow_on_one_floor(measured: MeasuredFloor, settings: FloorFlow) -> list[PersonOnFloor]:
-    """Everybody on the floor, by the flow over the whole video."""
+def flow_on_one_floor(measured: MeasuredFloor) -> list[PersonOnFloor]:
+    """Everybody on the floor, by the flow over the whole video.
+
+    Tracks of at least `SHORTEST` nodes, or of a certain name, on the plan; ids in the order of their beginning.
+    """
     if not len(measured.points):
         return []
-    found = solve_on_floor(measured.points, measured.views, measured.times, measured.rates, settings)
-    return people_of(measured, found, settings.short)
-
-
-def people_of(measured: MeasuredFloor, found: FloorTracks, short: int) -> list[PersonOnFloor]:
-    """Tracks of at least ``short`` nodes, or of a certain name, on the plan; ids in the order of their beginning."""
-    points, nodes = measured.points, found.nodes
+    nodes, label, expected = _solved(measured)
     sensed = np.zeros((len(nodes.moment), len(measured.views)), dtype=np.bool_)
-    sensed[nodes.node, points.sensor] = True
-    names = nodes.highest(points.names)
+    sensed[nodes.node, measured.points.sensor] = True
+    names = nodes.highest(measured.points.names)
     parts = []
-    for track in np.unique(found.label[found.label >= 0]):
-        own = np.flatnonzero(found.label == track)
+    for track in np.unique(label[label >= 0]):
+        own = np.flatnonzero(label == track)
         name = int(names[own].max())
-        if len(own) >= short or name >= 0:
-            parts.append((int(nodes.moment[own].min()), name, own, np.flatnonzero(found.expected.track == track)))
+        if len(own) >= SHORTEST or name >= 0:
+            parts.append((int(nodes.moment[own].min()), name, own, expected.chosen(expected.track == track)))
     parts.sort(key=lambda part: part[0])
     taken = {name for _, name, *_ in parts if name >= 0}
     free = iter(number for number in range(1, len(parts) + len(taken) + 1) if number not in taken)
-    people = [
-        _person(measured, found, name if name >= 0 else next(free), own, rows, sensed) for _, name, own, rows in parts
-    ]
-    return [one for one in people if len(one)]
+    people = []
+    for _, name, own, around in parts:
+        at, moments, states = nodes.moment[own], *_states(nodes, own, around)
+        detected = np.zeros((len(moments), sensed.shape[1]), dtype=np.bool_)
+        detected[np.searchsorted(moments, at)] = sensed[own]
+        inside = measured.inside(states.mean[:, :2])
+        mean, covariance, detected = states.mean[inside], states.covariance[inside], detected[inside]
+        one = PersonOnFloor(
+            name if name >= 0 else next(free), moments[inside], measured.times[moments[inside]], mean[:, :2],
+            mean[:, 2:], covariance[:, AXES][:, :, AXES], np.where(detected.any(axis=1), 1.0, UNSEEN),
+            np.empty((len(mean), 0)), detected,
+        )  # fmt: skip
+        people += [one] if len(one) else []
+    return people
 
 
-def _person(
-    measured: MeasuredFloor, found: FloorTracks, number: int, own: IntArray, rows: IntArray, sensed: BoolArray
-) -> PersonOnFloor:
-    nodes, expected = found.nodes, found.expected
+def _states(nodes: PersonNodes, own: IntArray, around: Expectations) -> tuple[IntArray, Gaussians]:
+    """The moments of a track and its state at each, from its ``own`` nodes and where it is expected."""
     at = nodes.moment[own]
-    rows = rows[(expected.moment[rows] >= at.min()) & (expected.moment[rows] <= at.max())]
-    if len(rows):
-        moments = expected.moment[rows]
-        states = Gaussians(expected.states.mean[rows].copy(), expected.states.covariance[rows].copy())
-        row = np.searchsorted(moments, at)
-        met, _ = update(
-            Gaussians(states.mean[row], states.covariance[row]), nodes.places[own], PLACE, nodes.covariances[own]
+    around = around.chosen((around.moment >= at.min()) & (around.moment <= at.max()))
+    if not len(around.moment):
+        return at, start(nodes.places[own], nodes.covariances[own])
+    states, row = around.states, np.searchsorted(around.moment, at)
+    met, _ = update(
+        Gaussians(states.mean[row], states.covariance[row]), nodes.places[own], PLACE, nodes.covariances[own]
+    )
+    states.mean[row], states.covariance[row] = met.mean, met.covariance
+    return around.moment, states
+
+
+def _solved(measured: MeasuredFloor) -> tuple[PersonNodes, IntArray, Expectations]:
+    """The groups, ``(G,)`` the track of each, from 0, or -1, and every track from its first to its last node."""
+    points, views, times, rates = measured.points, measured.views, measured.times, measured.rates
+    expected: Expectations | None = None
+    for _ in range(ROUNDS):
+        nodes, track = _grouped(points, views, len(times), rates, expected)
+        ahead, behind, _ = _passes(nodes, track, times, 0)
+        label = _linked(points, nodes, ahead, behind, times)
+        *_, expected = _passes(nodes, label, times, BEYOND)
+        rates = _learnt(points, views, nodes, label, expected, rates)
+    assert expected is not None
+    return nodes, label, expected
+
+
+def _grouped(
+    points: FloorPoints,
+    views: Sequence[SensorView],
+    moments: int,
+    rates: SensorRates,
+    expected: Expectations | None,
+) -> tuple[PersonNodes, IntArray]:
+    """The groups of all moments, and ``(G,)`` the track that each goes on with, -1 for none."""
+    chance = rates.detected(points.visible)
+    missed = np.log(1.0 - chance)
+    own_chance = np.maximum(chance[np.arange(len(points)), points.sensor], LEAST_CHANCE)
+    gain = np.log(own_chance) - np.log(rates.false[points.sensor] * points.spread)
+    edges = np.searchsorted(points.moment, np.arange(moments + 1))
+    known, numbers, ends = None, np.empty(0, np.int64), np.zeros(moments + 1, np.int64)
+    if expected is not None:
+        mean, covariance = expected.states.mean[:, :2], expected.states.covariance[:, :2, :2]
+        away = np.log(1.0 - rates.detected(shares(views, expected.moment, mean)))
+        ends = np.searchsorted(expected.moment, np.arange(moments + 1))
+    parts: list[PersonNodes] = []
+    tracks: list[IntArray] = []
+    total = 0
+    for first in range(0, moments, MOMENTS):
+        last = min(first + MOMENTS, moments)
+        own, there = slice(edges[first], edges[last]), slice(ends[first], ends[last])
+        if own.start == own.stop:
+            continue
+        here = MomentPoints(
+            points.moment[own], points.sensor[own], points.places[own], points.covariances[own], gain[own], missed[own],
+            points.names[own], _alike(points, edges[first : last + 1]),
+        )  # fmt: skip
+        if expected is not None:
+            known = ExpectedTracks(expected.moment[there], mean[there], covariance[there], away[there])
+            numbers = expected.track[there]
+        nodes, label = weighed(here, group(here, DENSITY, known))
+        parts.append(replace(nodes, node=nodes.node + total))
+        total += len(nodes.moment)
+        # Groups of new people go on with no track.
+        tracks.append(np.append(numbers, -1)[np.minimum(label, len(numbers))])
+    return joined_nodes(parts), np.concatenate(tracks)
+
+
+def _alike(points: FloorPoints, edges: IntArray) -> list[FloatArray] | None:
+    """``(n, n)`` of each moment: what appearance says for one person, of pairs in view from a like side."""
+    if points.features is None or points.facing is None:
+        return None
+    blocks = []
+    for first, last in pairwise(edges.tolist()):
+        features, facing = points.features[first:last], points.facing[first:last]
+        known = (features != 0).any(axis=1)
+        side = np.maximum(facing @ facing.T, 0.0) * (known[:, None] & known[None])
+        if last > first:
+            blocks.append(np.asarray(APPEARANCE * side * (NEUTRAL - 1.0 + features @ features.T)))
+    return blocks
+
+
+def _passes(
+    nodes: PersonNodes, label: IntArray, times: FloatArray, beyond: int
+) -> tuple[Gaussians, Gaussians, Expectations]:
+    """States of the nodes from the past and from the future, and where tracks are expected.
+
+    Args:
+        nodes: the groups.
+        label: ``(G,)`` track of each, -1 for none.
+        times: ``(T,)`` seconds of the moments.
+        beyond: moments for which a track is expected beyond its ends.
+    """
+    # Node of each track at each moment, -1 for none.
+    table = np.full((int(label.max(initial=-1)) + 1, len(times)), -1)
+    held = np.flatnonzero(label >= 0)
+    table[label[held], nodes.moment[held]] = held
+    table = table[(table >= 0).any(axis=1)]
+    (tracks, count), groups = table.shape, len(nodes.moment)
+    # Both ways at once: from behind, nodes and tracks have numbers of their own.
+    turned = np.where(table >= 0, table + groups, -1)[:, ::-1]
+    steps = np.stack([np.diff(one, prepend=one[:1]) for one in (times, times[::-1])])
+    places, covariances = np.tile(nodes.places, (2, 1)), np.tile(nodes.covariances, (2, 1, 1))
+    every = np.concatenate([table, turned])
+    states, expected = filtered(steps.repeat(tracks, axis=0), every, places, covariances, beyond)
+    ahead, behind = (Gaussians(states.mean[k], states.covariance[k]) for k in (np.s_[:groups], np.s_[groups:]))
+    past, back = (expected.chosen(expected.track // max(tracks, 1) == way) for way in (0, 1))
+    back = replace(back, track=back.track - tracks, moment=count - 1 - back.moment)
+    return ahead, behind, from_both_sides(past, back, count)
+
+
+def _linked(
+    points: FloorPoints, nodes: PersonNodes, ahead: Gaussians, behind: Gaussians, times: FloatArray
+) -> IntArray:
+    """``(G,)`` tracks by the cheapest flow."""
+    tail, head = _candidates(nodes, times)
+    seconds = times[nodes.moment[head]] - times[nodes.moment[tail]]
+    cost = np.empty(len(tail))
+    for k in range(0, len(tail), CHUNK):
+        part = slice(k, k + CHUNK)
+        past, future = (
+            Gaussians(one.mean[at[part]], one.covariance[at[part]]) for one, at in ((ahead, tail), (behind, head))
         )
-        states.mean[row], states.covariance[row] = met.mean, met.covariance
-    else:
-        moments, states = at, FloorFlow().walking.start(nodes.places[own], nodes.covariances[own])
-    there = np.zeros((len(moments), sensed.shape[1]), dtype=np.bool_)
-    there[np.searchsorted(moments, at)] = sensed[own]
-    inside = measured.inside(states.mean[:, :2])
-    mean, covariance, there = states.mean[inside], states.covariance[inside][:, AXES][:, :, AXES], there[inside]
-    return PersonOnFloor(
-        number, moments[inside], measured.times[moments[inside]], mean[:, :2], mean[:, 2:], covariance,
-        np.where(there.any(axis=1), 1.0, UNSEEN), np.empty((len(mean), 0)), there,
-    )  # fmt: skip
+        cost[part] = -link_likelihood(past, future, seconds[part])
+    gap = nodes.moment[head] - nodes.moment[tail] - 1
+    missed = np.maximum(gap * (nodes.missed[tail] + nodes.missed[head]) / 2, HIDDEN + HIDDEN_FURTHER * (gap - 1))
+    cost += np.where(gap > 0, -missed, 0.0) + seconds / LIVES
+    if points.features is not None:
+        features = np.zeros((len(nodes.moment), points.features.shape[1]))
+        np.add.at(features, nodes.node, points.features)
+        features = features / np.maximum(np.linalg.norm(features, axis=1, keepdims=True), 1e-9)
+        both = features[tail].any(axis=1) & features[head].any(axis=1)
+        distance = 1.0 - np.einsum("pd,pd->p", features[tail], features[head])
+        cost += np.where(both, APPEARANCE * (distance - NEUTRAL), 0.0)
+    names = nodes.highest(points.names)
+    named = names >= 0
+    same = named[tail] & named[head]
+    cost = np.where(same & (names[tail] == names[head]), np.minimum(cost, 0.0) - CERTAIN, cost)
+    cost = np.where(same & (names[tail] != names[head]), np.inf, cost)
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 1.0
+    entry, leave = -np.log(BIRTHS * step), -np.log(step / LIVES)
+    graph = build_graph(-nodes.weight - CERTAIN * named, [(tail, head, cost)], entry, leave)
+    return _by_name(track_labels(solve(graph)), nodes.moment, names)
+
+
+def _by_name(label: IntArray, moment: IntArray, names: IntArray) -> IntArray:
+    """The tracks cut where their certain name changes, and those of one name joined over any gap."""
+    result = label.copy()
+    fresh = int(label.max(initial=-1)) + 1
+    held: dict[int, int] = {}
+    for track in np.unique(label[(names >= 0) & (label >= 0)]):
+        own = np.flatnonzero(label == track)
+        own = own[np.argsort(moment[own])]
+        known = np.flatnonzero(names[own] >= 0)
+        who = names[own[known]]
+        part = np.concatenate([[0], np.cumsum(np.diff(who) != 0)])
+        # Nodes before the first name go with it, those between two go with the earlier.
+        segment = part[np.clip(np.searchsorted(known, np.arange(len(own)), side="right") - 1, 0, None)]
+        for number in np.unique(part):
+            name = int(who[np.argmax(part == number)])
+            if name not in held:
+                held[name], fresh = fresh, fresh + 1
+            result[own[segment == number]] = held[name]
+    return _without_twins(result, moment, names)
+
+
+def _without_twins(label: IntArray, moment: IntArray, names: IntArray) -> IntArray:
+    """Of two nodes of one track at one moment, the unnamed one leaves it."""
+    order = np.lexsort([names < 0, moment, label])
+    again = (label[order][1:] == label[order][:-1]) & (moment[order][1:] == moment[order][:-1])
+    result = label.copy()
+    result[order[1:][again & (label[order][1:] >= 0)]] = -1
+    return result
+
+
+def _candidates(nodes: PersonNodes, times: FloatArray) -> tuple[IntArray, IntArray]:
+    """Pairs of nodes that somebody may have walked between within the window."""
+    edges = np.searchsorted(nodes.moment, np.arange(len(times) + 1))
+    tails, heads = [], []
+    spread = 3 * np.sqrt(np.maximum(nodes.covariances[:, 0, 0], nodes.covariances[:, 1, 1]))
+    for moment in range(len(times)):
+        last = int(np.searchsorted(times, times[moment] + WINDOW, side="right"))
+        own = np.arange(edges[moment], edges[moment + 1])
+        later = np.arange(edges[moment + 1], edges[last])
+        if not len(own) or not len(later):
+            continue
+        apart = np.linalg.norm(nodes.places[own][:, None] - nodes.places[later][None], axis=2)
+        seconds = times[nodes.moment[later]] - times[moment]
+        reach = np.minimum(spread[own][:, None] + spread[later][None], 1.5) + np.minimum(FASTEST * seconds, FARTHEST)
+        i, j = np.nonzero(apart < reach)
+        tails.append(own[i])
+        heads.append(later[j])
+    none = np.empty(0, dtype=np.int64)
+    return np.concatenate([none, *tails]), np.concatenate([none, *heads])
+
+
+def _learnt(
+    points: FloorPoints, views: Sequence[SensorView], nodes: PersonNodes, label: IntArray, expected: Expectations,
+    rates: SensorRates,
+) -> SensorRates:  # fmt: skip
+    """The rates as the tracks say: detections over what could be detected, and false positives."""
+    track = label[nodes.node]
+    used = track >= 0
+    covered = np.array([max(int(view.measured.sum()), 1) for view in views])
+    spurious = np.bincount(points.sensor[~used], minlength=len(views)) / covered
+    width = int(label.max(initial=0)) + 1
+    key, wanted = expected.moment * width + expected.track, points.moment[used] * width + track[used]
+    order = np.argsort(key)
+    at = order[np.searchsorted(key[order], wanted).clip(max=len(key) - 1)] if len(key) else wanted[:0]
+    known = key[at] == wanted[: len(at)]
+    hit = np.zeros((len(key), len(views)), dtype=np.bool_)
+    hit[at[known], points.sensor[used][: len(at)][known]] = True
+    return rates.learnt(shares(views, expected.moment, expected.states.mean[:, :2]), hit, spurious)
 
 
 def tracks_in(measured: MeasuredFloor, people: Sequence[PersonOnFloor], camera: int) -> list[Track]:
@@ -92,10 +326,10 @@ def tracks_in(measured: MeasuredFloor, people: Sequence[PersonOnFloor], camera: 
         visible = view.share(one.scans, one.positions) > IN_VIEW
         observed = one.detected[:, camera]
         for row in np.flatnonzero(observed):
-            found = feed.people[frames[one.scans[row]]].detections.boxes
+            detected = feed.people[frames[one.scans[row]]].detections.boxes
             near = own[points.moment[own] == one.scans[row]]
             nearest = near[np.linalg.norm(points.places[near] - one.positions[row], axis=1).argmin()]
-            boxes[row] = found[points.row[nearest]]
+            boxes[row] = detected[points.row[nearest]]
         keep = (observed | visible) & (frames[one.scans] >= 0) & np.isfinite(boxes).all(axis=1)
         if keep.any():
             tracks.append(

@@ -10,7 +10,6 @@ velocity alone, so that two lone nodes are compared by their places.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,44 +20,36 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 PLACE = np.eye(2, 4)
 SURPRISE = 16.0
-# Strength q of the acceleration, m/s over the root of a second.
-RESTLESS = 0.4
+# Deviation of a velocity along each axis, m/s, and strength q of its change, m/s over the root of a second.
+SPEED, RESTLESS = 0.9, 0.4
+# Links with a sudden turn or a measurement that is far off: their share, and the deviation of their mean velocity along
+# each axis, m/s.
+TURNS, TURNING = 0.03, 2.0
+# New people per square metre and second, and mean time for which a person is there, seconds.
+BIRTHS, LIVES = 0.004, 20.0
 
 
-@dataclass(frozen=True)
-class Walking:
-    """How people move.
+def start(places: FloatArray, covariances: FloatArray) -> Gaussians:
+    """States ``(G, 4)`` at ``(G, 2)`` measured places, of unknown velocity."""
+    mean = np.zeros((len(places), 4))
+    mean[:, :2] = places
+    covariance = np.zeros((len(places), 4, 4))
+    covariance[:, :2, :2] = covariances
+    covariance[:, 2:, 2:] = SPEED**2 * np.eye(2)
+    return Gaussians(mean, covariance)
 
-    Attributes:
-        speed: deviation of a velocity along each axis, m/s.
-        turns: share of links with a sudden turn or a measurement that is far off, in [0, 1].
-        turning: deviation of the mean velocity on such a link, along each axis, m/s.
-    """
 
-    speed: float = 0.9
-    turns: float = 0.03
-    turning: float = 2.0
-
-    def start(self, places: FloatArray, covariances: FloatArray) -> Gaussians:
-        """Nodes of unknown velocity."""
-        mean = np.zeros((len(places), 4))
-        mean[:, :2] = places
-        covariance = np.zeros((len(places), 4, 4))
-        covariance[:, :2, :2] = covariances
-        covariance[:, 2:, 2:] = self.speed**2 * np.eye(2)
-        return Gaussians(mean, covariance)
-
-    def moved(self, states: Gaussians, seconds: FloatArray) -> Gaussians:
-        """The states ``seconds`` ``(N,)`` later, or earlier where they are negative."""
-        mean, covariance, tau = states.mean.copy(), states.covariance.copy(), seconds[:, None, None]
-        mean[:, :2] += seconds[:, None] * mean[:, 2:]
-        across, velocity = states.covariance[:, :2, 2:], states.covariance[:, 2:, 2:]
-        length, noise = np.abs(tau), RESTLESS**2 * np.eye(2)
-        covariance[:, :2, :2] += tau * (across + across.swapaxes(1, 2)) + tau**2 * velocity + length**3 / 3 * noise
-        covariance[:, :2, 2:] += tau * velocity + tau * length / 2 * noise
-        covariance[:, 2:, :2] = covariance[:, :2, 2:].swapaxes(1, 2)
-        covariance[:, 2:, 2:] += length * noise
-        return Gaussians(mean, covariance)
+def moved(states: Gaussians, seconds: FloatArray) -> Gaussians:
+    """The states ``seconds`` ``(N,)`` later, or earlier where they are negative."""
+    mean, covariance, tau = states.mean.copy(), states.covariance.copy(), seconds[:, None, None]
+    mean[:, :2] += seconds[:, None] * mean[:, 2:]
+    across, velocity = states.covariance[:, :2, 2:], states.covariance[:, 2:, 2:]
+    length, noise = np.abs(tau), RESTLESS**2 * np.eye(2)
+    covariance[:, :2, :2] += tau * (across + across.swapaxes(1, 2)) + tau**2 * velocity + length**3 / 3 * noise
+    covariance[:, :2, 2:] += tau * velocity + tau * length / 2 * noise
+    covariance[:, 2:, :2] = covariance[:, :2, 2:].swapaxes(1, 2)
+    covariance[:, 2:, 2:] += length * noise
+    return Gaussians(mean, covariance)
 
 
 @dataclass(frozen=True)
@@ -82,12 +73,11 @@ class Expectations:
 
 
 def filtered(
-    walking: Walking, steps: FloatArray, table: IntArray, places: FloatArray, covariances: FloatArray, beyond: int
+    steps: FloatArray, table: IntArray, places: FloatArray, covariances: FloatArray, beyond: int
 ) -> tuple[Gaussians, Expectations]:
     """One pass along all tracks.
 
     Args:
-        walking: the motion.
         steps: ``(K, T)`` seconds of each moment since the one before it in the pass; negative from behind.
         table: ``(K, T)`` node of each track at each moment, -1 for none.
         places: ``(G, 2)`` of the nodes.
@@ -97,19 +87,20 @@ def filtered(
     Returns:
         The state of each node's track there, nodes of no track as if alone; and where tracks are expected.
     """
-    states = walking.start(places, covariances)
+    states = start(places, covariances)
     filled = table >= 0
     count = table.shape[1]
     first, last = filled.argmax(axis=1), count - 1 - filled[:, ::-1].argmax(axis=1)
     live = np.full((len(table), 4), np.nan)
     spread = np.full((len(table), 4, 4), np.nan)
-    kept: list[tuple[IntArray, int, FloatArray, FloatArray]] = []
+    none, blank = np.empty(0, dtype=np.int64), (np.empty((0, 4)), np.empty((0, 4, 4)))
+    kept: list[tuple[IntArray, IntArray, FloatArray, FloatArray]] = [(none, none, *blank)]
     for moment in range(count):
         going = np.flatnonzero((first < moment) & (moment <= last + beyond))
         if len(going):
-            ahead = walking.moved(Gaussians(live[going], spread[going]), steps[going, moment])
+            ahead = moved(Gaussians(live[going], spread[going]), steps[going, moment])
             live[going], spread[going] = ahead.mean, ahead.covariance
-            kept.append((going, moment, ahead.mean, ahead.covariance))
+            kept.append((going, np.full(len(going), moment), ahead.mean, ahead.covariance))
             node = table[going, moment]
             here = node >= 0
             met, node = going[here], node[here]
@@ -122,7 +113,8 @@ def filtered(
         new = np.flatnonzero(first == moment)
         new = new[filled[new, moment]]
         live[new], spread[new] = states.mean[table[new, moment]], states.covariance[table[new, moment]]
-    return states, _expectations(kept)
+    track, at, mean, covariance = (np.concatenate(column) for column in zip(*kept, strict=True))
+    return states, Expectations(track, at, Gaussians(mean, covariance))
 
 
 def _updated(
@@ -137,19 +129,7 @@ def _updated(
     return Gaussians(after, covariance - np.matmul(gain, covariance[:, :2])), (residual * solved[..., 0]).sum(axis=1)
 
 
-def _expectations(kept: Sequence[tuple[IntArray, int, FloatArray, FloatArray]]) -> Expectations:
-    none = np.empty(0, dtype=np.int64)
-    return Expectations(
-        np.concatenate([none, *(track for track, *_ in kept)]),
-        np.concatenate([none, *(np.full(len(track), moment) for track, moment, *_ in kept)]),
-        Gaussians(
-            np.concatenate([np.empty((0, 4)), *(mean for *_, mean, _ in kept)]),
-            np.concatenate([np.empty((0, 4, 4)), *(covariance for *_, covariance in kept)]),
-        ),
-    )
-
-
-def from_both_sides(ahead: Expectations, behind: Expectations, walking: Walking, moments: int) -> Expectations:
+def from_both_sides(ahead: Expectations, behind: Expectations, moments: int) -> Expectations:
     """Two passes as one: the product of both states, over the prior of the velocity that both of them hold."""
     key = [one.track * moments + one.moment for one in (ahead, behind)]
     every = np.unique(np.concatenate(key))
@@ -162,8 +142,8 @@ def from_both_sides(ahead: Expectations, behind: Expectations, walking: Walking,
         vector[at] += np.einsum("nij,nj->ni", inverse, one.states.mean)
         times[at] += 1
     twice = times == 2
-    information[twice, 2, 2] -= walking.speed**-2
-    information[twice, 3, 3] -= walking.speed**-2
+    for axis in (2, 3):
+        information[twice, axis, axis] -= SPEED**-2
     covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
     mean = np.einsum("nij,nj->ni", covariance, vector)
     order = np.lexsort([every // moments, every % moments])
@@ -171,9 +151,9 @@ def from_both_sides(ahead: Expectations, behind: Expectations, walking: Walking,
     return Expectations(every // moments, every % moments, Gaussians(mean[order], covariance[order]))
 
 
-def link_likelihood(walking: Walking, past: Gaussians, future: Gaussians, seconds: FloatArray) -> FloatArray:
+def link_likelihood(past: Gaussians, future: Gaussians, seconds: FloatArray) -> FloatArray:
     """``(P,)`` log density of going on from each state of the past to each of the future, a square metre."""
-    ahead = walking.moved(past, seconds)
+    ahead = moved(past, seconds)
     apart, spread = future.mean - ahead.mean, future.covariance + ahead.covariance
     # The density of the place, times that of the velocity given the place.
     inverse, _ = inverted(spread[:, :2, :2])
@@ -181,9 +161,9 @@ def link_likelihood(walking: Walking, past: Gaussians, future: Gaussians, second
     place, _ = log_normal(apart[:, :2], spread[:, :2, :2])
     rest = apart[:, 2:] - np.matmul(gain, apart[:, :2, None])[..., 0]
     velocity, _ = log_normal(rest, spread[:, 2:, 2:] - np.matmul(gain, spread[:, :2, 2:]))
-    free, _ = log_normal(ahead.mean[:, 2:], ahead.covariance[:, 2:, 2:] + walking.speed**2 * np.eye(2))
-    wide = (walking.turning * seconds) ** 2
+    free, _ = log_normal(ahead.mean[:, 2:], ahead.covariance[:, 2:, 2:] + SPEED**2 * np.eye(2))
+    wide = (TURNING * seconds) ** 2
     anyhow = past.covariance[:, :2, :2] + future.covariance[:, :2, :2] + wide[:, None, None] * np.eye(2)
     turned, _ = log_normal(future.mean[:, :2] - past.mean[:, :2], anyhow)
-    going = np.log1p(-walking.turns) + place + velocity - free
-    return np.asarray(np.logaddexp(going, np.log(walking.turns) + turned))
+    going = np.log1p(-TURNS) + place + velocity - free
+    return np.asarray(np.logaddexp(going, np.log(TURNS) + turned))

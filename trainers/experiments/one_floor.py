@@ -21,8 +21,6 @@ from tsuiseki.tracking.cameras.multicamera import (
     read_placed_truth,
 )
 from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
-from tsuiseki.tracking.floor.floor_flow import FloorFlow
-from tsuiseki.tracking.floor.foot_points import FootNoise
 from tsuiseki.tracking.floor.measured_floor import CameraFeed, MeasuredFloor, measured_floor
 from tsuiseki.tracking.floor.run import open_floor
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor
@@ -129,7 +127,7 @@ def measure(folder: Path, cameras: Sequence[int], method: Method, seed: int) -> 
     positions = [floor_detections(known, rng)] if method == "floor detections" else []
     boxes = simulated(known, rng) if cameras else []
     feeds = [CameraFeed(known.cameras[k], np.arange(length) / 2.0, boxes[k]) for k in cameras]
-    measured = measured_floor(feeds, positions, floor, FootNoise(), None)
+    measured = measured_floor(feeds, positions, floor)
     begin = time.process_time()
     found = _by_sort(measured) if method == "nearest and SORT" else _followed(measured)
     spent = 1000 * (time.process_time() - begin) / length
@@ -197,7 +195,7 @@ def shelf_scores(folder: Path) -> list[tuple[str, int, float, int]]:
     rate = known.cameras[0].frame_rate or 1.0
     moments = np.arange(len(known.people[0])) / rate
     feeds = [CameraFeed(*each) for each in zip(known.cameras, repeat(moments), known.people, strict=False)]
-    found = _followed(measured_floor(feeds, [], None, FootNoise(), None))
+    found = _followed(measured_floor(feeds, []))
     rows = []
     for who in np.unique(known.truth.ids):
         ids = nearest_ids(known.truth, found, who, 0.5 / rate, SHELF_NEAR)
@@ -227,9 +225,7 @@ def place_scores(folder: Path) -> dict[str, float]:
     whole = open_floor([str(view) for view in views], folder / "cameras.yaml", None, ()).measured(StageTimes())
     together = _followed(whole)
     plan = whole.feeds[0].placed.floor
-    alone = [
-        evaluate_on_floor(truth, _followed(measured_floor([feed], [], plan, FootNoise(), None))) for feed in whole.feeds
-    ]
+    alone = [evaluate_on_floor(truth, _followed(measured_floor([feed], [], plan))) for feed in whole.feeds]
     moments = len(np.unique(truth.times))
     in_view = {int(who): np.zeros((moments, len(views)), dtype=np.bool_) for who in np.unique(truth.ids)}
     for camera, view in enumerate(views):
@@ -247,7 +243,7 @@ def place_scores(folder: Path) -> dict[str, float]:
 
 def _followed(measured: MeasuredFloor) -> PlacedTruth:
     """The rows of the tracks of the flow."""
-    people = flow_on_one_floor(measured, FloorFlow())
+    people = flow_on_one_floor(measured)
     return PlacedTruth(
         np.concatenate([np.empty(0), *(one.times for one in people)]),
         np.concatenate([np.empty(0, np.int64), *(np.full(len(one), one.id) for one in people)]),

@@ -12,8 +12,7 @@ from tsuiseki.tracking.cameras.multicamera import PlacedTruth, StandingPeople, r
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
-from tsuiseki.tracking.floor.floor_flow import FloorFlow
-from tsuiseki.tracking.floor.foot_points import FootNoise, expected_boxes, on_floor
+from tsuiseki.tracking.floor.foot_points import BOX_NOISE, FLOOR_NOISE, expected_boxes, on_floor
 from tsuiseki.tracking.floor.grouping import ExpectedTracks, MomentPoints, group
 from tsuiseki.tracking.floor.measured_floor import measured_floor
 from tsuiseki.tracking.floor.online_floor import people_online
@@ -25,8 +24,6 @@ from tsuiseki.tracking.types import Detections
 
 from .conftest import FLOOR, RATE, boxes_of, cameras, make_world
 
-QUIET = FootNoise()
-
 
 def as_truth(people):
     return PlacedTruth(
@@ -37,7 +34,7 @@ def as_truth(people):
 
 
 def measured(world, positions=(), floor=FLOOR):
-    return measured_floor(world.feeds, positions, floor, QUIET, None)
+    return measured_floor(world.feeds, positions, floor)
 
 
 def points_at(places, sensor, sensors=3, deviation=0.2, names=None):
@@ -58,10 +55,10 @@ def points_at(places, sensor, sensors=3, deviation=0.2, names=None):
 def test_exact_boxes_lie_where_people_stand(placed):
     places = np.random.default_rng(0).uniform(-3, 3, (20, 2))
     found, covariance, _ = on_floor(
-        placed.camera, StandingPeople.of(Detections(boxes_of(placed.camera, places), np.ones(20))), QUIET
+        placed.camera, StandingPeople.of(Detections(boxes_of(placed.camera, places), np.ones(20)))
     )
     np.testing.assert_allclose(found, places, atol=0.01)
-    assert (np.linalg.eigvalsh(covariance) > QUIET.floor**2 * 0.99).all()
+    assert (np.linalg.eigvalsh(covariance) > FLOOR_NOISE**2 * 0.99).all()
 
 
 def test_noisy_boxes_differ_as_the_covariance_says():
@@ -69,8 +66,8 @@ def test_noisy_boxes_differ_as_the_covariance_says():
     rng, camera = np.random.default_rng(1), cameras()[0].camera
     places = np.tile([[1.0, -1.0]], (4000, 1))
     boxes = boxes_of(camera, places)
-    boxes = boxes + QUIET.box * (boxes[:, 3:] - boxes[:, 1:2]) * rng.standard_normal(boxes.shape)
-    found, covariance, _ = on_floor(camera, StandingPeople.of(Detections(boxes, np.ones(4000))), QUIET)
+    boxes = boxes + BOX_NOISE * (boxes[:, 3:] - boxes[:, 1:2]) * rng.standard_normal(boxes.shape)
+    found, covariance, _ = on_floor(camera, StandingPeople.of(Detections(boxes, np.ones(4000))))
     away = found - places
     square = np.einsum("ni,nij,nj->n", away, np.linalg.inv(covariance), away)
     # Heights are exact here, while a deviation of 0.12 m is allowed for, and so is that of the floor.
@@ -83,8 +80,8 @@ def test_ankles_count_instead_of_a_cut_box():
     feet = camera.project(np.array([[0.5, 0.5, 0.0]]))[0]
     box[:, 3] -= 0.4 * (box[:, 3] - box[:, 1])
     with_feet = StandingPeople(Detections(box, np.ones(1)), feet)
-    assert np.linalg.norm(on_floor(camera, with_feet, QUIET)[0] - place) < 0.6
-    alone = on_floor(camera, StandingPeople.of(Detections(box, np.ones(1))), QUIET)[0]
+    assert np.linalg.norm(on_floor(camera, with_feet)[0] - place) < 0.6
+    alone = on_floor(camera, StandingPeople.of(Detections(box, np.ones(1))))[0]
     assert np.linalg.norm(alone - place) > 1.0
 
 
@@ -94,7 +91,7 @@ def test_an_edge_at_the_border_of_the_image_says_nothing():
     box = boxes_of(camera, place)
     assert box[0, 3] > camera.height
     box[0, 3] = camera.height
-    found = on_floor(camera, StandingPeople.of(Detections(box, np.ones(1))), QUIET)[0]
+    found = on_floor(camera, StandingPeople.of(Detections(box, np.ones(1))))[0]
     assert np.linalg.norm(found - place) < 0.5
 
 
@@ -155,7 +152,7 @@ def test_moments_are_grouped_together_as_each_alone():
 
 
 def test_everybody_is_followed(world):
-    people = flow_on_one_floor(measured(world), FloorFlow())
+    people = flow_on_one_floor(measured(world))
     scores = evaluate_on_floor(world.truth, as_truth(people))
     assert scores.idf1 > 0.95
     assert scores.mota > 0.93
@@ -163,7 +160,7 @@ def test_everybody_is_followed(world):
 
 
 def test_the_same_input_gives_the_same_people(world):
-    one, other = (flow_on_one_floor(measured(world), FloorFlow()) for _ in range(2))
+    one, other = (flow_on_one_floor(measured(world)) for _ in range(2))
     assert one[0].positions.tolist() == other[0].positions.tolist()
 
 
@@ -171,13 +168,13 @@ def test_a_camera_that_runs_late_is_used_at_its_time():
     late = make_world(3, offset=0.04)
     found = measured(late)
     assert len(found.moments) == len(late.feeds[0].times)
-    scores = evaluate_on_floor(late.truth, as_truth(flow_on_one_floor(found, FloorFlow())))
+    scores = evaluate_on_floor(late.truth, as_truth(flow_on_one_floor(found)))
     assert scores.idf1 > 0.9
 
 
 def test_tracks_of_a_camera_bear_the_ids_of_the_floor(world):
     found = measured(world)
-    people = flow_on_one_floor(found, FloorFlow())
+    people = flow_on_one_floor(found)
     tracks = tracks_in(found, people, 0)
     assert {track.id for track in tracks} <= {one.id for one in people}
     seen = {one.id: int(one.detected[:, 0].sum()) for one in people}
@@ -240,7 +237,7 @@ def test_positions_outside_the_plan_are_refused(world, tmp_path):
 def test_feeds_that_do_not_fit_are_refused(world, change, message):
     feeds = [change(world.feeds[0]), *world.feeds[1:]]
     with pytest.raises(RequestError, match=message):
-        measured_floor(feeds, [], FLOOR, QUIET, None)
+        measured_floor(feeds, [], FLOOR)
 
 
 def lowered(placed: Placed, height: float) -> Placed:
