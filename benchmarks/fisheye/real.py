@@ -24,11 +24,11 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.calibrate.measured_points import locate_over_floor, pose_at
+from tsuiseki.tracking.cameras.calibration import locate_over_floor, pose_at
 from tsuiseki.tracking.cameras.lens_files import read_lens
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidirectional
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
-from tsuiseki.tracking.cameras.person_model import GridSettings, PersonModel, PersonTable, build_table, stand
+from tsuiseki.tracking.cameras.person_model import PersonModel, PersonTable, build_table, stand
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import evaluate_rotated
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
@@ -136,10 +136,10 @@ def boards(folder: Path) -> None:
             continue
         corners, squares = board
         try:
-            _, fit = locate_over_floor(camera, corners, squares)
+            _, away, _ = locate_over_floor(camera, corners, squares)
         except RequestError:
-            _, fit = locate_over_floor(camera, corners, squares * [1, -1])
-        residuals.append(fit.residuals)
+            _, away, _ = locate_over_floor(camera, corners, squares * [1, -1])
+        residuals.append(away)
         objects.append(np.column_stack([squares, np.zeros(len(squares))]).astype(np.float32))
         images.append(corners.astype(np.float32)[:, None])
     guess = np.array([[326.0, 0, 326.9], [0, 326.0, 261.7], [0, 0, 1]])
@@ -180,8 +180,8 @@ def _camera(width: int, height: int) -> OmnidirectionalCamera:
 def _table(width: int, height: int, person: PersonModel) -> PersonTable:
     camera = _camera(width, height)
     reach = 6 * CAMERA
-    grid = GridSettings(pixels=max(width, height) / 120, metres=0.3)
-    return build_table(camera, np.array([-reach, -reach, reach, reach]), person, grid)
+    steps = max(width, height) / 120, 0.3
+    return build_table(camera, np.array([-reach, -reach, reach, reach]), person, steps)
 
 
 def _picture(folder: Path, name: str) -> ImageArray:

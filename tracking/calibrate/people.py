@@ -16,7 +16,7 @@ import numpy as np
 
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, Placed, read_cameras, write_cameras
 from tsuiseki.tracking.cameras.people_bundle import placed, refined
-from tsuiseki.tracking.cameras.people_fit import BodyHeights, fit_view
+from tsuiseki.tracking.cameras.people_fit import HEIGHT_SPREAD, fit_view
 from tsuiseki.tracking.cameras.people_views import (
     DRIFT,
     OFFSET,
@@ -56,7 +56,7 @@ class PeopleCalibration:
         numbers: ``(C, 11)``, see `people_views.NUMBERS`.
         deviations: ``(C, 11)`` standard deviations.
         errors: ``(C,)`` median metres between a camera's people and the others'; NaN for a single camera.
-        people: how high they are.
+        height: of people on average, metres.
         given: frames a second of each source, where they were given.
     """
 
@@ -64,7 +64,7 @@ class PeopleCalibration:
     numbers: FloatArray
     deviations: FloatArray
     errors: FloatArray
-    people: BodyHeights
+    height: float
     given: Sequence[float | None] = field(default=())
 
     @property
@@ -84,7 +84,7 @@ class PeopleCalibration:
 
     def places(self, camera: int) -> FloatArray:
         """``(N,)`` complex metres where the people of a camera are."""
-        return on_floor(self.numbers[camera], self.views[camera].boxes, self.people.height)
+        return on_floor(self.numbers[camera], self.views[camera].boxes, self.height)
 
     def _rows(self, camera: int) -> list[tuple[str, float, float]]:
         """Name, value and half width of the 95 % interval of each value of a camera; metres, degrees, pixels, s."""
@@ -144,10 +144,6 @@ def digits(width: float) -> int:
     return int(np.clip(1 - np.floor(np.log10(max(width, 1e-9))), 0, 3))
 
 
-# Standard deviation of the heights of people, metres.
-PERSON_SPREAD = 0.1
-
-
 def calibrate_people(
     sources: Sequence[Source],
     person_height: float = 1.7,
@@ -168,7 +164,9 @@ def calibrate_people(
         RequestError: a source cannot be read, two are the same, too few people or only at one distance, or a
             camera sees too few together with the others.
     """
-    people = BodyHeights(person_height, PERSON_SPREAD)
+    if not 0.3 < person_height < 3:
+        got = f"{person_height}, {HEIGHT_SPREAD}"
+        raise RequestError(f"expected a person's height in metres and its spread, got {got}")
     if not sources:
         raise RequestError("expected a source or more, got none")
     rates = rates_of(frame_rates, len(sources))
@@ -176,16 +174,17 @@ def calibrate_people(
     if len({*names}) < len(names):
         names = [f"{k + 1} {name}" for k, name in enumerate(names)]
     views = [_view(*one, image_size) for one in zip(names, sources, rates, strict=True)]
-    _refuse_twice(views)
-    fits = [fit_view(view, people) for view in views]
-    numbers, deviations = np.stack([fit[0] for fit in fits]), np.stack([np.sqrt(np.diag(fit[1])) for fit in fits])
+    for one, other in combinations(views, 2):
+        if len(one.boxes) and one.boxes.shape == other.boxes.shape and np.allclose(one.boxes, other.boxes):
+            raise RequestError(f"expected a source for each camera, got the same people in {one.name} and {other.name}")
+    numbers, deviations = map(np.stack, zip(*(fit_view(view, person_height) for view in views), strict=True))
     errors = np.full(len(views), np.nan)
     if len(views) > 1:
-        joint = refined(views, _together(views, numbers, people, reach), people)
-        numbers, deviations, errors = joint.cameras, joint.deviations, joint.errors
-    found = PeopleCalibration(views, numbers, deviations, errors, people, rates)
-    _warn(found)
-    return found
+        together = _together(views, numbers, person_height, reach)
+        numbers, deviations, errors = refined(views, together, person_height)
+    calibration = PeopleCalibration(views, numbers, deviations, errors, person_height, rates)
+    _warn(calibration)
+    return calibration
 
 
 def _view(
@@ -203,13 +202,7 @@ def _view(
     return view_of(name, boxes_of(result), size, rate, frame_times(result, rate))
 
 
-def _refuse_twice(views: Sequence[PeopleView]) -> None:
-    for one, other in combinations(views, 2):
-        if len(one.boxes) and one.boxes.shape == other.boxes.shape and np.allclose(one.boxes, other.boxes):
-            raise RequestError(f"expected a source for each camera, got the same people in {one.name} and {other.name}")
-
-
-def _together(views: Sequence[PeopleView], numbers: FloatArray, people: BodyHeights, reach: float) -> FloatArray:
+def _together(views: Sequence[PeopleView], numbers: FloatArray, height: float, reach: float) -> FloatArray:
     """The cameras over one floor, by aligning each two of them."""
     clocks = [view.times for view in views]
     length = min(np.ptp(clock) for clock in clocks)
@@ -217,7 +210,7 @@ def _together(views: Sequence[PeopleView], numbers: FloatArray, people: BodyHeig
     times = np.arange(min(map(np.min, clocks)), max(map(np.max, clocks)) + lags * STEP + STEP, STEP)
     paths = []
     for view, camera in zip(views, numbers, strict=True):
-        places = feet(camera, view.boxes, people.height)
+        places = feet(camera, view.boxes, height)
         places[np.abs(places) > FARTHEST] = np.nan
         paths.append(places_at(view, places, times))
     found = {}
@@ -286,12 +279,12 @@ def check_cameras(given: Sequence[CameraOverFloor] | Path, found: PeopleCalibrat
         turn = np.exp(1j * np.angle(np.vdot(ours - centre, theirs - middle)))
         away.append([float(np.median(np.abs(turn * (b - centre) + middle - a))) for a, b, _ in soft_targets])
     # Of equals, such as each of two cameras, the one by which people are as high as people are.
-    unlike = np.abs(np.log(heights / found.people.height))
+    unlike = np.abs(np.log(heights / found.height))
     best = int(np.argmin(np.minimum(away, 5 * WRONG).sum(axis=1) + 0.01 * unlike))
     late = np.array([one.offset for one in cameras]) - found.numbers[:, OFFSET]
     late -= late[best]
     frame = np.array([0.5 / view.frame_rate for view in found.views])
-    limit = found.people.spread / found.people.height
+    limit = HEIGHT_SPREAD / found.height
     wrong = (np.array(away[best]) > WRONG) | (np.abs(late) > frame + 3 * found.deviations[:, OFFSET]) | (unlike > limit)
     columns = ([one.name for one in cameras], away[best], heights.tolist(), late.tolist(), wrong.tolist())
     return [Disagreement(*row) for row in zip(*columns, strict=True)]
@@ -299,7 +292,7 @@ def check_cameras(given: Sequence[CameraOverFloor] | Path, found: PeopleCalibrat
 
 def _by_both(one: CameraOverFloor, found: PeopleCalibration, k: int) -> tuple[FloatArray, FloatArray, float]:
     """Places of the same people by the given camera and by the found one, complex metres; their height by the given."""
-    ours, view, person, camera = found.places(k), found.views[k], found.people.height, found.numbers[k]
+    ours, view, person, camera = found.places(k), found.views[k], found.height, found.numbers[k]
     if (one.camera.width, one.camera.height) != view.size:
         size = f"{one.camera.width}x{one.camera.height}"
         raise RequestError(f"{one.name}: expected pictures of {size} by `cameras`, got {view.size[0]}x{view.size[1]}")

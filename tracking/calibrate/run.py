@@ -2,26 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from tsuiseki.tracking.cameras.calibration import CheckerboardFit, Coefficients, find_corners, fit_checkerboards
+from tsuiseki.tracking.cameras.calibration import (
+    Calibration,
+    Coefficients,
+    calibrate_camera,
+    find_corners,
+    fit_checkerboards,
+    locate_camera,
+    locate_over_floor,
+    pose_at,
+)
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.formats.world_tables import Correspondences, read_correspondences, read_floor_points
 from tsuiseki.tracking.options import OutputFile, PlottedFile, Shared
 from tsuiseki.tracking.output import check_output_file
-from tsuiseki.tracking.types import FloatArray, Frame
+from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.video.source import open_source
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
-    from tsuiseki.tracking.cameras.projective import PinholeCamera
+    from tsuiseki.tracking.cameras.camera_files import AnyCamera
+    from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalLens
 
 # Pixels from which on a lens is none for a format.
 FAR = 50.0
+# Metres of the floor to each side of a camera.
+REACH = 10.0
 CAMERA_FILE = OutputFile(out=Path("cameras.yaml"))
 
 
@@ -92,20 +104,26 @@ class FloorPose(LensSizes):
         if self.projective and self.resize is not None:
             raise RequestError("`resize`: only fisheye calibrations are scaled; leave it out with `projective`")
 
-    def camera(self, file: Path) -> tuple[PinholeCamera | OmnidirectionalCamera, list[str]]:
-        """The camera whose lens is in ``file``, in its place, and the message about the fit."""
-        from tsuiseki.tracking.calibrate.measured_points import locate_from_points, pose_at
+    def camera(self, file: Path) -> tuple[AnyCamera, list[str]]:
+        """The camera whose lens is in ``file``, in its place, and lines that say how well points of the floor fit."""
         from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
         from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 
-        camera: PinholeCamera | OmnidirectionalCamera
+        camera: AnyCamera
         if self.projective:
-            camera = read_intrinsics(file, self.image_size).camera()
+            camera = read_intrinsics(file, self.image_size)
         else:
             camera = OmnidirectionalCamera(self.read(file)[0], np.eye(3), np.zeros(3))
-        if self.points is not None:
-            return locate_from_points(camera, self.points)
-        return pose_at(camera, self.height or 0.0, np.radians(self.tilt), np.radians(self.turn)), []
+        if self.points is None:
+            return pose_at(camera, self.height or 0.0, np.radians(self.tilt), np.radians(self.turn)), []
+        given = read_floor_points(self.points)
+        try:
+            camera, residuals, away = locate_over_floor(camera, given.pixels, given.points[:, :2])
+        except RequestError as error:
+            raise RequestError(f"{self.points}: {error}") from error
+        rows = zip(given.lines, residuals, away, strict=True)
+        lines = [f"  line {line}: {pixels:.3f} px, {metres:.3f} m" for line, pixels, metres in rows]
+        return camera, [f"{np.sqrt(np.mean(residuals**2)):.3f} px rms over {len(lines)} points", *lines]
 
 
 @dataclass(frozen=True)
@@ -147,14 +165,53 @@ def points(
         intrinsics: one calibration file of OpenCV or ROS per camera (or one for all), separated by commas; only the
             pose is fitted then, and the lens may distort.
     """
-    from tsuiseki.tracking.calibrate.measured_points import calibrate_from_points, described
     from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 
-    groups, found = calibrate_from_points(file, size.image_size, intrinsics)
-    placed = [PlacedCamera(group.camera, one.camera, rate.frame_rate) for group, one in zip(groups, found, strict=True)]
+    groups = read_correspondences(file)
+    fits = _fitted(file, groups, size.image_size, intrinsics)
+    placed = [PlacedCamera(group.camera, one.camera, rate.frame_rate) for group, one in zip(groups, fits, strict=True)]
     output.write(output.out, lambda path: write_cameras(path, placed))
+    lines = []
+    for group, one in zip(groups, fits, strict=True):
+        deviations = 1.96 * np.sqrt(np.diag(one.covariance))
+        place = ", ".join(f"{v:.3f} ± {s:.3f}" for v, s in zip(one.camera.position, deviations, strict=True))
+        lines.append(f"{group.camera}: {len(group.points)} points, {one.root_mean_square:.3f} px rms, at {place} m")
+        worst = int(np.argmax(one.residuals))
+        for row, (line, residual) in enumerate(zip(group.lines, one.residuals, strict=True)):
+            lines.append(f"  line {line}: {residual:.3f} px" + ("  largest" if row == worst else ""))
     # After the file, which must not depend on who reads the listing to its end.
-    print("\n".join([*described(groups, found), f"{len(placed)} cameras: {output.out}"]))
+    print("\n".join([*lines, f"{len(placed)} cameras: {output.out}"]))
+
+
+def _fitted(
+    file: Path,
+    groups: Sequence[Correspondences],
+    image_size: tuple[int, int] | None,
+    intrinsics: Sequence[Path] | None,
+) -> list[Calibration]:
+    """The camera of each group of points in ``file``; of known ``intrinsics``, of each or of all, the pose alone.
+
+    Raises:
+        RequestError: neither size nor intrinsics are given, there is another number of these, or points leave a camera
+            open.
+    """
+    from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
+
+    if intrinsics is None and image_size is None:
+        raise RequestError("expected `image_size` WIDTH,HEIGHT or `intrinsics`, got neither")
+    if intrinsics is not None and len(intrinsics) not in (1, len(groups)):
+        raise RequestError(f"`intrinsics`: expected 1 file or {len(groups)}, one a camera, got {len(intrinsics)}")
+    fits = []
+    for number, group in enumerate(groups):
+        try:
+            if intrinsics is not None:
+                lens = read_intrinsics(intrinsics[number % len(intrinsics)], image_size)
+                fits.append(locate_camera(group.points, group.pixels, lens))
+            elif image_size is not None:
+                fits.append(calibrate_camera(group.points, group.pixels, *image_size))
+        except RequestError as error:
+            raise RequestError(f"{file}: {group.camera}: {error}") from error
+    return fits
 
 
 INTRINSICS_FILE = OutputFile(out=Path("intrinsics.yaml"))
@@ -183,47 +240,11 @@ def checkerboard(
     if min(corners) < 3 or corners[0] == corners[1] or every < 1:
         shown = f"{corners[0]},{corners[1]} and {every}"
         raise RequestError(f"`corners`: expected two different numbers from 3, and `every` from 1, got {shown}")
-    fit, used, pictures = calibrate_from_checkerboards(
-        source, corners, coefficients, every, lambda frames: progress(frames, "detecting the board")
-    )
-    error = float((fit.errors**2).mean() ** 0.5)
-    output.write(output.out, lambda path: write_intrinsics(path, fit.intrinsics, error))
-    focal, spread = fit.intrinsics.focal, 1.96 * fit.focal_deviation
-    worst = int(fit.errors.argmax())
-    print(
-        f"the board in {len(used)} of {pictures} pictures, error {error:.2f} px, worst {fit.errors[worst]:.2f} in "
-        f"picture {used[worst]}\nfocal length {focal[0]:.1f} ± {spread[0]:.1f}, {focal[1]:.1f} ± {spread[1]:.1f} px "
-        f"(95 %): {output.out}"
-    )
-
-
-def calibrate_from_checkerboards(
-    source: str | Path,
-    corners: tuple[int, int],
-    coefficients: Coefficients = 5,
-    every: int = 1,
-    watch: Callable[[Iterable[Frame]], Iterable[Frame]] = iter,
-) -> tuple[CheckerboardFit, list[int], int]:
-    """The camera that took the pictures.
-
-    Args:
-        source: a folder of pictures or a video.
-        corners: inner corners along a row and along a column of the board.
-        coefficients: of the lens model.
-        every: use every so many frames.
-        watch: passes the frames through, for progress.
-
-    Returns:
-        The fit, the numbers of the pictures in which the board was detected (from 1), and how many were read.
-
-    Raises:
-        RequestError: pictures differ in size, too few show the whole board, or they do not fix the camera.
-    """
-    found: list[FloatArray] = []
+    detections: list[FloatArray] = []
     used: list[int] = []
     size: tuple[int, int] | None = None
     pictures = 0
-    for frame in watch(open_source(str(source)).frames()):
+    for frame in progress(open_source(source).frames(), "detecting the board"):
         if frame.index % every:
             continue
         pictures += 1
@@ -233,11 +254,20 @@ def calibrate_from_checkerboards(
         size = (width, height)
         places = find_corners(frame.image, corners)
         if places is not None:
-            found.append(places)
+            detections.append(places)
             used.append(frame.index + 1)
     if size is None:
         raise RequestError(f"{source}: expected pictures, found none")
-    return fit_checkerboards(found, corners, size, coefficients), used, pictures
+    fit = fit_checkerboards(detections, corners, size, coefficients)
+    error = float((fit.errors**2).mean() ** 0.5)
+    output.write(output.out, lambda path: write_intrinsics(path, fit.camera, error))
+    focal, spread = fit.camera.focal, 1.96 * fit.focal_deviation
+    worst = int(fit.errors.argmax())
+    print(
+        f"the board in {len(used)} of {pictures} pictures, error {error:.2f} px, worst {fit.errors[worst]:.2f} in "
+        f"picture {used[worst]}\nfocal length {focal[0]:.1f} ± {spread[0]:.1f}, {focal[1]:.1f} ± {spread[1]:.1f} px "
+        f"(95 %): {output.out}"
+    )
 
 
 def convert(
@@ -313,20 +343,29 @@ def pose(
             model of a person has there, to compare with a picture.
         person_height: height of the model of a person, metres.
     """
-    from tsuiseki.tracking.calibrate.measured_points import floor_about, standing
     from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, write_cameras
     from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
+    from tsuiseki.tracking.cameras.person_model import stand as boxes_of
 
     camera, lines = place.camera(file)
     if not place.projective:
         # The person of `track fisheye` stands under its camera; a projective one may look from the side.
         check_height(camera, PersonModel(height=person_height))
-    area = floor_about(camera, floor)
+    # Adding zero makes a plain zero of a negative one.
+    x, y, z = (camera.position.round(6) + 0.0).tolist()
+    area = np.array([x - REACH, y - REACH, x + REACH, y + REACH] if floor is None else floor, dtype=np.float64)
+    if area[0] >= area[2] or area[1] >= area[3]:
+        raise RequestError(f"`floor`: expected X1 < X2 and Y1 < Y2, got {','.join(f'{v:g}' for v in area)}")
     if stand is not None:
-        lines.append(standing(camera, area, stand, person_height))
+        upright, rotated = boxes_of(camera, np.array(stand), area, PersonModel(height=person_height))
+        corners = ",".join(f"{value:.1f}" for value in upright)
+        turned = ",".join(f"{value:.1f}" for value in (*rotated[:4], np.degrees(rotated[4])))
+        lines.append(
+            f"{person_height:g} m tall at {stand[0]:g},{stand[1]:g}: upright {corners} (x1,y1,x2,y2), rotated {turned} "
+            "(cx,cy,w,h,degrees clockwise)"
+        )
     placed = CameraOverFloor(name, camera, rate.frame_rate, floor=area)
     output.write(output.out, lambda path: write_cameras(path, [placed]))
-    x, y, z = (camera.position.round(6) + 0.0).tolist()
     print("\n".join([*lines, f"{name}: at {x:.3f}, {y:.3f}, {z:.3f} m: {output.out}"]))
 
 

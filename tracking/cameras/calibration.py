@@ -2,52 +2,33 @@
 
 The normalised direct linear transform gives the projection matrix of Hartley and Zisserman, *Multiple View Geometry*,
 2nd ed., algorithm 7.1 and section 4.4.4; Levenberg-Marquardt then makes the reprojection error least.
+
+A camera of known lens hangs over the floor by its height and tilt, or by points of the floor (z = 0). With rays d in
+the camera's axes, ``d x (x r1 + y r2 + t) = 0`` is linear in the first two columns of the rotation and the shift.
+Being written in rays it holds for lenses of any width.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Literal
+from typing import Any, Literal, TypeVar
 
 import cv2
 import numpy as np
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
+from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
-FEWEST_POINTS = 6
+CameraT = TypeVar("CameraT", bound=PinholeCamera | OmnidirectionalCamera)
+FEWEST_POINTS, FEWEST_OF_FLOOR = 6, 4
 FLATNESS = 1e-3
 # A second direction that fits this much less badly than the third best means that the points leave the camera open.
 AMBIGUITY = 1e-5
-
-
-@dataclass(frozen=True)
-class Intrinsics:
-    """What a camera keeps when it moves.
-
-    Attributes:
-        width: pixels.
-        height: pixels.
-        focal: ``(2,)`` pixels.
-        principal_point: ``(2,)`` pixels, where the first pixel's centre lies at 0.5.
-        distortion: ``(5,)`` k1, k2, p1, p2, k3, or with the 8 or 12 coefficients of `PinholeCamera`.
-    """
-
-    width: int
-    height: int
-    focal: FloatArray
-    principal_point: FloatArray
-    distortion: FloatArray
-
-    def camera(self) -> PinholeCamera:
-        """At the origin of the world, looking along its third axis."""
-        return PinholeCamera(
-            self.width, self.height, self.focal, self.principal_point, np.eye(3), np.zeros(3), self.distortion
-        )
 
 
 @dataclass(frozen=True)
@@ -137,8 +118,8 @@ def calibrate_camera(points: FloatArray, pixels: FloatArray, width: int, height:
     return _refine(camera_of, np.concatenate([np.zeros(6), np.zeros(2), start.principal_point]), points, pixels)
 
 
-def locate_camera(points: FloatArray, pixels: FloatArray, intrinsics: Intrinsics) -> Calibration:
-    """Orientation and position of a camera of known ``intrinsics``; points on one plane are enough here.
+def locate_camera(points: FloatArray, pixels: FloatArray, lens: PinholeCamera) -> Calibration:
+    """Orientation and position of a camera of known ``lens``; points on one plane are enough here.
 
     Raises:
         RequestError: fewer than six points, all on one line, pixels that the lens cannot have made, or points behind
@@ -146,33 +127,106 @@ def locate_camera(points: FloatArray, pixels: FloatArray, intrinsics: Intrinsics
     """
     points, pixels = _checked(points, pixels)
     _refuse_flat(points, smallest=1, shape="line")
-    ideal = intrinsics.camera()
-    normalised = ideal.normalised(pixels)
-    if not np.isfinite(normalised).all():
-        row = int(np.flatnonzero(~np.isfinite(normalised).all(axis=1))[0])
-        raise RequestError(
-            f"expected pixels within the lens's field, got {pixels[row].tolist()} in point {row + 1}: "
-            "check that the intrinsics belong to this camera and image size"
-        )
+    normalised = lens.normalised(pixels)
+    _refuse_outside(normalised, pixels, "intrinsics belong")
     found, turn, shift = cv2.solvePnP(points, normalised, np.eye(3), np.zeros(5), flags=cv2.SOLVEPNP_SQPNP)
     if not found:
         raise RequestError("expected points that fix the camera's pose, got a degenerate set: add points elsewhere")
     rotation = Rotation.from_rotvec(turn[:, 0]).as_matrix()
-    start = replace(ideal, rotation=rotation, position=-rotation.T @ shift[:, 0])
+    start = replace(lens, rotation=rotation, position=-rotation.T @ shift[:, 0])
     return _refine(lambda x: _moved(start, x), np.zeros(6), points, pixels)
 
 
-def _refine(
-    camera_of: Callable[[FloatArray], PinholeCamera], start: FloatArray, points: FloatArray, pixels: FloatArray
-) -> Calibration:
-    first = camera_of(start)
-    _refuse_behind(first.project(points)[1])
+def pose_at(camera: CameraT, height: float, tilt: float = 0.0, turn: float = 0.0) -> CameraT:
+    """``camera`` over the origin of the floor, looking down.
+
+    Args:
+        camera: of which the lens is kept.
+        height: of the optical centre, metres, above 0.
+        tilt: of the axis from straight down, towards +y of the floor, radians.
+        turn: of the camera about its axis, radians; at 0 the image's right is +x and its top, without tilt, +y.
+
+    Raises:
+        RequestError: a height of 0 or less, or a tilt of a right angle or more.
+    """
+    if not (np.isfinite(height) and height > 0):
+        raise RequestError(f"expected a camera height above 0 m, got {height:g}")
+    if not abs(tilt) < np.pi / 2:
+        raise RequestError(f"expected a tilt of less than 90 degrees from straight down, got {np.degrees(tilt):g}")
+    down = np.diag([1.0, -1.0, -1.0])
+    tilted = Rotation.from_rotvec([tilt, 0, 0]).as_matrix().T
+    about = Rotation.from_rotvec([0, 0, turn]).as_matrix()
+    return replace(camera, rotation=about @ down @ tilted, position=np.array([0.0, 0.0, height]))
+
+
+def locate_over_floor(camera: CameraT, pixels: FloatArray, floor: FloatArray) -> tuple[CameraT, FloatArray, FloatArray]:
+    """``camera`` with the pose that puts ``floor`` ``(N, 2)`` metres nearest to ``pixels`` ``(N, 2)``.
+
+    Returns:
+        The camera, ``(N,)`` pixels between given and projected pixels, and ``(N,)`` metres on the floor between given
+        points and those that the pixels show.
+
+    Raises:
+        RequestError: fewer than four points, all on one line, pixels beyond the rim, or points that put the camera
+            below the floor.
+    """
+    pixels, floor = np.asarray(pixels, dtype=np.float64), np.asarray(floor, dtype=np.float64)
+    if len(pixels) < FEWEST_OF_FLOOR:
+        raise RequestError(f"expected at least {FEWEST_OF_FLOOR} points of the floor, got {len(pixels)}: measure more")
+    spread = np.linalg.svd(floor - floor.mean(axis=0), compute_uv=False)
+    if spread[1] < FLATNESS * spread[0] or spread[0] < 1e-9:
+        raise RequestError("expected points spread over the floor, got points on one line: add points off that line")
+    level = replace(camera, rotation=np.eye(3), position=np.zeros(3))
+    rays = np.asarray(level.rays(pixels))
+    _refuse_outside(rays, pixels, "calibration belongs")
+    start = _linear_pose(level, rays, floor)
+    points = np.column_stack([floor, np.zeros(len(floor))])
+    fit = _least_error(lambda x: _moved(start, x), np.zeros(6), points, pixels)
+    located = _moved(start, fit.x)
+    if located.position[2] <= 0:
+        raise RequestError(
+            f"expected a camera above the floor, the points put it at {located.position[2]:.2f} m: check the order of "
+            "the columns, and that x, y and up make a right-handed system"
+        )
+    away = np.linalg.norm(located.ground(pixels)[:, :2] - floor, axis=1)
+    return located, np.hypot(*fit.fun.reshape(-1, 2).T), away
+
+
+def _linear_pose(camera: CameraT, rays: FloatArray, floor: FloatArray) -> CameraT:
+    x, y = floor.T
+    zero = np.zeros(len(rays))
+    cross = np.array(
+        [[zero, -rays[:, 2], rays[:, 1]], [rays[:, 2], zero, -rays[:, 0]], [-rays[:, 1], rays[:, 0], zero]]
+    )
+    cross = np.moveaxis(cross, 2, 0)
+    rows = np.concatenate([cross * x[:, None, None], cross * y[:, None, None], cross], axis=2).reshape(-1, 9)
+    columns = np.linalg.svd(rows)[2][-1].reshape(3, 3).T
+    columns = columns / np.sqrt(np.linalg.norm(columns[:, 0]) * np.linalg.norm(columns[:, 1]))
+    # Of the two signs the one that has the points before the camera, along their rays.
+    along = np.einsum("ni,ni->n", rays, np.column_stack([floor, np.ones(len(floor))]) @ columns.T)
+    columns = columns * (1.0 if np.median(along) > 0 else -1.0)
+    u, _, v = np.linalg.svd(np.column_stack([columns[:, 0], columns[:, 1], np.cross(columns[:, 0], columns[:, 1])]))
+    rotation = u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+    return replace(camera, rotation=rotation, position=-rotation.T @ columns[:, 2])
+
+
+def _least_error(
+    camera_of: Callable[[FloatArray], CameraT], start: FloatArray, points: FloatArray, pixels: FloatArray
+) -> Any:
+    """SciPy's result for the numbers whose camera projects ``points`` nearest to ``pixels``."""
 
     def errors(x: FloatArray) -> FloatArray:
         # A step that puts a point behind the camera must not win; its error is merely large.
         return np.asarray(np.nan_to_num(camera_of(x).project(points)[0] - pixels, nan=1e4).ravel())
 
-    fit = least_squares(errors, start, method="lm", x_scale="jac")
+    return least_squares(errors, start, method="lm", x_scale="jac")
+
+
+def _refine(
+    camera_of: Callable[[FloatArray], PinholeCamera], start: FloatArray, points: FloatArray, pixels: FloatArray
+) -> Calibration:
+    _refuse_behind(camera_of(start).project(points)[1])
+    fit = _least_error(camera_of, start, points, pixels)
     camera = camera_of(fit.x)
     _refuse_behind(camera.project(points)[1])
     residuals = np.sqrt(np.square(fit.fun.reshape(-1, 2)).sum(axis=1))
@@ -181,7 +235,7 @@ def _refine(
     return Calibration(camera, residuals, covariance)
 
 
-def _moved(camera: PinholeCamera, x: FloatArray) -> PinholeCamera:
+def _moved(camera: CameraT, x: FloatArray) -> CameraT:
     """``camera`` turned by the rotation vector ``x[:3]`` and shifted by ``x[3:6]``."""
     turn = Rotation.from_rotvec(x[:3]).as_matrix()
     return replace(camera, rotation=turn @ camera.rotation, position=camera.position + x[3:6])
@@ -207,6 +261,16 @@ def _refuse_flat(points: FloatArray, smallest: int = 2, shape: str = "plane") ->
         raise RequestError(
             f"expected points in space, got points on one {shape} (coplanar): add points off that plane, or give the "
             "camera's intrinsics"
+        )
+
+
+def _refuse_outside(rays: FloatArray, pixels: FloatArray, what: str) -> None:
+    """Refuse ``pixels`` whose ``rays`` are not finite; ``what`` should belong to the camera."""
+    beyond = np.flatnonzero(~np.isfinite(rays).all(axis=1))
+    if len(beyond):
+        raise RequestError(
+            f"expected pixels within the lens's field, got {pixels[beyond[0]].tolist()} in point {beyond[0] + 1}: "
+            f"check that the {what} to this camera and image size"
         )
 
 
@@ -257,12 +321,12 @@ class CheckerboardFit:
     """What came of the pictures.
 
     Attributes:
-        intrinsics: of the camera.
+        camera: at the origin.
         errors: ``(P,)`` root mean square distance of the corners of each picture, pixels.
         focal_deviation: ``(2,)`` standard deviation of the focal lengths, pixels.
     """
 
-    intrinsics: Intrinsics
+    camera: PinholeCamera
     errors: FloatArray
     focal_deviation: FloatArray
 
@@ -280,7 +344,7 @@ def find_corners(image: ImageArray, corners: tuple[int, int]) -> FloatArray | No
 
 
 def fit_checkerboards(
-    found: Sequence[FloatArray],
+    detections: Sequence[FloatArray],
     corners: tuple[int, int],
     size: tuple[int, int],
     coefficients: Coefficients = 5,
@@ -288,7 +352,7 @@ def fit_checkerboards(
     """Intrinsics and distortion from the corners of several pictures.
 
     Args:
-        found: ``(N, 2)`` of each picture, from `find_corners`.
+        detections: ``(N, 2)`` of each picture, from `find_corners`.
         corners: inner corners along a row and along a column.
         size: width and height of the pictures.
         coefficients: of the lens model.
@@ -296,16 +360,16 @@ def fit_checkerboards(
     Raises:
         RequestError: there are too few pictures, or they do not fix the camera.
     """
-    if len(found) < FEWEST:
+    if len(detections) < FEWEST:
         raise RequestError(
-            f"expected the whole board in at least {FEWEST} pictures, found it in {len(found)}; check the numbers of "
-            "inner corners, and tilt the board"
+            f"expected the whole board in at least {FEWEST} pictures, found it in {len(detections)}; check the "
+            "numbers of inner corners, and tilt the board"
         )
     board = np.zeros((corners[0] * corners[1], 3), dtype=np.float32)
     board[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2)
     try:
         _, matrix, lens, turns, _, deviations, _, errors = cv2.calibrateCameraExtended(
-            [board] * len(found), [each.astype(np.float32) for each in found], size, None, None,  # type: ignore[call-overload]
+            [board] * len(detections), [each.astype(np.float32) for each in detections], size, None, None,  # type: ignore[call-overload]
             flags=FLAGS[coefficients],
         )  # fmt: skip
     except cv2.error as error:
@@ -317,5 +381,5 @@ def fit_checkerboards(
     tilted = float((normals @ normals.T).min()) < np.cos(SMALLEST_TILT)
     if not (tilted and np.isfinite(lens).all() and (deviation < 0.5 * focal).all()):
         raise RequestError(UNFIXED)
-    intrinsics = Intrinsics(size[0], size[1], focal, matrix[:2, 2] + HALF_PIXEL, lens)
-    return CheckerboardFit(intrinsics, errors.ravel().astype(np.float64), deviation.astype(np.float64))
+    camera = PinholeCamera(*size, focal, matrix[:2, 2] + HALF_PIXEL, distortion=lens)
+    return CheckerboardFit(camera, errors.ravel().astype(np.float64), deviation.astype(np.float64))

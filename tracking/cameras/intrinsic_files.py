@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 import yaml
 
-from tsuiseki.tracking.cameras.calibration import Intrinsics
+from tsuiseki.tracking.cameras.calibration import HALF_PIXEL
+from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.rows import read_text
 from tsuiseki.tracking.types import FloatArray
@@ -35,8 +36,6 @@ MODELS: dict[str, LensModel] = {
 FISHEYE = re.compile("fish.?eye|equidistant|kannala", re.IGNORECASE)
 # Beyond this p1 and p2 are no lens's. A fisheye's k3 and k4 often are.
 TANGENTIAL = 0.03
-# OpenCV counts pixels from the first one's centre.
-HALF_PIXEL = 0.5
 
 
 @dataclass(frozen=True)
@@ -64,8 +63,8 @@ class LensFile:
     xi: float
 
 
-def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> Intrinsics:
-    """The intrinsics in a file of OpenCV's FileStorage (YAML, XML, JSON), ROS's YAML or plain JSON.
+def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> PinholeCamera:
+    """A camera at the origin from a file of OpenCV's FileStorage (YAML, XML, JSON), ROS's YAML or plain JSON.
 
     Four coefficients of a model that the file does not name are taken as k1, k2, p1, p2, with a warning.
 
@@ -104,9 +103,8 @@ def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> In
             InputWarning,
             stacklevel=2,
         )
-    return Intrinsics(
-        *given.size, given.focal, given.principal_point, np.pad(coefficients, (0, max(5 - len(coefficients), 0)))
-    )
+    lens = np.pad(coefficients, (0, max(5 - len(coefficients), 0)))
+    return PinholeCamera(*given.size, given.focal, given.principal_point, distortion=lens)
 
 
 def read_lens_file(path: Path, image_size: tuple[int, int] | None = None) -> LensFile:
@@ -168,15 +166,15 @@ def _size(path: Path, content: dict[str, Any]) -> tuple[int, int]:
     return int(pair.ravel()[0]), int(pair.ravel()[1])
 
 
-def write_intrinsics(path: Path, intrinsics: Intrinsics, error: float) -> None:
-    """Intrinsics as OpenCV's own calibration program writes them (YAML), with the root mean square error in pixels."""
-    matrix = np.diag([*intrinsics.focal, 1.0])
-    matrix[:2, 2] = intrinsics.principal_point - HALF_PIXEL
+def write_intrinsics(path: Path, camera: PinholeCamera, error: float) -> None:
+    """Write a lens as OpenCV's own calibration program does (YAML), with the root mean square error in pixels."""
+    matrix = np.diag([*camera.focal, 1.0])
+    matrix[:2, 2] = camera.principal_point - HALF_PIXEL
     storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_FORMAT_YAML)
-    storage.write("image_width", intrinsics.width)
-    storage.write("image_height", intrinsics.height)
+    storage.write("image_width", camera.width)
+    storage.write("image_height", camera.height)
     storage.write("camera_matrix", matrix)
-    storage.write("distortion_coefficients", intrinsics.distortion[None])
+    storage.write("distortion_coefficients", camera.distortion[None])
     storage.write("avg_reprojection_error", error)
     storage.release()
 

@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -24,7 +25,8 @@ import numpy as np
 import yaml
 from numpy.polynomial import Polynomial
 
-from tsuiseki.tracking.cameras.intrinsic_files import HALF_PIXEL, read_lens_file
+from tsuiseki.tracking.cameras.calibration import HALF_PIXEL
+from tsuiseki.tracking.cameras.intrinsic_files import read_lens_file
 from tsuiseki.tracking.cameras.lens_fitting import (
     EquidistantLens,
     UnifiedLens,
@@ -45,31 +47,23 @@ TURN = np.pi / 2
 
 
 def read_lens(path: Path, image_size: tuple[int, int] | None = None) -> OmnidirectionalLens:
-    """The lens in ``path``, whose format is recognised by its content.
-
-    Args:
-        path: one of the formats of this module.
-        image_size: width and height, where the file does not say; elsewhere the file's own is kept.
-
-    Raises:
-        RequestError: no such file, another format, or a calibration that is cut short or has failed.
-    """
+    """The lens in ``path``, see `read_lens_fitted`."""
     return read_lens_fitted(path, image_size)[0]
 
 
 def read_lens_fitted(path: Path, image_size: tuple[int, int] | None = None) -> tuple[OmnidirectionalLens, FloatArray]:
-    """The lens in ``path``, and how far it is from the file's own model.
+    """The lens in ``path``, whose format is recognised by its content, and how far it is from the file's own model.
 
     Args:
-        path: see `read_lens`.
-        image_size: see `read_lens`.
+        path: one of the formats of this module.
+        image_size: width and height, where the file does not say; elsewhere the file's own is kept.
 
     Returns:
         The lens, and the ``(N,)`` pixels between where it and the file's model put the same rays, over the image: zeros
         where the file holds Scaramuzza's model.
 
     Raises:
-        RequestError: see `read_lens`.
+        RequestError: no such file, another format, or a calibration that is cut short or has failed.
     """
     text = read_text(path, "a lens calibration")
     if path.suffix.lower() == ".txt":
@@ -81,7 +75,7 @@ def read_lens_fitted(path: Path, image_size: tuple[int, int] | None = None) -> t
     return _checked(path, lambda _: _read_opencv(path, image_size), text)
 
 
-def _read_opencv(path: Path, image_size: tuple[int, int] | None) -> UnifiedLens | EquidistantLens:
+def _read_opencv(path: Path, image_size: tuple[int, int] | None) -> EquidistantLens:
     given = read_lens_file(path, image_size)
     if given.model == "pinhole":
         raise RequestError(
@@ -92,7 +86,7 @@ def _read_opencv(path: Path, image_size: tuple[int, int] | None) -> UnifiedLens 
         raise RequestError(f"expected four coefficients of the {given.model} model, got {len(given.coefficients)}")
     place = (*given.size, given.focal, given.principal_point)
     if given.model == "omnidirectional":
-        return UnifiedLens(*place, given.xi, given.coefficients, given.skew)
+        return UnifiedLens(*place, given.coefficients, given.skew, given.xi)
     return EquidistantLens(*place, given.coefficients, given.skew)
 
 
@@ -107,19 +101,14 @@ def write_lens(path: Path, lens: OmnidirectionalLens, kind: LensFormat) -> Float
         text = _ocam_text(lens) if kind == "ocam" else _py_ocam_text(lens)
         path.write_text(text, encoding="utf-8")
         return distances(lens, _read_ocam(text) if kind == "ocam" else _read_py_ocam(text, (lens.width, lens.height)))
-    fitted: UnifiedLens | EquidistantLens
-    if kind == "kalibr-omni":
-        fitted, residuals = UnifiedLens.fitted(lens)
-        path.write_text(_kalibr_text(fitted), encoding="utf-8")
-        return residuals
-    fitted, residuals = EquidistantLens.fitted(lens)
-    text = _kalibr_text(fitted) if kind == "kalibr-equidistant" else _opencv_text(fitted, path.suffix.lower())
+    fitted, residuals = (UnifiedLens if kind == "kalibr-omni" else EquidistantLens).fitted(lens)
+    text = _opencv_text(fitted, path.suffix.lower()) if kind == "opencv" else _kalibr_text(fitted)
     path.write_text(text, encoding="utf-8")
     return residuals
 
 
 def _checked(
-    path: Path, read: Callable[[str], OmnidirectionalLens | UnifiedLens | EquidistantLens], text: str
+    path: Path, read: Callable[[str], OmnidirectionalLens | EquidistantLens], text: str
 ) -> tuple[OmnidirectionalLens, FloatArray]:
     try:
         model = read(text)
@@ -202,10 +191,8 @@ def _ocam_text(lens: OmnidirectionalLens) -> str:
 def _rescaled(lens: OmnidirectionalLens, factor: float) -> OmnidirectionalLens:
     """The same lens with sensor points ``factor`` times as large."""
     powers = factor ** (1.0 - np.arange(len(lens.direct)))
-    return OmnidirectionalLens(
-        lens.width, lens.height, lens.direct * powers, lens.centre, lens.stretch / factor, lens.inverse * factor,
-        lens.field,
-    )  # fmt: skip
+    direct, stretch, inverse = lens.direct * powers, lens.stretch / factor, lens.inverse * factor
+    return replace(lens, direct=direct, stretch=stretch, inverse=inverse)
 
 
 def _read_py_ocam(text: str, image_size: tuple[int, int] | None) -> OmnidirectionalLens:
@@ -240,7 +227,7 @@ def _py_ocam_text(lens: OmnidirectionalLens) -> str:
     return json.dumps(content, indent=1) + "\n"
 
 
-def _read_kalibr(text: str) -> UnifiedLens | EquidistantLens:
+def _read_kalibr(text: str) -> EquidistantLens:
     content = yaml.safe_load(text)
     cameras = [name for name in content if re.fullmatch(r"cam\d+", str(name))]
     entry = content[cameras[0]] if cameras else content
@@ -251,7 +238,7 @@ def _read_kalibr(text: str) -> UnifiedLens | EquidistantLens:
     coefficients = np.array(entry["distortion_coeffs"], dtype=np.float64)
     model, distortion = entry.get("camera_model"), entry.get("distortion_model")
     if (model, distortion) == ("omni", "radtan") and values.shape == (5,) and coefficients.shape == (4,):
-        return UnifiedLens(width, height, values[1:3], values[3:5] + HALF_PIXEL, float(values[0]), coefficients)
+        return UnifiedLens(width, height, values[1:3], values[3:5] + HALF_PIXEL, coefficients, xi=float(values[0]))
     if (model, distortion) == ("pinhole", "equidistant") and values.shape == (4,) and coefficients.shape == (4,):
         return EquidistantLens(width, height, values[:2], values[2:] + HALF_PIXEL, coefficients)
     raise RequestError(
@@ -260,7 +247,7 @@ def _read_kalibr(text: str) -> UnifiedLens | EquidistantLens:
     )
 
 
-def _kalibr_text(lens: UnifiedLens | EquidistantLens) -> str:
+def _kalibr_text(lens: EquidistantLens) -> str:
     place = [*lens.focal.tolist(), *(lens.principal_point - HALF_PIXEL).tolist()]
     unified = isinstance(lens, UnifiedLens)
     entry = {

@@ -10,15 +10,14 @@ Besides Scaramuzza's polynomial there are two models:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import ClassVar, Self
 
 import numpy as np
 from scipy.optimize import least_squares
 
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalLens
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import BoolArray, FloatArray
 
 # Degree of F that others are fitted by; OCamCalib's usual 4 leaves whole pixels near the rim of some lenses.
 DEGREE = 8
@@ -29,23 +28,18 @@ GRID, RING = 60, 24
 WIDEST = 2.6
 
 
-class Lens(Protocol):
-    """Directions in the camera's axes to pixels of an image of a size."""
-
-    @property
-    def width(self) -> int: ...
-
-    @property
-    def height(self) -> int: ...
-
-    def project(self, points: FloatArray) -> FloatArray:
-        """Pixels ``(N, 2)`` of ``(N, 3)``, NaN where not seen."""
-        ...
-
-
 @dataclass(frozen=True)
 class EquidistantLens:
-    """Kannala and Brandt's lens; focal ``(2,)``, principal point ``(2,)``, skew, pixels, and distortion ``(4,)``."""
+    """Kannala and Brandt's lens.
+
+    Attributes:
+        width: of the image, pixels.
+        height: of the image, pixels.
+        focal: ``(2,)`` pixels.
+        principal_point: ``(2,)`` pixels.
+        distortion: ``(4,)`` k1 to k4.
+        skew: pixels.
+    """
 
     width: int
     height: int
@@ -53,6 +47,9 @@ class EquidistantLens:
     principal_point: FloatArray
     distortion: FloatArray
     skew: float = 0.0
+
+    # Focal length, in those of the other lens, and numbers of its own with which a fit begins.
+    START: ClassVar[tuple[float, ...]] = (1.0,)
 
     def project(self, points: FloatArray) -> FloatArray:
         """Pixels ``(N, 2)`` of ``(N, 3)`` points in the camera's axes; NaN past the polynomial's turning back."""
@@ -65,35 +62,46 @@ class EquidistantLens:
         slope = 1 + grid**2 * (3 * k1 + grid**2 * (5 * k2 + grid**2 * (7 * k3 + grid**2 * 9 * k4)))
         limit = grid[int(np.argmax(slope <= 0))] if (slope <= 0).any() else np.pi
         unit = points[:, :2] / np.maximum(across, 1e-300)[:, None]
-        ideal = unit * radius[:, None]
+        return self._pixels(unit * radius[:, None], theta > limit)
+
+    def _pixels(self, ideal: FloatArray, hidden: BoolArray) -> FloatArray:
+        """``(N, 2)`` pixels of ``(N, 2)`` points of the lens of focal length 1, NaN where they are hidden."""
         pixels = ideal * self.focal + self.principal_point
         pixels[:, 0] += self.skew * ideal[:, 1]
-        pixels[theta > limit] = np.nan
+        pixels[hidden] = np.nan
         return np.asarray(pixels)
 
     @classmethod
-    def fitted(cls, lens: OmnidirectionalLens) -> tuple[EquidistantLens, FloatArray]:
+    def fitted(cls, lens: OmnidirectionalLens) -> tuple[Self, FloatArray]:
         """The nearest to ``lens``, and the ``(N,)`` distances over the image, pixels."""
+        pixels, rays = image_rays(lens)
 
-        def of(x: FloatArray) -> EquidistantLens:
-            return cls(lens.width, lens.height, x[:2] * lens.direct[0], x[2:4] * lens.direct[0], x[4:])
+        def errors(x: FloatArray) -> FloatArray:
+            return np.asarray(np.nan_to_num(cls._of(lens, x).project(rays) - pixels, nan=1e3).ravel())
 
-        start = np.array([1, 1, *lens.centre / lens.direct[0], 0, 0, 0, 0], dtype=np.float64)
-        x, residuals = _nearest(lens, of, start)
-        return of(x), residuals
+        focal, *own = cls.START
+        start = np.array([focal, focal, *lens.centre / lens.direct[0], *own, 0, 0, 0, 0], dtype=np.float64)
+        fit = least_squares(errors, start, x_scale="jac", max_nfev=500)
+        return cls._of(lens, fit.x), np.hypot(*fit.fun.reshape(-1, 2).T)
+
+    @classmethod
+    def _of(cls, lens: OmnidirectionalLens, x: FloatArray) -> Self:
+        """From numbers that are fitted: focal length and principal point in those of ``lens``, own ones, distortion."""
+        scale, own = lens.direct[0], [float(value) for value in x[4:-4]]
+        return cls(lens.width, lens.height, x[:2] * scale, x[2:4] * scale, x[-4:], 0.0, *own)
 
 
 @dataclass(frozen=True)
-class UnifiedLens:
-    """Mei's lens: focal ``(2,)``, principal point ``(2,)``, skew, pixels; mirror ``xi``, distortion k1, k2, p1, p2."""
+class UnifiedLens(EquidistantLens):
+    """Mei's lens, with a distortion k1, k2, p1, p2.
 
-    width: int
-    height: int
-    focal: FloatArray
-    principal_point: FloatArray
-    xi: float
-    distortion: FloatArray
-    skew: float = 0.0
+    Attributes:
+        xi: of the mirror.
+    """
+
+    xi: float = 1.0
+
+    START: ClassVar[tuple[float, ...]] = (2.0, 1.0)
 
     def project(self, points: FloatArray) -> FloatArray:
         """Pixels ``(N, 2)`` of ``(N, 3)`` points in the camera's axes; NaN where the model has no image."""
@@ -111,25 +119,10 @@ class UnifiedLens:
         radial = 1 + square * (k1 + square * k2)
         u = x * radial + 2 * p1 * x * y + p2 * (square + 2 * x * x)
         v = y * radial + p1 * (square + 2 * y * y) + 2 * p2 * x * y
-        pixels = np.stack([u, v], axis=1) * self.focal + self.principal_point
-        pixels[:, 0] += self.skew * v
-        pixels[hidden] = np.nan
-        return np.asarray(pixels)
-
-    @classmethod
-    def fitted(cls, lens: OmnidirectionalLens) -> tuple[UnifiedLens, FloatArray]:
-        """The nearest to ``lens``, and the ``(N,)`` distances over the image, pixels."""
-        scale = lens.direct[0]
-
-        def of(x: FloatArray) -> UnifiedLens:
-            return cls(lens.width, lens.height, x[:2] * scale, x[2:4] * scale, float(x[4]), x[5:])
-
-        start = np.array([2, 2, *lens.centre / scale, 1.0, 0, 0, 0, 0], dtype=np.float64)
-        x, residuals = _nearest(lens, of, start)
-        return of(x), residuals
+        return self._pixels(np.stack([u, v], axis=1), hidden)
 
 
-def fit_omnidirectional(lens: Lens, degree: int = DEGREE) -> OmnidirectionalLens:
+def fit_omnidirectional(lens: EquidistantLens, degree: int = DEGREE) -> OmnidirectionalLens:
     """Scaramuzza's lens nearest to another, with its inverse polynomial.
 
     F is fitted to the cotangents of the angles, which it is linear in, and then to the pixels.
@@ -161,10 +154,10 @@ def fit_omnidirectional(lens: Lens, degree: int = DEGREE) -> OmnidirectionalLens
 
     def errors(x: FloatArray) -> FloatArray:
         # Rays instead of pixels: F may turn back on the way to the minimum, where no pixel would belong to a ray.
-        found = of(x)
-        sensor = (pixels - found.centre) @ np.linalg.inv(found.stretch).T
+        tried = of(x)
+        sensor = (pixels - tried.centre) @ np.linalg.inv(tried.stretch).T
         radius = np.hypot(*sensor.T)
-        rays = np.column_stack([sensor, found.forward(radius)])
+        rays = np.column_stack([sensor, tried.forward(radius)])
         rays /= np.linalg.norm(rays, axis=1, keepdims=True)
         return np.asarray((unit * np.cross(rays, points)).ravel())
 
@@ -209,21 +202,8 @@ def inverse_error(lens: OmnidirectionalLens) -> float:
     )
 
 
-def distances(lens: OmnidirectionalLens, other: Lens) -> FloatArray:
+def distances(lens: OmnidirectionalLens, other: OmnidirectionalLens | EquidistantLens) -> FloatArray:
     """``(N,)`` pixels between where two lenses put the same rays, over what both see of the image."""
     pixels, rays = image_rays(lens)
     away = np.hypot(*(other.project(rays) - pixels).T)
     return np.asarray(away[np.isfinite(away)])
-
-
-def _nearest(
-    lens: OmnidirectionalLens, of: Callable[[FloatArray], Lens], start: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Parameters of the lens ``of(x)`` nearest to ``lens`` and the ``(N,)`` distances, pixels."""
-    pixels, rays = image_rays(lens)
-
-    def errors(x: FloatArray) -> FloatArray:
-        return np.asarray(np.nan_to_num(of(x).project(rays) - pixels, nan=1e3).ravel())
-
-    fit = least_squares(errors, start, x_scale="jac", max_nfev=500)
-    return fit.x, np.hypot(*fit.fun.reshape(-1, 2).T)

@@ -9,14 +9,14 @@ alternate while the tolerance falls.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 import scipy
 
 from tsuiseki.tracking.cameras.people_fit import (
     MOST_PEOPLE,
-    BodyHeights,
     RobustFit,
     least_robust,
     lens_priors,
@@ -34,7 +34,6 @@ from tsuiseki.tracking.cameras.people_views import (
     STEP,
     Alignment,
     PeopleView,
-    height_errors,
     on_floor,
     places_at,
 )
@@ -52,46 +51,14 @@ SCALE = np.array([0.1, 20, 20, 0.05, 0.02, 0.1, 0.1, 1, 1, 0.2, 1e-3])
 DIFFERENCE = 1e-5
 
 
-@dataclass(frozen=True)
-class SharedPlaces:
-    """Places of people whom two cameras see.
-
-    Attributes:
-        first: number of a camera.
-        second: of another one.
-        rows: ``(M,)`` of the first view.
-        others: ``(M,)`` rows of the second view, after which the same person is there at that time.
-    """
-
-    first: int
-    second: int
-    rows: IntArray
-    others: IntArray
-
-
-@dataclass(frozen=True)
-class Joint:
-    """Cameras over one floor.
-
-    Attributes:
-        cameras: ``(C, 11)``, see `people_views.NUMBERS`.
-        deviations: ``(C, 11)`` standard deviations.
-        errors: ``(C,)`` median metres between where a camera puts a person and where another does, each on average.
-    """
-
-    cameras: FloatArray
-    deviations: FloatArray
-    errors: FloatArray
-
-
-def placed(cameras: FloatArray, names: Sequence[str], found: Mapping[tuple[int, int], Alignment]) -> FloatArray:
+def placed(cameras: FloatArray, names: Sequence[str], aligned: Mapping[tuple[int, int], Alignment]) -> FloatArray:
     """``(C, 11)`` the cameras over the floor of the first one, by the surest alignments of pairs.
 
     Raises:
         RequestError: a camera shares too few people with the others.
     """
     count, sure = len(cameras), np.zeros((len(cameras), len(cameras)))
-    for pair, one in found.items():
+    for pair, one in aligned.items():
         if one.score >= max(SURE * one.rival, LEAST_SCORE):
             sure[pair] = 1 / (one.score - one.rival)
     tree = scipy.sparse.csgraph.minimum_spanning_tree(sure)
@@ -106,7 +73,10 @@ def placed(cameras: FloatArray, names: Sequence[str], found: Mapping[tuple[int, 
     placed[:, 6:] = 0
     for k in order[1:].tolist():
         base = int(before[k])
-        one = found.get((base, k)) or _inverse(found[k, base])
+        one = aligned[min(base, k), max(base, k)]
+        if base > k:
+            back = complex(np.conj(one.turn))
+            one = replace(one, offset=-one.offset, turn=back, shift=-back * one.shift)
         here, turned = placed[base], np.exp(1j * placed[base, 6])
         position = here[7] + 1j * here[8] + turned * one.shift
         placed[k, PLACE] = np.angle(turned * one.turn), position.real, position.imag
@@ -114,52 +84,64 @@ def placed(cameras: FloatArray, names: Sequence[str], found: Mapping[tuple[int, 
     return placed
 
 
-def _inverse(one: Alignment) -> Alignment:
-    back = complex(np.conj(one.turn))
-    return Alignment(-one.offset, back, -back * one.shift, one.score, one.rival)
-
-
-def refined(views: Sequence[PeopleView], cameras: FloatArray, people: BodyHeights) -> Joint:
+def refined(
+    views: Sequence[PeopleView], cameras: FloatArray, height: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """The cameras that explain best what they see together; the first one stays in its place.
 
     A drift of a clock is kept where it moves it by more than half a frame, and three times its deviation.
+
+    Args:
+        views: of C cameras.
+        cameras: ``(C, 11)`` to begin with, see `people_views.NUMBERS`.
+        height: of people on average, metres.
+
+    Returns:
+        The cameras, their ``(C, 11)`` standard deviations, and ``(C,)`` median metres between where a camera puts a
+        person and where another does, each on average.
     """
     drifting = np.zeros(len(views), dtype=np.bool_)
     for tolerance in TOLERANCES:
-        cameras = _round(views, cameras, people, tolerance, drifting)[0]
-    cameras, problem, fit = _round(views, cameras, people, TOLERANCES[-1], ~drifting)
+        cameras = _round(views, cameras, height, tolerance, drifting)[0]
+    cameras, problem, fit = _round(views, cameras, height, TOLERANCES[-1], ~drifting)
     deviations = problem.deviations(fit)
     length = np.array([np.ptp(view.times) for view in views])
     frame = 1 / min(view.frame_rate for view in views)
     drift = np.abs(cameras[:, DRIFT])
     drifting = (drift * length > 0.5 * frame) & (drift > 3 * deviations[:, DRIFT])
     cameras[~drifting, DRIFT] = 0
-    cameras, problem, fit = _round(views, cameras, people, TOLERANCES[-1], drifting)
-    pairs = CrossViewPairs.of(views, matched(views, cameras, people, TOLERANCES[-1]))
-    return Joint(cameras, problem.deviations(fit), pairs.errors(cameras, people))
+    cameras, problem, fit = _round(views, cameras, height, TOLERANCES[-1], drifting)
+    pairs = _matched(views, cameras, height, TOLERANCES[-1])
+    return cameras, problem.deviations(fit), pairs.errors(cameras, height)
 
 
-def matched(
-    views: Sequence[PeopleView], cameras: FloatArray, people: BodyHeights, tolerance: float
-) -> list[SharedPlaces]:
-    """What each pair of cameras sees together: paths of root mean square distance below ``tolerance``, one to one."""
-    clocks = [common_times(view.times, camera) for view, camera in zip(views, cameras, strict=True)]
+def _matched(views: Sequence[PeopleView], cameras: FloatArray, height: float, tolerance: float) -> CrossViewPairs:
+    """What each two cameras see together: paths of root mean square distance below ``tolerance``, one to one.
+
+    Raises:
+        RequestError: nobody is seen by two.
+    """
+    clocks = [_common_times(view.times, camera) for view, camera in zip(views, cameras, strict=True)]
     times = np.arange(min(c.min() for c in clocks), max(c.max() for c in clocks) + STEP, STEP)
     paths = []
     for view, camera in zip(views, cameras, strict=True):
         own = (times - camera[OFFSET]) / (1 + camera[DRIFT])
-        paths.append(places_at(view, on_floor(camera, view.boxes, people.height), own))
-    found = []
-    for i in range(len(views)):
-        for j in range(i + 1, len(views)):
-            partner = _partners(paths[i], paths[j], tolerance)
-            one = _rows(views, cameras, i, j, partner)
-            if len(one.rows):
-                found.append(one)
-    return found
+        paths.append(places_at(view, on_floor(camera, view.boxes, height), own))
+    begin = np.cumsum([0, *(view.count for view in views)])
+    parts = []
+    for i, j in combinations(range(len(views)), 2):
+        rows, k = _rows(views, cameras, i, j, _partners(paths[i], paths[j], tolerance))
+        view, other = views[i], views[j]
+        speed = (other.boxes[k + 1] - other.boxes[k]) / (other.times[k + 1] - other.times[k])[:, None]
+        boxes = view.times[rows], view.boxes[rows], other.times[k], other.boxes[k], speed
+        parts.append((np.full(len(k), i), np.full(len(k), j), *boxes, begin[i] + view.people[rows]))
+    pairs = CrossViewPairs(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    if not len(pairs.first):
+        raise RequestError("expected people who are seen by two cameras at a time, found none; give longer videos")
+    return pairs
 
 
-def common_times(times: FloatArray, camera: FloatArray) -> FloatArray:
+def _common_times(times: FloatArray, camera: FloatArray) -> FloatArray:
     """``(N,)`` seconds of the first camera's clock."""
     return np.asarray(times * (1 + camera[DRIFT]) + camera[OFFSET])
 
@@ -179,11 +161,13 @@ def _partners(first: FloatArray, second: FloatArray, tolerance: float) -> IntArr
     return partner
 
 
-def _rows(views: Sequence[PeopleView], cameras: FloatArray, i: int, j: int, partner: IntArray) -> SharedPlaces:
-    """The places of the pairs, evenly thinned to `MOST`."""
+def _rows(
+    views: Sequence[PeopleView], cameras: FloatArray, i: int, j: int, partner: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Rows of one view, evenly thinned to `MOST`, and those of the other after which the same person is there then."""
     first, second = views[i], views[j]
     rows = np.flatnonzero(partner[first.people] >= 0)
-    times = (common_times(first.times[rows], cameras[i]) - cameras[j, OFFSET]) / (1 + cameras[j, DRIFT])
+    times = (_common_times(first.times[rows], cameras[i]) - cameras[j, OFFSET]) / (1 + cameras[j, DRIFT])
     person = partner[first.people[rows]]
     key = second.people * 1e8 + second.times
     others = np.clip(np.searchsorted(key, person * 1e8 + times, side="right") - 1, 0, len(key) - 2)
@@ -191,7 +175,7 @@ def _rows(views: Sequence[PeopleView], cameras: FloatArray, i: int, j: int, part
     inside &= (second.times[others] <= times) & (second.times[others + 1] - second.times[others] < GAP)
     rows, others = rows[inside], others[inside]
     kept = np.unique(np.linspace(0, len(rows) - 1, MOST).astype(np.int64)) if len(rows) > MOST else np.arange(len(rows))
-    return SharedPlaces(i, j, rows[kept], others[kept])
+    return rows[kept], others[kept]
 
 
 @dataclass(frozen=True)
@@ -218,30 +202,17 @@ class CrossViewPairs:
     speed: FloatArray
     groups: IntArray
 
-    @classmethod
-    def of(cls, views: Sequence[PeopleView], shared: Sequence[SharedPlaces]) -> CrossViewPairs:
-        """The places of `matched`."""
-        begin = np.cumsum([0, *(view.count for view in views)])
-        parts = []
-        for one in shared:
-            view, other, k = views[one.first], views[one.second], one.others
-            speed = (other.boxes[k + 1] - other.boxes[k]) / (other.times[k + 1] - other.times[k])[:, None]
-            numbers = (np.full(len(k), one.first), np.full(len(k), one.second))
-            boxes = view.times[one.rows], view.boxes[one.rows], other.times[k], other.boxes[k], speed
-            parts.append((*numbers, *boxes, begin[one.first] + view.people[one.rows]))
-        return cls(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
-
-    def apart(self, first: FloatArray, second: FloatArray, people: BodyHeights) -> FloatArray:
+    def apart(self, first: FloatArray, second: FloatArray, height: float) -> FloatArray:
         """``(M,)`` complex metres from the second camera's places to the first's, by ``(M, 11)`` cameras of each."""
-        place = on_floor(first, self.boxes, people.height)
+        place = on_floor(first, self.boxes, height)
         common = self.times * (1 + first[:, DRIFT]) + first[:, OFFSET]
         own = (common - second[:, OFFSET]) / (1 + second[:, DRIFT])
         boxes = self.others + self.speed * (own - self.before)[:, None]
-        return place - on_floor(second, boxes, people.height)
+        return place - on_floor(second, boxes, height)
 
-    def errors(self, cameras: FloatArray, people: BodyHeights) -> FloatArray:
-        """``(C,)`` as of `Joint`; NaN where a camera shares no person."""
-        apart = self.apart(cameras[self.first], cameras[self.second], people)
+    def errors(self, cameras: FloatArray, height: float) -> FloatArray:
+        """``(C,)`` see `refined`; NaN where a camera shares no person."""
+        apart = self.apart(cameras[self.first], cameras[self.second], height)
         both = self.groups * len(cameras) + self.second
         kept, first, person, counts = np.unique(both, return_index=True, return_inverse=True, return_counts=True)
         sums = [np.bincount(person, part, len(kept)) for part in (apart.real, apart.imag)]
@@ -249,28 +220,25 @@ class CrossViewPairs:
         own = [away[(who[0] == k) | (who[1] == k)] for k in range(len(cameras))]
         return np.array([np.median(part) if len(part) else np.nan for part in own])
 
-    def whitening(self, cameras: FloatArray, noises: FloatArray, people: BodyHeights) -> FloatArray:
+    def whitening(self, cameras: FloatArray, noises: FloatArray, height: float) -> FloatArray:
         """``(M, 2, 2)`` that make `apart` independent of deviation `WEIGHT`."""
         spread = np.tile(FOOT**2 * np.eye(2), (len(self.first), 1, 1))
         for numbers, boxes in ((self.first, self.boxes), (self.second, self.others)):
             noise = noises[numbers] * (boxes[:, 3] - boxes[:, 1]) + 1
-            here = on_floor(cameras[numbers], boxes, people.height)
+            here = on_floor(cameras[numbers], boxes, height)
             for edge in ([1, 0, 1, 0], [0, 0, 0, 1]):
-                moved = (on_floor(cameras[numbers], boxes + edge, people.height) - here) * noise
+                moved = (on_floor(cameras[numbers], boxes + edge, height) - here) * noise
                 slope = np.stack([moved.real, moved.imag], axis=1)
                 spread += slope[:, :, None] * slope[:, None]
         return np.asarray(WEIGHT * np.linalg.inv(np.linalg.cholesky(spread)))
 
 
 def _round(
-    views: Sequence[PeopleView], cameras: FloatArray, people: BodyHeights, tolerance: float, drifting: BoolArray
+    views: Sequence[PeopleView], cameras: FloatArray, height: float, tolerance: float, drifting: BoolArray
 ) -> tuple[FloatArray, BundleAdjustment, RobustFit]:
     """Match, then fit: ``(C, 11)`` cameras, and what was solved."""
-    shared = matched(views, cameras, people, tolerance)
-    if not shared:
-        raise RequestError("expected people who are seen by two cameras at a time, found none; give longer videos")
-    pairs = CrossViewPairs.of(views, shared)
-    problem = BundleAdjustment(views, cameras, people, pairs, drifting)
+    pairs = _matched(views, cameras, height, tolerance)
+    problem = BundleAdjustment(views, cameras, height, pairs, drifting)
     fit = least_robust(problem.errors, problem.slopes, np.zeros(problem.free.sum()), 20, 1e-4)
     return problem.moved(fit.x), problem, fit
 
@@ -282,18 +250,18 @@ class BundleAdjustment:
         self,
         views: Sequence[PeopleView],
         cameras: FloatArray,
-        people: BodyHeights,
+        height: float,
         pairs: CrossViewPairs,
         drifting: BoolArray,
     ) -> None:
         self.views = [longest(view, MOST_PEOPLE) for view in views]
-        self.cameras, self.people, self.pairs = cameras, people, pairs
+        self.cameras, self.height, self.pairs = cameras, height, pairs
         free = np.ones(cameras.shape, dtype=np.bool_)
         free[0, 6:] = False
         free[:, DRIFT] &= drifting
         self.free = free.ravel()
         self.noises = np.array([max(noise_of_places(view), 0.01) for view in views])
-        self.whitening = pairs.whitening(cameras, self.noises, people)
+        self.whitening = pairs.whitening(cameras, self.noises, height)
 
     def moved(self, x: FloatArray) -> FloatArray:
         """``(C, 11)`` cameras."""
@@ -302,15 +270,14 @@ class BundleAdjustment:
         return np.asarray(self.cameras + step.reshape(self.cameras.shape) * SCALE)
 
     def _apart(self, first: FloatArray, second: FloatArray) -> FloatArray:
-        apart = self.pairs.apart(first, second, self.people)
+        apart = self.pairs.apart(first, second, self.height)
         errors = np.einsum("nij,nj->ni", self.whitening, np.stack([apart.real, apart.imag], axis=1))
         return np.asarray(errors.ravel())
 
     def _alone(self, number: int, camera: FloatArray) -> FloatArray:
         """Heights and priors of one camera."""
         view = self.views[number]
-        errors = height_errors(camera, view, self.people.height)
-        heights = own_deviation(errors, view.people, max(self.noises[number], 0.02), self.people)
+        heights = own_deviation(camera, view, self.height, max(self.noises[number], 0.02))
         return np.concatenate([heights, lens_priors(camera, view), [camera[DRIFT] / DRIFTING]])
 
     def errors(self, x: FloatArray) -> FloatArray:
@@ -325,31 +292,24 @@ class BundleAdjustment:
         first, second = cameras[pairs.first], cameras[pairs.second]
         apart, alone = self._apart(first, second), [self._alone(k, camera) for k, camera in enumerate(cameras)]
         edges = len(apart) + np.cumsum([0, *(len(part) for part in alone)])
-        found, rows = np.zeros((edges[-1], cameras.size)), np.arange(len(apart))
+        slopes, rows = np.zeros((edges[-1], cameras.size)), np.arange(len(apart))
         for k in range(width):
             step = np.zeros(width)
             step[k] = DIFFERENCE * SCALE[k]
-            found[rows, np.repeat(pairs.first, 2) * width + k] = (
-                self._apart(first + step, second) - apart
-            ) / DIFFERENCE
-            found[rows, np.repeat(pairs.second, 2) * width + k] = (
-                self._apart(first, second + step) - apart
-            ) / DIFFERENCE
+            slopes[rows, np.repeat(pairs.first, 2) * width + k] = self._apart(first + step, second) - apart
+            slopes[rows, np.repeat(pairs.second, 2) * width + k] = self._apart(first, second + step) - apart
             for c, camera in enumerate(cameras):
-                found[edges[c] : edges[c + 1], c * width + k] = (self._alone(c, camera + step) - alone[c]) / DIFFERENCE
-        return np.asarray(found[:, self.free])
+                slopes[edges[c] : edges[c + 1], c * width + k] = self._alone(c, camera + step) - alone[c]
+        return np.asarray(slopes[:, self.free] / DIFFERENCE)
 
     def deviations(self, fit: RobustFit) -> FloatArray:
         """``(C, 11)`` standard deviations of what was fitted."""
-        found = np.zeros(self.cameras.size)
-        units = np.tile(SCALE, len(self.cameras))[self.free]
-        found[self.free] = np.sqrt(np.diag(fit.covariance(self._groups()))) * units
-        return found.reshape(self.cameras.shape)
-
-    def _groups(self) -> IntArray:
-        """The person that each residual belongs to, -1 for priors."""
+        # The person that each residual belongs to, -1 for priors.
         begin = np.cumsum([0, *(view.count for view in self.views)])
-        parts = [np.repeat(self.pairs.groups, 2)]
+        groups = [np.repeat(self.pairs.groups, 2)]
         for k, view in enumerate(self.views):
-            parts += [begin[k] + view.people, np.full(5, -1)]
-        return np.concatenate(parts)
+            groups += [begin[k] + view.people, np.full(5, -1)]
+        deviations = np.zeros(self.cameras.size)
+        units = np.tile(SCALE, len(self.cameras))[self.free]
+        deviations[self.free] = np.sqrt(np.diag(fit.covariance(np.concatenate(groups)))) * units
+        return deviations.reshape(self.cameras.shape)

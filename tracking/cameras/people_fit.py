@@ -29,6 +29,8 @@ WALK = 4.0
 SPEED, SPEED_OF_ALL, SPEED_OF_ONE, SPEED_OF_STEP, WALKING = 1.3, 0.25, 0.2, 0.3, 0.2
 # Before any detection: focal length over the longer side, its deviation in the logarithm; roll in radians.
 FOCAL, FOCAL_SPREAD, ROLL_SPREAD, POINT_SPREAD = 1.0, 0.35, np.radians(3.0), 0.04
+# Standard deviation of the heights of people, metres.
+HEIGHT_SPREAD = 0.1
 # Deviation of log heights of one person's boxes.
 NOISE, LEAST_NOISE, MOST_NOISE = 0.04, 0.01, 0.1
 ROUNDS = 3
@@ -36,43 +38,33 @@ STEPS, DIFFERENCE = 40, 1e-6
 DOWN = np.array([0.0, 0.0, 0.0, 1.0])
 
 
-@dataclass(frozen=True)
-class BodyHeights:
-    """How high people are, metres.
+def fit_view(view: PeopleView, height: float) -> tuple[FloatArray, FloatArray]:
+    """`NUMBERS` of the camera at the origin, and their ``(11,)`` standard deviations.
 
-    Attributes:
-        height: on average.
-        spread: standard deviation.
-    """
-
-    height: float = 1.7
-    spread: float = 0.1
-
-    def __post_init__(self) -> None:
-        if not (0.3 < self.height < 3 and 0 < self.spread < self.height):
-            raise RequestError(f"expected a person's height in metres and its spread, got {self.height}, {self.spread}")
-
-
-def fit_view(view: PeopleView, people: BodyHeights) -> tuple[FloatArray, FloatArray, float]:
-    """`NUMBERS` of the camera at the origin, their ``(11, 11)`` covariance, and the noise of log heights.
+    Args:
+        view: the people in it.
+        height: of people on average, metres.
 
     Raises:
         RequestError: there are too few people, or all stand at one distance.
     """
     _refuse_too_few(view)
     view = longest(view, MOST_PEOPLE)
-    noise, starts = NOISE, _starts(view, people)
+    noise, starts = NOISE, _starts(view, height)
     for _ in range(ROUNDS):
-        errors = residuals(view, people, noise)
+        errors = _residuals(view, height, noise)
         fits = [least_robust(errors, partial(_differences, errors), start) for start in starts]
         best = min(fits, key=lambda fit: fit.cost)
         starts = [best.x]
-        noise = noise_of(height_errors(_camera(best.x, view), view, people.height), view.people)
-    covariance = np.zeros((len(NUMBERS), len(NUMBERS)))
+        heights = height_errors(_camera(best.x, view), view, height)
+        means = np.bincount(view.people, heights) / np.bincount(view.people)
+        away = np.abs(heights - means[view.people])
+        noise = float(np.clip(1.4826 * np.median(away), LEAST_NOISE, MOST_NOISE))
+    deviations = np.zeros(len(NUMBERS))
     groups = np.concatenate([view.people, view.people[_steps(view)[0]], np.full(5, -1)])
     units = np.array([1, max(view.size), max(view.size), 1, 1, 1])
-    covariance[LENS, LENS] = best.covariance(groups)[:6, :6] * units[:, None] * units
-    return _camera(best.x, view), covariance, noise
+    deviations[LENS] = np.sqrt(np.diag(best.covariance(groups)[:6, :6] * units[:, None] * units))
+    return _camera(best.x, view), deviations
 
 
 def _refuse_too_few(view: PeopleView) -> None:
@@ -89,7 +81,7 @@ def _refuse_too_few(view: PeopleView) -> None:
         )
 
 
-def residuals(view: PeopleView, people: BodyHeights, noise: float) -> Callable[[FloatArray], FloatArray]:
+def _residuals(view: PeopleView, height: float, noise: float) -> Callable[[FloatArray], FloatArray]:
     """What `fit_view` makes least: heights of N boxes, speeds of steps, three priors; of log focal, tilt, roll, log
     height and log speed."""
     earlier, later = _steps(view)
@@ -98,15 +90,15 @@ def residuals(view: PeopleView, people: BodyHeights, noise: float) -> Callable[[
 
     def errors(x: FloatArray) -> FloatArray:
         camera = _camera(x, view)
-        here = feet(camera, view.boxes, people.height)
-        blur = np.square(np.abs(feet(camera, view.boxes + DOWN, people.height) - here) * place)
+        here = feet(camera, view.boxes, height)
+        blur = np.square(np.abs(feet(camera, view.boxes + DOWN, height) - here) * place)
         square, added = np.square(np.abs(here[later] - here[earlier])), blur[earlier] + blur[later]
         speed = np.sqrt(np.maximum(square - added, 0.05 * square)) / seconds
         weight = np.sqrt(CELL / WALK / (1 + np.minimum(added / np.maximum(square, 1e-6), 4) / SPEED_OF_STEP**2))
         pace = np.log(np.maximum(speed, 1e-3) / SPEED) - x[6]
         priors = [*lens_priors(camera, view), x[6] / SPEED_OF_ALL]
-        heights = own_deviation(height_errors(camera, view, people.height), view.people, noise, people)
-        paces = whitened(pace, view.people[earlier], SPEED_OF_STEP, SPEED_OF_ONE)
+        heights = own_deviation(camera, view, height, noise)
+        paces = _whitened(pace, view.people[earlier], SPEED_OF_STEP, SPEED_OF_ONE)
         return np.concatenate([heights, weight * paces, priors])
 
     return errors
@@ -127,22 +119,16 @@ def lens_priors(camera: FloatArray, view: PeopleView) -> FloatArray:
     return np.array([(camera[0] - np.log(FOCAL * side)) / FOCAL_SPREAD, *point, camera[4] / ROLL_SPREAD])
 
 
-def own_deviation(errors: FloatArray, numbers: IntArray, noise: float, people: BodyHeights) -> FloatArray:
+def own_deviation(camera: FloatArray, view: PeopleView, height: float, noise: float) -> FloatArray:
     """``(N,)`` log heights of people, each with a height of their own, in units of the noise."""
-    return whitened(errors, numbers, noise, people.spread / people.height)
+    return _whitened(height_errors(camera, view, height), view.people, noise, HEIGHT_SPREAD / height)
 
 
-def whitened(errors: FloatArray, groups: IntArray, within: float, between: float) -> FloatArray:
+def _whitened(errors: FloatArray, groups: IntArray, within: float, between: float) -> FloatArray:
     """``(N,)`` errors of which each group shares one of deviation ``between``, made independent of deviation 1."""
     counts = np.maximum(np.bincount(groups), 1)
     share = 1 - np.sqrt(within**2 / (within**2 + counts * between**2))
     return np.asarray((errors - (share * np.bincount(groups, errors) / counts)[groups]) / within)
-
-
-def noise_of(errors: FloatArray, numbers: IntArray) -> float:
-    """Deviation of log heights within a person."""
-    means = np.bincount(numbers, errors) / np.bincount(numbers)
-    return float(np.clip(1.4826 * np.median(np.abs(errors - means[numbers])), LEAST_NOISE, MOST_NOISE))
 
 
 def noise_of_places(view: PeopleView) -> float:
@@ -176,17 +162,17 @@ class RobustFit:
     @property
     def pulls(self) -> FloatArray:
         """``(R, D)`` derivatives of the halved sum, by residual."""
-        return np.asarray(self.slopes * (self.errors * self.weights)[:, None])
+        return np.asarray(self.slopes * (self.errors * self._weights)[:, None])
 
     @property
-    def weights(self) -> FloatArray:
+    def _weights(self) -> FloatArray:
         """``(R,)`` of the squares of residuals."""
         return np.asarray(1 / np.sqrt(1 + np.square(self.errors)))
 
     @property
     def information(self) -> FloatArray:
         """``(D, D)``."""
-        return np.asarray(self.slopes.T @ (self.slopes * self.weights[:, None]))
+        return np.asarray(self.slopes.T @ (self.slopes * self._weights[:, None]))
 
     def covariance(self, groups: IntArray) -> FloatArray:
         """``(D, D)``, where residuals of one of the ``(R,)`` groups depend on each other, and those of -1 do not.
@@ -261,12 +247,12 @@ def _camera(x: FloatArray, view: PeopleView) -> FloatArray:
     return camera
 
 
-def _starts(view: PeopleView, people: BodyHeights) -> list[FloatArray]:
+def _starts(view: PeopleView, height: float) -> list[FloatArray]:
     """From the line of heights by row, under three focal lengths."""
     slope, level = np.polyfit(view.boxes[:, 3], view.heights, 1)
     horizon = -level / slope if slope > 1e-3 else -view.size[1]
     horizon = float(np.clip(horizon, -2 * view.size[1], 0.9 * view.size[1]))
-    height = np.log(np.clip(people.height / max(slope, 0.05), 0.8, 30.0))
+    log_height = np.log(np.clip(height / max(slope, 0.05), 0.8, 30.0))
     focals = np.array([0.7, 1.0, 1.5]) * max(view.size)
     tilts = np.arctan((view.size[1] / 2 - horizon) / focals)
-    return [np.array([np.log(f), 0.0, 0.0, tilt, 0.0, height, 0.0]) for f, tilt in zip(focals, tilts, strict=True)]
+    return [np.array([np.log(f), 0.0, 0.0, tilt, 0.0, log_height, 0.0]) for f, tilt in zip(focals, tilts, strict=True)]

@@ -15,7 +15,6 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
 from zipfile import BadZipFile
 
 import cv2
@@ -23,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from tsuiseki.tracking.cameras.projective import Camera
+from tsuiseki.tracking.cameras.camera_files import AnyCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.output import whole_file
@@ -37,14 +36,11 @@ AROUND = 16
 NEARLY_LEAST = 1.15
 # The upper part of the height that is the head, and its radius, metres.
 HEAD_HEIGHT, HEAD_RADIUS = 0.3, 0.12
-
-
-class FloorCamera(Camera, Protocol):
-    """What is asked of a camera over the floor."""
-
-    def ground(self, pixels: FloatArray, height: float = 0.0) -> FloatArray:
-        """Where ``(N, 2)`` pixels meet the plane z = ``height``: ``(N, 3)``, NaN where they do not."""
-        ...
+# Steps between foot positions in the image, pixels, and on the floor, metres. The two grids are joined, for the first
+# is coarse on the floor near the rim, the second in the image near the middle.
+STEPS = (4.0, 0.06)
+# Share of the model's outline that must lie in the image.
+INSIDE = 0.5
 
 
 @dataclass(frozen=True)
@@ -77,22 +73,6 @@ class PersonModel:
 
 
 @dataclass(frozen=True)
-class GridSettings:
-    """Where the model is put.
-
-    Attributes:
-        pixels: step between foot positions in the image.
-        metres: step between foot positions on the floor; the two grids are joined, for the first is coarse on the
-            floor near the rim, the second in the image near the middle.
-        inside: share of the model's outline that must lie in the image.
-    """
-
-    pixels: float = 4.0
-    metres: float = 0.06
-    inside: float = 0.5
-
-
-@dataclass(frozen=True)
 class PersonTable:
     """The boxes and places of a person at every foot position, and the nearest for a detected box.
 
@@ -121,10 +101,10 @@ class PersonTable:
 
 
 def build_table(
-    camera: FloorCamera,
+    camera: AnyCamera,
     floor: FloatArray,
     person: PersonModel | None = None,
-    grid: GridSettings | None = None,
+    steps: tuple[float, float] = STEPS,
 ) -> PersonTable:
     """The table of a camera over a floor.
 
@@ -132,22 +112,21 @@ def build_table(
         camera: with its pose.
         floor: ``(4,)`` x1, y1, x2, y2 of the floor that people stand on, metres.
         person: their size.
-        grid: where they are put.
+        steps: between foot positions, see `STEPS`.
 
     Raises:
         RequestError: the camera hangs no higher than the person, or has no person of this floor in view.
     """
-    person, grid = person or PersonModel(), grid or GridSettings()
+    person = person or PersonModel()
     check_height(camera, person)
-    feet = _foot_positions(camera, floor, grid)
-    upright, rotated, feet = outlines(camera, feet, person, grid.inside)
+    upright, rotated, feet = outlines(camera, _foot_positions(camera, floor, *steps), person, INSIDE)
     if not len(feet):
         raise RequestError("expected a floor in view of the camera, got none of it; check the pose and the floor")
     return PersonTable(upright, rotated, feet)
 
 
 def outlines(
-    camera: FloorCamera, feet: FloatArray, person: PersonModel, inside: float = 0.0
+    camera: AnyCamera, feet: FloatArray, person: PersonModel, inside: float = 0.0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Upright ``(K, 4)`` and rotated ``(K, 5)`` boxes of the model at ``feet`` ``(N, 2)``, and those feet ``(K, 2)``.
 
@@ -172,7 +151,7 @@ def outlines(
 
 
 def stand(
-    camera: FloorCamera, place: FloatArray, floor: FloatArray, person: PersonModel | None = None
+    camera: AnyCamera, place: FloatArray, floor: FloatArray, person: PersonModel | None = None
 ) -> tuple[FloatArray, FloatArray]:
     """Upright box ``(4,)`` and rotated box ``(5,)`` of one person who stands at ``place`` ``(2,)``, metres.
 
@@ -196,7 +175,7 @@ def stand(
     return upright[0], rotated[0]
 
 
-def check_height(camera: FloorCamera, person: PersonModel) -> None:
+def check_height(camera: AnyCamera, person: PersonModel) -> None:
     """Refuse a camera that hangs no higher than the person.
 
     Raises:
@@ -209,7 +188,7 @@ def check_height(camera: FloorCamera, person: PersonModel) -> None:
         )
 
 
-def _below(camera: FloorCamera) -> FloatArray:
+def _below(camera: AnyCamera) -> FloatArray:
     """``(2,)`` the pixel of the floor right under the camera, or the image's middle where that is not seen."""
     pixel, depth = camera.project(np.array([[camera.position[0], camera.position[1], 0.0]]))
     return pixel[0] if depth[0] > 0 else np.array([camera.width, camera.height]) / 2
@@ -258,14 +237,12 @@ def headed(centre: FloatArray, size: FloatArray, angle: FloatArray, upward: Floa
     return np.column_stack([centre, width, height, turned])
 
 
-def _foot_positions(camera: FloorCamera, floor: FloatArray, grid: GridSettings) -> FloatArray:
+def _foot_positions(camera: AnyCamera, floor: FloatArray, pixels: float, metres: float) -> FloatArray:
     """``(N, 2)`` metres: a grid of the image and one of the floor."""
     x1, y1, x2, y2 = floor
-    u, v = np.meshgrid(
-        np.arange(grid.pixels / 2, camera.width, grid.pixels), np.arange(grid.pixels / 2, camera.height, grid.pixels)
-    )
+    u, v = np.meshgrid(np.arange(pixels / 2, camera.width, pixels), np.arange(pixels / 2, camera.height, pixels))
     from_image = camera.ground(np.column_stack([u.ravel(), v.ravel()]))[:, :2]
-    x, y = np.meshgrid(np.arange(x1, x2 + 1e-9, grid.metres), np.arange(y1, y2 + 1e-9, grid.metres))
+    x, y = np.meshgrid(np.arange(x1, x2 + 1e-9, metres), np.arange(y1, y2 + 1e-9, metres))
     feet = np.concatenate([from_image, np.column_stack([x.ravel(), y.ravel()])])
     with np.errstate(invalid="ignore"):
         on_floor = ((feet >= [x1, y1]) & (feet <= [x2, y2])).all(axis=1)
@@ -273,12 +250,15 @@ def _foot_positions(camera: FloorCamera, floor: FloatArray, grid: GridSettings) 
 
 
 def cached_table(
-    folder: Path, camera: FloorCamera, floor: FloatArray, person: PersonModel, grid: GridSettings | None = None
+    folder: Path,
+    camera: AnyCamera,
+    floor: FloatArray,
+    person: PersonModel,
+    steps: tuple[float, float] = STEPS,
 ) -> PersonTable:
-    """`build_table`, kept in ``folder`` under a hash of camera, floor, person and grid; a broken file is made anew."""
-    grid = grid or GridSettings()
+    """`build_table`, kept in ``folder`` under a hash of what it is made of; a broken file is made anew."""
     with np.printoptions(precision=17, threshold=100_000):
-        described = repr((VERSION, camera, floor.tolist(), person, grid))
+        described = repr((VERSION, camera, floor.tolist(), person, steps))
     path = folder / f"person-{hashlib.sha256(described.encode()).hexdigest()[:24]}.npz"
     if path.is_file():
         try:
@@ -286,7 +266,7 @@ def cached_table(
                 return PersonTable(kept["upright"], kept["rotated"], kept["places"])
         except (OSError, ValueError, KeyError, EOFError, BadZipFile):
             pass  # made anew below
-    table = build_table(camera, floor, person, grid)
+    table = build_table(camera, floor, person, steps)
     with whole_file(path) as file:
         np.savez(file, upright=table.upright, rotated=table.rotated, places=table.places)
     return table

@@ -53,25 +53,25 @@ class PosedCamera:
 
 @dataclass(frozen=True)
 class PinholeCamera(PosedCamera):
-    """Intrinsics and pose of a camera.
+    """Intrinsics and pose of a camera; without a pose at the origin of the world, looking along its third axis.
 
     Attributes:
         width: of the image, pixels.
         height: of the image, pixels.
         focal: ``(2,)`` focal lengths along x and y, pixels.
         principal_point: ``(2,)`` where the optical axis meets the image, pixels.
-        rotation: ``(3, 3)`` turns directions of the world into directions of the camera.
-        position: ``(3,)`` of the optical centre in the world, metres.
+        rotation: ``(3, 3)``, see `PosedCamera`.
+        position: ``(3,)`` metres.
         distortion: ``(5,)`` k1, k2, p1, p2, k3 as OpenCV orders them, ``(8,)`` with k4, k5, k6 or ``(12,)`` with s1 to
-            s4 besides (`tracking.cameras.distortion`); all zero for an ideal lens.
+            s4 besides; all zero for an ideal lens.
     """
 
     width: int
     height: int
     focal: FloatArray
     principal_point: FloatArray
-    rotation: FloatArray
-    position: FloatArray
+    rotation: FloatArray = field(default_factory=lambda: np.eye(3))
+    position: FloatArray = field(default_factory=lambda: np.zeros(3))
     distortion: FloatArray = field(default_factory=lambda: np.zeros(5))
 
     def __post_init__(self) -> None:

@@ -17,8 +17,8 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.cameras.camera_files import AnyCamera
 from tsuiseki.tracking.cameras.panorama import CylinderView, DownwardView
-from tsuiseki.tracking.cameras.person_model import FloorCamera
 from tsuiseki.tracking.cameras.projective import Camera
 from tsuiseki.tracking.features.exported import Detect
 from tsuiseki.tracking.geometry import rotated_intersections
@@ -197,7 +197,7 @@ DETECTORS: dict[CeilingInput, str] = {"unrolled": "detector_ceiling", "image": "
 TILE = (480, 640)
 
 
-def ceiling_detector(detector: Detect, camera: FloorCamera, view: CeilingInput, rings: Sequence[int] = RINGS) -> Detect:
+def ceiling_detector(detector: Detect, camera: AnyCamera, view: CeilingInput, rings: Sequence[int] = RINGS) -> Detect:
     """``detector`` on a ceiling camera's images: as they are, or on the views they unroll into."""
     if view == "image":
         return detector

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cameras.calibration import (
-    Intrinsics,
     calibrate_camera,
     decompose,
     locate_camera,
@@ -57,7 +56,9 @@ def test_refinement_lowers_the_error_and_states_its_uncertainty():
 
 
 def test_known_intrinsics_place_a_distorting_camera_from_points_on_a_plane():
-    lens = Intrinsics(800, 600, CAMERA.focal, CAMERA.principal_point, np.array([-0.2, 0.05, 0.001, -0.001, 0.0]))
+    lens = PinholeCamera(
+        800, 600, CAMERA.focal, CAMERA.principal_point, distortion=np.array([-0.2, 0.05, 0.001, -0.001, 0.0])
+    )
     true = PinholeCamera(800, 600, lens.focal, lens.principal_point, CAMERA.rotation, CAMERA.position, lens.distortion)
     points = np.random.default_rng(3).uniform([-1, -1, 0], [1, 1, 0], (10, 3))
     found = locate_camera(points, true.project(points)[0], lens)

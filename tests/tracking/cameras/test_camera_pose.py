@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.calibrate.measured_points import locate_over_floor, pose_at
+from tsuiseki.tracking.cameras.calibration import locate_over_floor, pose_at
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, read_cameras, write_cameras
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -36,11 +36,11 @@ def test_points_of_the_floor_give_the_pose_back(camera):
     truth = replace(pose_at(camera, 3.1, 0.3, 1.1), position=np.array([1.0, -2.0, 3.1]))
     floor = rng.uniform((0.0, -2.2), (2.0, -0.2), (8, 2))
     pixels = truth.project(np.column_stack([floor, np.zeros(8)]))[0]
-    found, fit = locate_over_floor(camera, pixels, floor)
+    found, residuals, away = locate_over_floor(camera, pixels, floor)
     assert np.allclose(found.position, truth.position, atol=1e-6)
     assert np.allclose(found.rotation, truth.rotation, atol=1e-6)
-    assert fit.residuals.max() < 1e-6
-    assert fit.metres.max() < 1e-8
+    assert residuals.max() < 1e-6
+    assert away.max() < 1e-8
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.cameras.calibration import locate_camera
-from tsuiseki.tracking.cameras.intrinsic_files import HALF_PIXEL, read_intrinsics, read_lens_file
+from tsuiseki.tracking.cameras.calibration import HALF_PIXEL, locate_camera
+from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics, read_lens_file
 from tsuiseki.tracking.cameras.lens_files import read_lens, read_lens_fitted
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, UnifiedLens
 from tsuiseki.tracking.cli import main
@@ -63,7 +63,7 @@ def test_omnidir_projects_as_opencv_does(tmp_path: Path) -> None:
     path = write(tmp_path, OMNIDIR)
     given = read_lens_file(path)
     mirror = UnifiedLens(
-        640, 480, given.focal, given.principal_point, given.xi, given.coefficients, given.skew
+        640, 480, given.focal, given.principal_point, given.coefficients, given.skew, given.xi
     )  # fmt: skip
     np.testing.assert_allclose(mirror.project(POINTS) - HALF_PIXEL, OMNIDIR_PIXELS, atol=1e-8)
     lens, residuals = read_lens_fitted(path)
@@ -95,7 +95,7 @@ def test_fisheye_files_project_as_opencv_does(tmp_path: Path, alpha: float) -> N
     ],
 )
 def test_ros_lenses_of_a_pinhole_project_as_opencv_does(tmp_path: Path, model: str, values: list[float]) -> None:
-    camera = read_intrinsics(write(tmp_path, ros(model, values))).camera()
+    camera = read_intrinsics(write(tmp_path, ros(model, values)))
     front = POINTS[:1]
     expected, _ = cv2.projectPoints(front, np.zeros(3), np.zeros(3), ROS_MATRIX, np.array(values))
     np.testing.assert_allclose(camera.project(front)[0] - HALF_PIXEL, expected[:, 0], atol=1e-9)
@@ -168,7 +168,7 @@ def test_columns_of_a_table_locate_a_camera(tmp_path: Path) -> None:
     """OpenCV takes no slices of a larger array."""
     intrinsics = read_intrinsics(write(tmp_path, PINHOLE))
     points = np.random.default_rng(0).uniform([-1, -1, 2], [1, 1, 4], (8, 3))
-    table = np.column_stack([points, intrinsics.camera().project(points)[0]])
+    table = np.column_stack([points, intrinsics.project(points)[0]])
     found = locate_camera(table[:, :3], table[:, 3:], intrinsics)
     assert found.root_mean_square < 1e-6
     np.testing.assert_allclose(found.camera.position, 0, atol=1e-6)

@@ -137,7 +137,7 @@ def test_kalibrs_entry_is_read_without_the_name_of_its_camera(tmp_path):
 
 def test_a_unified_lens_survives_the_way_there_and_back(tmp_path):
     mirror = UnifiedLens(
-        640, 480, np.array([330.0, 331.0]), np.array([318.0, 243.0]), 1.1, np.array([-0.1, 0.02, 1e-4, 0])
+        640, 480, np.array([330.0, 331.0]), np.array([318.0, 243.0]), np.array([-0.1, 0.02, 1e-4, 0]), xi=1.1
     )
     lens = fit_omnidirectional(mirror)
     residuals = write_lens(tmp_path / "lens.yaml", lens, "kalibr-omni")

@@ -8,10 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.calibrate.measured_points import pose_at
+from tsuiseki.tracking.cameras.calibration import pose_at
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
 from tsuiseki.tracking.cameras.person_model import (
-    GridSettings,
     PersonModel,
     build_table,
     cached_table,
@@ -26,7 +25,7 @@ from tsuiseki.tracking.fisheye.view import upright_crops
 LENS = OmnidirectionalLens(640, 480, np.array([140.0, 0.0, -1.2e-3, 1e-6, -5e-9]), np.array([320.0, 240.0]))
 CAMERA = pose_at(OmnidirectionalCamera(LENS, np.eye(3), np.zeros(3)), 3.0)
 FLOOR = np.array([-4.0, -3.0, 4.0, 3.0])
-COARSE = GridSettings(pixels=12, metres=0.2)
+COARSE = (12.0, 0.2)
 
 
 def test_the_boxes_hold_the_outline():
@@ -57,7 +56,7 @@ def test_headed_keeps_the_rectangle():
 
 
 def test_the_table_finds_where_somebody_stands():
-    table = build_table(CAMERA, FLOOR, grid=COARSE)
+    table = build_table(CAMERA, FLOOR, steps=COARSE)
     feet = np.random.default_rng(0).uniform(-2, 2, (30, 2))
     upright, rotated, feet = outlines(CAMERA, feet, PersonModel(), 0.99)
     found, places = table.look_up(upright)
@@ -68,14 +67,14 @@ def test_the_table_finds_where_somebody_stands():
 
 def test_a_projective_camera_serves_too():
     camera = PinholeCamera.look_at(np.array([0.0, -6.0, 3.0]), np.zeros(3), 500, 640, 480)
-    _, places = build_table(camera, FLOOR, grid=COARSE).look_up(
+    _, places = build_table(camera, FLOOR, steps=COARSE).look_up(
         outlines(camera, np.array([[0.5, 0.5]]), PersonModel())[0]
     )
     assert np.allclose(places, [[0.5, 0.5]], atol=0.15)
 
 
 def test_nothing_to_look_up():
-    rotated, places = build_table(CAMERA, FLOOR, grid=COARSE).look_up(np.empty((0, 4)))
+    rotated, places = build_table(CAMERA, FLOOR, steps=COARSE).look_up(np.empty((0, 4)))
     assert (rotated.shape, places.shape) == ((0, 5), (0, 2))
 
 
@@ -133,7 +132,7 @@ def test_a_floor_out_of_view_is_refused():
 
 
 def test_places_lie_on_the_floor():
-    table = build_table(CAMERA, np.array([0.0, 0.0, 2.0, 1.0]), grid=COARSE)
+    table = build_table(CAMERA, np.array([0.0, 0.0, 2.0, 1.0]), steps=COARSE)
     assert table.places.min() >= 0
     assert (table.places.max(axis=0) <= [2.0, 1.0]).all()
 

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.cameras.calibration import Intrinsics
 from tsuiseki.tracking.cameras.intrinsic_files import write_intrinsics
+from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cli import main
 
 
@@ -20,10 +20,12 @@ def street(folder: Path) -> tuple[list[str], str]:
 
 def points(folder: Path) -> tuple[list[str], str]:
     """Points that a camera of known lens sees."""
-    lens = Intrinsics(640, 480, np.array([210.0, 212]), np.array([320.5, 240.5]), np.array([0.1, 0, 0, 0, 0]))
+    lens = PinholeCamera(
+        640, 480, np.array([210.0, 212]), np.array([320.5, 240.5]), distortion=np.array([0.1, 0, 0, 0, 0])
+    )
     write_intrinsics(folder / "lens.yaml", lens, 0.0)
     places = np.random.default_rng(0).uniform([-1, -1, 2], [1, 1, 4], (8, 3))
-    rows = np.column_stack([places, lens.camera().project(places)[0]])
+    rows = np.column_stack([places, lens.project(places)[0]])
     np.savetxt(folder / "points.csv", rows, delimiter=",", header="x,y,z,u,v")
     given = [str(folder / "points.csv"), "--intrinsics", str(folder / "lens.yaml")]
     return [*given, "--out", str(folder / "cameras.yaml")], "cameras.yaml"
