@@ -9,7 +9,7 @@ import pytest
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.drone.observations import file_digest
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.exported import open_appearance, open_detector
+from tsuiseki.tracking.features.exported import as_describer, open_detector
 from tsuiseki.tracking.onnx import OnnxModel, open_session, weight_files
 from tsuiseki.tracking.weights import shipped
 
@@ -93,7 +93,7 @@ def test_exports_of_others_with_weights_apart(data_folder, tmp_path):
     cases = data_folder / "cases" / "onnx"
     image = np.random.default_rng(0).integers(0, 256, (240, 320, 3), dtype=np.uint8)
     assert len(open_detector(cases / "ext_ok" / "v8.onnx").detect([image])) == 1
-    features = open_appearance(cases / "torchexp" / "reid.onnx").describe(image, np.array([[0, 0, 50, 99.0]]))
+    features = as_describer(cases / "torchexp" / "reid.onnx").describe(image, np.array([[0, 0, 50, 99.0]]))
     assert features.shape == (1, 16)
     shutil.copy(cases / "ext_ok" / "v8.onnx", tmp_path)
     with pytest.raises(RequestError, match=r"v8.onnx: expected its weights in .*v8.onnx.data"):

@@ -283,9 +283,9 @@ def appearance(given: Comparison, threads: int = 0) -> None:
     """
     from tsuiseki.tracking.evaluation.reidentification import read_views, score_views
     from tsuiseki.tracking.evaluation.tables import score_table
-    from tsuiseki.tracking.features.exported import open_appearance
+    from tsuiseki.tracking.features.exported import as_describer
 
-    networks = {n: open_appearance(p, threads) for n, p in given.named().items()}
+    networks = {n: as_describer(p, threads) for n, p in given.named().items()}
     views = read_views(given.truth)
     found = {name: score_views(views, network) for name, network in networks.items()}
     shown = [[name, *(f"{v:.3f}" for v in (s.rank1, s.rank5, s.rank10, s.mean_average_precision)), str(s.queries)]

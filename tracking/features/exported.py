@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from tsuiseki.tracking.devices import Device, device_of
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.features.foreign_detector import ForeignDetector
+from tsuiseki.tracking.features.foreign_detector import MOST_CANDIDATES, SAME, ForeignDetector
 from tsuiseki.tracking.features.foreign_options import IMAGENET, AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.geometry import clip_boxes, set_apart, straddling, suppress
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
@@ -31,7 +31,10 @@ from tsuiseki.tracking.types.class_choice import ClassChoice, only_people
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.tracking.weights.catalogue import find_model
 
-MOST_CANDIDATES = 400
+# Most crops of one inference call.
+BATCH = 32
+# Least score of what networks in files detect.
+USUAL_THRESHOLD = 0.3
 
 
 class Detect(Protocol):
@@ -75,7 +78,6 @@ class Detector:
     Args:
         path: the ONNX file.
         score_threshold: detections below it are dropped; in [0, 1].
-        iou_threshold: of the non-maximum suppression; in [0, 1].
         threads: CPU threads; 0 takes all cores.
         device: what to run on, see `opened_on`; afterwards what it runs on.
         classes: that are detected, numbered from 1; by default people, or all where no class is called so, whose
@@ -94,17 +96,15 @@ class Detector:
         self,
         path: str | Path,
         score_threshold: float = 0.3,
-        iou_threshold: float = 0.5,
         threads: int = 0,
         device: Device = "auto",
         classes: ClassChoice | None = None,
     ) -> None:
         self.model = OnnxModel(path, "detector", threads, device)
         self.device = self.model.device
-        if not (0 <= score_threshold <= 1 and 0 <= iou_threshold <= 1):
-            raise RequestError(f"expected thresholds in [0, 1], got {score_threshold} and {iou_threshold}")
+        if not 0 <= score_threshold <= 1:
+            raise RequestError(f"expected a threshold in [0, 1], got {score_threshold}")
         self.score_threshold = score_threshold
-        self.iou_threshold = iou_threshold
         card = self.model.card
         if self.model.output_names != ["logits", "offsets", "anchors"] or "variances" not in card.settings:
             raise RequestError(
@@ -131,7 +131,7 @@ class Detector:
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB; boxes are cut off at the border."""
-        return [found for found, _ in self.detect_at_anchors(images)]
+        return [detections for detections, _ in self.detect_at_anchors(images)]
 
     def detect_at_anchors(self, images: Sequence[ImageArray]) -> list[tuple[Detections, IntArray]]:
         """As `detect`, with the ``(N,)`` anchors that the detections of each image come from."""
@@ -140,14 +140,14 @@ class Detector:
         card = self.model.card
         # The caches of a CPU hold the layers of one picture: it is faster one by one, and gives the same.
         count = 1 if self.device == "cpu" else len(images)
-        found = []
+        detections = []
         for some in (images[start : start + count] for start in range(0, len(images), count)):
             inputs, scales = zip(*(fit_image(image, card) for image in some), strict=True)
             logits, offsets, anchors = self.model.run(normalise(inputs, card))
-            found += [
+            detections += [
                 self._decode(logits[n], offsets[n], anchors, scales[n], some[n].shape[:2]) for n in range(len(some))
             ]
-        return found
+        return detections
 
     def _decode(
         self,
@@ -176,7 +176,7 @@ class Detector:
         whole = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)  # clipping may leave less than a pixel
         boxes, scores, columns = boxes[whole], scores[whole], columns[whole]
         compared = boxes if self.across else set_apart(boxes, columns)
-        kept = suppress(compared, scores, self.iou_threshold)
+        kept = suppress(compared, scores, SAME)
         share = self.model.card.settings.get("straddling")
         if share is not None:
             kept = kept[~straddling(compared[kept], scores[kept], share)]
@@ -190,26 +190,22 @@ class Appearance:
     Args:
         path: the ONNX file.
         threads: CPU threads; 0 takes all cores.
-        batch_size: most crops of one inference call.
         device: what to run on, see `opened_on`; afterwards what it runs on.
 
     Raises:
         RequestError: the file is no appearance network (see `OnnxModel`).
     """
 
-    def __init__(self, path: str | Path, threads: int = 0, batch_size: int = 32, device: Device = "auto") -> None:
-        if batch_size < 1:
-            raise RequestError(f"`batch_size`: expected a number from 1, got {batch_size}")
+    def __init__(self, path: str | Path, threads: int = 0, device: Device = "auto") -> None:
         self.model = OnnxModel(path, "appearance", threads, device)
         self.device = self.model.device
-        self.batch_size = batch_size
 
     def describe(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         """``(N, D)`` unit-length features of the people in ``(N, 4)`` boxes of an ``(H, W, 3)`` uint8 RGB image."""
         check_images([image])
         boxes, card = check_boxes(boxes), self.model.card
         features = [np.empty((0, card.feature_length), dtype=np.float32)]
-        for some in np.array_split(boxes, range(self.batch_size, len(boxes), self.batch_size)):
+        for some in np.array_split(boxes, range(BATCH, len(boxes), BATCH)):
             if len(some):
                 crops = crop_boxes(image, some, card.input_height, card.input_width)
                 features += self.model.run(normalise(crops, card))
@@ -218,8 +214,7 @@ class Appearance:
 
 def open_detector(
     path: str | Path,
-    score_threshold: float = 0.3,
-    iou_threshold: float = 0.5,
+    score_threshold: float = USUAL_THRESHOLD,
     threads: int = 0,
     options: DetectorOptions | None = None,
     device: Device = "auto",
@@ -239,36 +234,12 @@ def open_detector(
         given = {} if options is None else {name: x for name, x in vars(options).items() if x is not None}
         options = DetectorOptions(**{**entry.options, **given})
     try:
-        found = Detector(path, score_threshold, iou_threshold, threads, device, classes)
+        detector = Detector(path, score_threshold, threads, device, classes)
     except MissingCardError:
-        return ForeignDetector(path, score_threshold, iou_threshold, threads, options, device, turned, classes)
+        return ForeignDetector(path, score_threshold, threads, options, device, turned, classes)
     if options not in (None, DetectorOptions()):
         raise RequestError(f"{path} tells all by itself; leave the detector options out")
-    return found
-
-
-def open_appearance(
-    path: str | Path,
-    threads: int = 0,
-    batch_size: int = 32,
-    options: AppearanceOptions | None = None,
-    device: Device = "auto",
-) -> Appearance | ForeignAppearance:
-    """The appearance network at ``path``: one of this toolkit, or any that `ForeignAppearance` can run.
-
-    A bare word stands for a shipped or downloaded one, see `shipped_or_file`.
-
-    Raises:
-        RequestError: see the two; or ``options`` for a network of this toolkit, which needs none.
-    """
-    path = shipped_or_file("appearance", path)
-    try:
-        found = Appearance(path, threads, batch_size, device)
-    except MissingCardError:
-        return ForeignAppearance(path, threads, batch_size, options, device)
-    if options not in (None, AppearanceOptions()):
-        raise RequestError(f"{path} tells all by itself; leave the appearance options out")
-    return found
+    return detector
 
 
 def decode_boxes(offsets: NDArray[np.float32], anchors: NDArray[np.float32], variances: Sequence[float]) -> FloatArray:
@@ -284,8 +255,6 @@ DetectorLike: TypeAlias = str | Path | Detect | Callable[[ImageArray], Detection
 AppearanceLike: TypeAlias = str | Path | Describe | Callable[[Sequence[ImageArray]], ArrayLike]
 
 BLANK = np.zeros((128, 64, 3), dtype=np.uint8)
-# Least score of what networks in files detect.
-USUAL_THRESHOLD = 0.3
 
 
 def as_detector(
@@ -314,15 +283,15 @@ def as_detector(
         RequestError: it is none of them, the file is no detector, or lacks a class.
     """
     if isinstance(given, str | Path):
-        more: dict[str, Any] = {"device": device, "turned": turned, "classes": classes}
         least = USUAL_THRESHOLD if score_threshold is None else score_threshold
-        return open_detector(given, least, threads=threads, options=options, **more)
+        return open_detector(given, least, threads, options, device, turned=turned, classes=classes)
     if not (hasattr(given, "detect") or callable(given)):
         raise RequestError(
-            f"expected the detector as a file, a Detector, or a function from an image to boxes, got {_type(given)}"
+            f"expected the detector as a file, a Detector, or a function from an image to boxes, got "
+            f"{type(given).__name__}"
         )
-    found = given if hasattr(given, "detect") else FunctionDetector(given, score_threshold)
-    return found if classes is None else ChosenClasses(found, classes, None if options is None else options.classes)
+    detector = given if hasattr(given, "detect") else FunctionDetector(given, score_threshold)
+    return detector if classes is None else ChosenClasses(detector, classes, options.classes if options else None)
 
 
 def as_describer(
@@ -331,22 +300,32 @@ def as_describer(
     """What describes people's appearance.
 
     Args:
-        given: an exported network's file, an `Appearance`, or a function; see the module.
+        given: the file of an `Appearance` or `ForeignAppearance`, or the bare word of a shipped or downloaded one, see
+            `shipped_or_file`; an `Appearance`; or a function, see the module.
         threads: CPU threads of a network that is read from a file; 0 takes all cores.
         options: what the file of another project does not tell.
         device: of such a network, see `opened_on`.
 
     Raises:
-        RequestError: it is none of them, or the file is no appearance network.
+        RequestError: it is none of them, the file is no appearance network, or ``options`` for one of this toolkit,
+            which needs none.
     """
     if isinstance(given, str | Path):
-        return open_appearance(given, threads, options=options, device=device)
+        path = shipped_or_file("appearance", given)
+        try:
+            appearance = Appearance(path, threads, device)
+        except MissingCardError:
+            return ForeignAppearance(path, threads, options, device)
+        if options not in (None, AppearanceOptions()):
+            raise RequestError(f"{path} tells all by itself; leave the appearance options out")
+        return appearance
     if hasattr(given, "describe"):
         return given
     if callable(given):
         return FunctionAppearance(given)
     raise RequestError(
-        f"expected the appearance as a file, an Appearance, or a function from crops to rows, got {_type(given)}"
+        f"expected the appearance as a file, an Appearance, or a function from crops to rows, got "
+        f"{type(given).__name__}"
     )
 
 
@@ -370,14 +349,14 @@ class FunctionDetector:
         Raises:
             RequestError: the function returned something else than detections.
         """
-        found = []
+        detections = []
         for image in images:
             result = self.function(image)
             try:
-                found.append(as_detections(result, counted=self.bad).scoring(self.least))
+                detections.append(as_detections(result, counted=self.bad).scoring(self.least))
             except RequestError as error:
                 raise RequestError(f"what the detector {_name(self.function)} returned: {error}") from error
-        return found
+        return detections
 
 
 class FunctionAppearance:
@@ -413,7 +392,7 @@ class FunctionAppearance:
         try:
             rows = np.asarray(result, dtype=np.float64)
         except (TypeError, ValueError) as error:
-            raise RequestError(f"{expected}, got {_type(result)}") from error
+            raise RequestError(f"{expected}, got {type(result).__name__}") from error
         if rows.ndim != 2 or len(rows) != len(crops) or not rows.shape[1]:
             raise RequestError(f"{expected}, got an array of shape {rows.shape}")
         if not np.isfinite(rows).all():
@@ -426,10 +405,6 @@ class FunctionAppearance:
 
 def _name(function: object) -> str:
     return getattr(function, "__name__", type(function).__name__)
-
-
-def _type(value: object) -> str:
-    return type(value).__name__
 
 
 class ChosenClasses:
@@ -451,8 +426,8 @@ class ChosenClasses:
         Raises:
             RequestError: see `ClassChoice.chosen`.
         """
-        found = [one if one.names else replace(one, names=self.names) for one in self.detector.detect(images)]
-        return [self.choice.chosen(one, "the detector") for one in found]
+        named = (one if one.names else replace(one, names=self.names) for one in self.detector.detect(images))
+        return [self.choice.chosen(one, "the detector") for one in named]
 
 
 class ForeignAppearance:
@@ -461,7 +436,6 @@ class ForeignAppearance:
     Args:
         path: the ONNX file.
         threads: CPU threads; 0 takes all cores.
-        batch_size: most crops of one inference call, where the file takes several.
         options: what the file does not tell.
         device: what to run on, see `opened_on`; afterwards what it runs on.
 
@@ -473,7 +447,6 @@ class ForeignAppearance:
         self,
         path: str | Path,
         threads: int = 0,
-        batch_size: int = 32,
         options: AppearanceOptions | None = None,
         device: Device = "auto",
     ) -> None:
@@ -497,9 +470,16 @@ class ForeignAppearance:
                 f"{self.path}: expected crops (N, 3, H, W) in and one output of features, got "
                 f"{len(self._wanted.shape)} axes and {len(self.session.get_outputs())} outputs"
             )
-        self.batch_size = batch_size if isinstance(self._wanted.shape[0], str) else 1
+        self._batch = BATCH if isinstance(self._wanted.shape[0], str) else 1
         self.input = replace(IMAGENET, colour=options.colour, pixels=options.pixels, mean=options.mean, std=options.std)
-        self.feature_length = self._try(self.height, self.width)
+        # The length of the features, measured on noise and on black.
+        noise = np.random.default_rng(0).integers(0, 256, (1, self.height, self.width, 3), dtype=np.uint8)
+        rows = self._rows(noise)
+        if np.array_equal(rows, self._rows(np.zeros_like(noise))):
+            raise RequestError(
+                f"{self.path}: expected features that depend on the crop, got the same for two crops; export it again"
+            )
+        self.feature_length = int(rows.shape[1])
 
     def describe(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         """``(N, D)`` unit-length features of the people in ``(N, 4)`` boxes of an ``(H, W, 3)`` uint8 RGB image.
@@ -509,23 +489,13 @@ class ForeignAppearance:
         """
         assert self.height is not None
         assert self.width is not None
-        parts = np.array_split(boxes, range(self.batch_size, len(boxes), self.batch_size))
-        found = [self._rows(crop_boxes(image, part, self.height, self.width)) for part in parts if len(part)]
-        rows = np.concatenate([np.empty((0, self.feature_length)), *found])
+        parts = np.array_split(boxes, range(self._batch, len(boxes), self._batch))
+        features = [self._rows(crop_boxes(image, part, self.height, self.width)) for part in parts if len(part)]
+        rows = np.concatenate([np.empty((0, self.feature_length)), *features])
         length = np.linalg.norm(rows, axis=1, keepdims=True)
         if not np.isfinite(length).all() or (length == 0).any():
             raise RunError(f"{self.path}: expected finite features, got zero or NaN; check its normalisation")
         return np.asarray(rows / length)
-
-    def _try(self, height: int, width: int) -> int:
-        """The length of the features, measured on noise and on black."""
-        noise = np.random.default_rng(0).integers(0, 256, (1, height, width, 3), dtype=np.uint8)
-        rows = self._rows(noise)
-        if np.array_equal(rows, self._rows(np.zeros_like(noise))):
-            raise RequestError(
-                f"{self.path}: expected features that depend on the crop, got the same for two crops; export it again"
-            )
-        return int(rows.shape[1])
 
     def _rows(self, crops: NDArray[np.uint8]) -> FloatArray:
         values = self.input.normalise(crops, self._wanted.dtype)

@@ -35,7 +35,8 @@ from tsuiseki.tracking.preprocessing import check_images
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.class_choice import ClassChoice, only_people
 
-_MOST_CANDIDATES = 400
+# Detections of a picture that are compared, the best ones, and intersection over union from which two are one person.
+MOST_CANDIDATES, SAME = 400, 0.5
 # A picture side for recognising networks that take any size.
 _TRIAL_SIDE = 320
 _KINDS = {"tensor(int64)": "int64", "tensor(int32)": "int32", "tensor(float16)": "float16"}
@@ -53,7 +54,6 @@ class ForeignDetector:
     Args:
         path: the ONNX file.
         score_threshold: detections below it are dropped; in [0, 1].
-        iou_threshold: of the non-maximum suppression, where the network does none itself; in [0, 1].
         threads: CPU threads; 0 takes all cores.
         options: what the file does not tell.
         device: what to run on, see `opened_on`; afterwards what it runs on.
@@ -78,7 +78,6 @@ class ForeignDetector:
         self,
         path: str | Path,
         score_threshold: float = 0.3,
-        iou_threshold: float = 0.5,
         threads: int = 0,
         options: DetectorOptions | None = None,
         device: Device = "auto",
@@ -86,7 +85,7 @@ class ForeignDetector:
         classes: ClassChoice | None = None,
     ) -> None:
         options, self.turned = options or DetectorOptions(), turned
-        self.path, self.score_threshold, self.iou_threshold = Path(path), score_threshold, iou_threshold
+        self.path, self.score_threshold = Path(path), score_threshold
         self._apart = True
         self.session = open_session(path, threads, device)
         self.device = device_of(self.session)
@@ -123,8 +122,8 @@ class ForeignDetector:
     @property
     def facts(self) -> dict[str, Any]:
         """How the file is read, as plain values by name."""
-        looked_for = {"wanted": dict(self.wanted)} if self._classed_by_user else {"person": self.person}
-        chosen = {"layout": self.layout, **looked_for, "classes": self.names, "scores": self.scores}
+        detected = {"wanted": dict(self.wanted)} if self._classed_by_user else {"person": self.person}
+        chosen = {"layout": self.layout, **detected, "classes": self.names, "scores": self.scores}
         return {**chosen, "size": self.size, **asdict(self.input)}
 
     @property
@@ -167,7 +166,7 @@ class ForeignDetector:
         boxes, scores = (np.concatenate([one[k] for one in read]) for k in (0, 1))
         classes = np.repeat([*self.wanted], [len(one[1]) for one in read])
         good = np.flatnonzero((scores >= self.score_threshold) & (scores > 0))
-        good = good[np.argsort(-scores[good], kind="stable")][:_MOST_CANDIDATES]
+        good = good[np.argsort(-scores[good], kind="stable")][:MOST_CANDIDATES]
         boxes, scores, classes = boxes[good], scores[good].clip(0, 1), classes[good]
         self.check.size = fitted[1], fitted[0]
         self.check.add(about_rotated(boxes) if self.layout in TURNED else boxes)
@@ -176,14 +175,19 @@ class ForeignDetector:
         boxes = clip_boxes(boxes / np.tile(scale, 2), size[1], size[0])
         whole = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)
         boxes, scores, classes = boxes[whole], scores[whole], classes[whole]
-        if not LAYOUTS[self.layout].suppressed or (self.across and len(self.wanted) > 1):
-            kept = suppress(boxes if self.across else set_apart(boxes, classes), scores, self.iou_threshold)
+        if self._doubled:
+            kept = suppress(boxes if self.across else set_apart(boxes, classes), scores, SAME)
             boxes, scores, classes = boxes[kept], scores[kept], classes[kept]
         return self._classed(Detections(boxes, scores), classes)
 
-    def _classed(self, found: Detections, classes: IntArray) -> Detections:
+    @property
+    def _doubled(self) -> bool:
+        """Whether somebody may be detected twice: the network drops no doubles, or does so by class."""
+        return not LAYOUTS[self.layout].suppressed or (self.across and len(self.wanted) > 1)
+
+    def _classed(self, detections: Detections, classes: IntArray) -> Detections:
         """With their classes, where others than people are detected."""
-        return replace(found, classes=classes, names=self.wanted) if self._classed_by_user else found
+        return replace(detections, classes=classes, names=self.wanted) if self._classed_by_user else detections
 
     def _turned(self, boxes: FloatArray, scores: FloatArray, classes: IntArray, size: Size) -> Detections:
         """Of ``(N, 5)`` turned boxes; a network tells neither which side is the height nor which end is up."""
@@ -191,9 +195,9 @@ class ForeignDetector:
         boxes[lying] = boxes[lying][:, [0, 1, 3, 2, 4]] + [0, 0, 0, 0, np.pi / 2]
         boxes[:, 4] = half_turned(boxes[:, 4])
         kept = np.flatnonzero((boxes[:, 2:4] >= 1).all(axis=1))
-        if not LAYOUTS[self.layout].suppressed or (self.across and len(self.wanted) > 1):
+        if self._doubled:
             compared = boxes if self.across else set_apart(boxes, classes)
-            kept = kept[suppress_rotated(compared[kept], scores[kept], self.iou_threshold)]
+            kept = kept[suppress_rotated(compared[kept], scores[kept], SAME)]
         boxes, scores, classes = boxes[kept], scores[kept], classes[kept]
         if self.turned:
             return self._classed(turned_detections(RotatedBoxes(boxes, np.full(len(boxes), -1), scores)), classes)
@@ -211,7 +215,7 @@ class ForeignDetector:
         each = [self._call(image[None]) for image in images]
         # Lists of boxes alone, such as torchvision's, have no axis of pictures.
         self._apart = any(x.ndim >= 3 for x in each[0])
-        return [[x[0] for x in found] for found in each] if self._apart else each
+        return [[x[0] for x in outputs] for outputs in each] if self._apart else each
 
     def _call(self, images: NDArray[np.uint8]) -> list[NDArray[Any]]:
         values = self.input.normalise(images, self._wanted.dtype)

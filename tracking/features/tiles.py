@@ -18,6 +18,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import SizedDetect
+from tsuiseki.tracking.features.foreign_detector import SAME
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix, set_apart, suppress
 from tsuiseki.tracking.preprocessing import enlarged
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray, IntArray
@@ -30,6 +31,8 @@ OVERLAP = 0.2
 LARGEST_SCALE = 1.7
 # Most tiles across that are ever asked for.
 MOST_COLUMNS = 8
+# Most pictures of one call of a detector.
+BATCH = 4
 # The view of as many tiles as show more than fewer.
 EVERY_TILE = (0, None)
 # A box this near to a seam, in shares of its tile, is taken for cut off there.
@@ -106,10 +109,8 @@ class TiledDetector:
     Args:
         detector: finds people in pictures.
         view: for frames of one size.
-        iou_threshold: of two boxes of different tiles that are taken for one person.
-        batch_size: most pictures of one call of ``detector``.
         workers: calls of ``detector`` at a time; the result is the same with any number.
-        known: who is in the first of the images, where that was found before.
+        known: the detections in the first of the images, where that was inferred before.
 
     Attributes:
         sizes: ``(T, 2)`` height and width at which ``detector`` gets the tiles: that of its input where this shows them
@@ -121,37 +122,33 @@ class TiledDetector:
         self,
         detector: SizedDetect,
         view: TileView,
-        iou_threshold: float = 0.5,
-        batch_size: int = 4,
         workers: int = 1,
         known: Detections | None = None,
     ) -> None:
-        self.detector, self.view, self.known = detector, view, known
-        self.sizes = _shown_sizes(view, detector.input_size)
-        self.iou_threshold, self.batch_size, self.workers = iou_threshold, batch_size, workers
+        self.detector, self.view, self.workers, self.known = detector, view, workers, known
+        self.sizes = (view.tiles[:, 2:] - view.tiles[:, :2])[:, ::-1]
+        if detector.input_size is not None:
+            scales = (np.array(detector.input_size) / self.sizes[1:]).min(axis=1, keepdims=True)
+            self.sizes[1:] = np.where(scales > LARGEST_SCALE, (self.sizes[1:] * scales).round(), self.sizes[1:])
         self.across = getattr(detector, "across", True)
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB of the view's size, without doubles at the seams."""
-        if self.known is not None:
-            return [self.known, *self._merged(self.in_tiles(images[1:]))]
-        return self._merged(self.in_tiles(images))
-
-    def _merged(self, found: Sequence[Sequence[Detections]]) -> list[Detections]:
-        return [merge(tiles, self.view.tiles, self.iou_threshold, self.across) for tiles in found]
+        known, images = ([], images) if self.known is None else ([self.known], images[1:])
+        return [*known, *(merge(each, self.view.tiles, self.across) for each in self.in_tiles(images))]
 
     def in_tiles(self, images: Sequence[ImageArray]) -> list[list[Detections]]:
         """People in each tile of each of ``images``, in pixels of the tile."""
         count = len(self.view)
         tiles = [(image, n) for image in images for n in range(count)]
-        batches = [tiles[start : start + self.batch_size] for start in range(0, len(tiles), self.batch_size)]
+        batches = [tiles[start : start + BATCH] for start in range(0, len(tiles), BATCH)]
         if self.workers == 1 or len(batches) == 1:
             parts = [self._detect(batch) for batch in batches]
         else:
             with ThreadPoolExecutor(self.workers, "tsuiseki") as pool:
                 parts = list(pool.map(self._detect, batches))
-        found = list(itertools.chain.from_iterable(parts))
-        return [found[n : n + count] for n in range(0, len(found), count)]
+        detections = list(itertools.chain.from_iterable(parts))
+        return [detections[n : n + count] for n in range(0, len(detections), count)]
 
     def _detect(self, tiles: Sequence[tuple[ImageArray, int]]) -> list[Detections]:
         """People in each of the numbered tiles of images, in pixels of the tile."""
@@ -161,54 +158,45 @@ class TiledDetector:
             height, width = self.sizes[n].tolist()
             pictures.append(enlarged(image[y1:y2, x1:x2], height, width))
             scales.append(np.tile([width / (x2 - x1), height / (y2 - y1)], 2))
-        found = self.detector.detect(pictures)
-        return [replace(one, boxes=one.boxes / scale) for one, scale in zip(found, scales, strict=True)]
+        detections = self.detector.detect(pictures)
+        return [replace(one, boxes=one.boxes / scale) for one, scale in zip(detections, scales, strict=True)]
 
 
-def _shown_sizes(view: TileView, wanted: tuple[int, int] | None) -> IntArray:
-    sizes = (view.tiles[:, 2:] - view.tiles[:, :2])[:, ::-1]
-    if wanted is not None:
-        scales = (np.array(wanted) / sizes[1:]).min(axis=1, keepdims=True)
-        sizes[1:] = np.where(scales > LARGEST_SCALE, (sizes[1:] * scales).round(), sizes[1:])
-    return sizes
-
-
-def merge(found: Sequence[Detections], tiles: IntArray, iou_threshold: float = 0.5, across: bool = True) -> Detections:
+def merge(detections: Sequence[Detections], tiles: IntArray, across: bool = True) -> Detections:
     """The detections of a frame's tiles as those of the frame.
 
     A box that a seam cuts off goes where another tile saw more of the same person; the rest is suppressed as usual.
 
     Args:
-        found: in each tile, in its pixels.
+        detections: in each tile, in its pixels.
         tiles: ``(T, 4)``, the whole frame first.
-        iou_threshold: from which two boxes are one person.
-        across: so are two of different classes.
+        across: whether boxes of different classes suppress each other.
     """
     if len(tiles) == 1:
-        return found[0]
-    shifts = np.repeat(tiles[:, [0, 1, 0, 1]], [len(d) for d in found], axis=0)
-    boxes: FloatArray = np.concatenate([d.boxes for d in found]) + shifts.astype(np.float64)
-    scores = np.concatenate([d.scores for d in found])
-    owner = np.repeat(np.arange(len(tiles)), [len(d) for d in found])
-    classes = np.concatenate([d.origin[:, 1] for d in found])
+        return detections[0]
+    shifts = np.repeat(tiles[:, [0, 1, 0, 1]], [len(d) for d in detections], axis=0)
+    boxes: FloatArray = np.concatenate([d.boxes for d in detections]) + shifts.astype(np.float64)
+    scores = np.concatenate([d.scores for d in detections])
+    owner = np.repeat(np.arange(len(tiles)), [len(d) for d in detections])
+    classes = np.concatenate([d.origin[:, 1] for d in detections])
     cut = _cut_off(boxes, tiles[owner], tiles[0])
     compared = boxes if across else set_apart(boxes, classes)
     kept = np.flatnonzero(~_covered_by_other_tile(compared, scores, cut, owner))
-    kept = kept[suppress(compared[kept], scores[kept], iou_threshold)]
-    kept_classes = None if all(d.classes is None for d in found) else classes[kept]
-    return Detections(boxes[kept], scores[kept], classes=kept_classes, names=found[0].names)
+    kept = kept[suppress(compared[kept], scores[kept], SAME)]
+    kept_classes = None if all(d.classes is None for d in detections) else classes[kept]
+    return Detections(boxes[kept], scores[kept], classes=kept_classes, names=detections[0].names)
 
 
-def shown_in(found: Sequence[Detections], merged: Detections, tiles: IntArray) -> BoolArray:
+def shown_in(detections: Sequence[Detections], merged: Detections, tiles: IntArray) -> BoolArray:
     """``(N, T)`` whether each tile shows each person: with much the same box, and no much lower a score.
 
     Args:
-        found: in each tile, in its pixels.
+        detections: in each tile, in its pixels.
         merged: the N people of the frame, as `merge` gives them.
         tiles: ``(T, 4)``, the whole frame first.
     """
     shown = np.zeros((len(merged), len(tiles)), dtype=np.bool_)
-    for tile, inside in enumerate(found):
+    for tile, inside in enumerate(detections):
         alike = iou_matrix(merged.boxes, inside.boxes + np.tile(tiles[tile, :2], 2)) >= _ALIKE
         scored = inside.scores[None] >= _SCORED[tile > 0] * merged.scores[:, None]
         shown[:, tile] = (alike & scored).any(axis=1)

@@ -75,7 +75,7 @@ class ViewChoice:
 
 
 def choose_view(
-    images: Sequence[ImageArray], detector: SizedDetect, batch_size: int = 4, workers: int = 1, enlarge: bool = True
+    images: Sequence[ImageArray], detector: SizedDetect, workers: int = 1, enlarge: bool = True
 ) -> ViewChoice:
     """The fewest tiles beyond which more do not find more people, as far as the detector can tell.
 
@@ -86,8 +86,7 @@ def choose_view(
     Args:
         images: the first frames, of one size; `_TRIALS` of them are tried.
         detector: finds people.
-        batch_size: most pictures of one call of ``detector``.
-        workers: calls of it at a time.
+        workers: calls of ``detector`` at a time.
         enlarge: whether tiles may show the frame at up to `ENLARGED_SCALE`, and not `LARGEST_SCALE` alone.
     """
     size = images[0].shape[:2]
@@ -102,8 +101,8 @@ def choose_view(
         if columns > usual and people[chosen.columns] < _SOMEBODY:
             break
         view = view_of(size, columns, detector.input_size[1] / detector.input_size[0])
-        found, taken = _timed(TiledDetector(detector, view, batch_size=batch_size, workers=workers), tried)
-        people[columns] = sum(float(d.scores[d.scores >= _CERTAIN].sum()) for d in found) / len(tried)
+        detections, taken = _timed(TiledDetector(detector, view, workers), tried)
+        people[columns] = sum(float(d.scores[d.scores >= _CERTAIN].sum()) for d in detections) / len(tried)
         if columns == 1 or worth_more(people[chosen.columns], people[columns], enlarged=columns > usual):
             chosen, cost = view, taken
         elif people[chosen.columns] >= _SOMEBODY:
@@ -151,14 +150,12 @@ class ViewHistory:
     _of: TileView | None = None
     _all_due: float = 0.0
 
-    def take(
-        self, images: Sequence[ImageArray], detector: SizedDetect, batch_size: int, workers: int = 1
-    ) -> ViewChoice:
+    def take(self, images: Sequence[ImageArray], detector: SizedDetect, workers: int = 1) -> ViewChoice:
         """The view of ``images``, the next ones of the video, after a trial where one is due."""
         if self.choice is None or (self.due is not None and self.frames >= self.due):
             # The first frames lie side by side; later ones are tried one by one.
             tried = images if self.choice is None else images[:1]
-            self._add(choose_view(tried, detector, batch_size, workers, self.enlarge))
+            self._add(choose_view(tried, detector, workers, self.enlarge))
         assert self.choice is not None
         self.frames += len(images)
         return self.choice
@@ -176,14 +173,14 @@ class ViewHistory:
             self._of, self._all_due = view, now
         known = None
         if now >= self._all_due:
-            (found,) = every.in_tiles(images[:1])
-            known = merge(found, view.tiles, every.iou_threshold, every.across)
-            self._shown.append((shown_in(found, known, view.tiles), known.scores))
+            (detections,) = every.in_tiles(images[:1])
+            known = merge(detections, view.tiles, every.across)
+            self._shown.append((shown_in(detections, known, view.tiles), known.scores))
             self._all_due = now + _ALL_TILES * self.frame_rate
         if len(self._shown) >= _ENOUGH:
             shown, scores = (np.concatenate(part) for part in zip(*self._shown, strict=True))
             view = TileView(view.columns, view.tiles[busy_tiles(shown, scores)])
-        return TiledDetector(every.detector, view, every.iou_threshold, every.batch_size, known=known)
+        return TiledDetector(every.detector, view, known=known)
 
     def _add(self, trial: ViewChoice) -> None:
         if trial.sees_somebody:
@@ -212,7 +209,6 @@ class ViewedDetector:
     Args:
         detector: finds people in pictures.
         wanted: tiles across and down (None: as many as cover the frame), see `parse_view`; by default chosen by trials.
-        batch_size: most pictures of one call of ``detector``.
         frame_rate: frames a second, by which the trials are spread.
         enlarge: see `choose_view`. One that has learnt its camera knows people as large as they are there, and never
             sees them larger.
@@ -227,13 +223,12 @@ class ViewedDetector:
         self,
         detector: SizedDetect,
         wanted: tuple[int, int | None] | None = None,
-        batch_size: int = 4,
         frame_rate: float = 25.0,
         enlarge: bool = True,
         sparing: bool = False,
     ) -> None:
         self.enlarge, self.sparing = enlarge and not scores_are_probabilities(detector), sparing
-        self.detector, self.wanted, self.batch_size, self.frame_rate = detector, wanted, batch_size, frame_rate
+        self.detector, self.wanted, self.frame_rate = detector, wanted, frame_rate
         self.histories: dict[tuple[int, ...], ViewHistory] = {}
 
     @property
@@ -254,7 +249,7 @@ class ViewedDetector:
             if self.wanted is not None:
                 choice = self._as_wanted(self.wanted, images[0])
                 self.histories[size] = ViewHistory(self.frame_rate, choice, changes=[(0, choice)], due=None)
-        return self.histories[size].take(images, self.detector, self.batch_size, workers)
+        return self.histories[size].take(images, self.detector, workers)
 
     def _as_wanted(self, wanted: tuple[int, int | None], image: ImageArray) -> ViewChoice:
         """The view that was asked for, and what it takes."""
@@ -264,12 +259,12 @@ class ViewedDetector:
         view = view_of(size, columns, wide / high, wanted[1])
         if len(view) == 1:
             return ViewChoice(view, None, {})
-        return ViewChoice(view, _timed(TiledDetector(self.detector, view, batch_size=self.batch_size), [image])[1], {})
+        return ViewChoice(view, _timed(TiledDetector(self.detector, view), [image])[1], {})
 
     def prepared(self, images: Sequence[ImageArray], workers: int = 1) -> TiledDetector:
         """See `ChoosingDetect.prepared`."""
         view = self.prepare(images, workers).view
-        every = TiledDetector(self.detector, view, batch_size=self.batch_size, workers=workers)
+        every = TiledDetector(self.detector, view, workers)
         if self.sparing and len(view) > 1:
             return self.histories[images[0].shape[:2]].busy(images, every)
         every.workers = 1
@@ -299,15 +294,15 @@ def inner_detector(detect: object) -> object:
 
 def devices_of(*models: object) -> dict[str, str]:
     """What the networks among ``models`` run on, as a fact of a run; empty where there is none."""
-    found = {getattr(inner_detector(model), "device", None) for model in models} - {None}
-    return {"device": " and ".join(sorted(map(str, found)))} if found else {}
+    devices = {getattr(inner_detector(model), "device", None) for model in models} - {None}
+    return {"device": " and ".join(sorted(map(str, devices)))} if devices else {}
 
 
 def _timed(detector: TiledDetector, images: Sequence[ImageArray]) -> tuple[list[Detections], float]:
     """The detections, and the milliseconds that an image took."""
     start = time.perf_counter()
-    found = detector.detect(images)
-    return found, 1000 * (time.perf_counter() - start) / len(images)
+    detections = detector.detect(images)
+    return detections, 1000 * (time.perf_counter() - start) / len(images)
 
 
 def most_columns(size: tuple[int, ...], wanted: tuple[int, int] | None, largest: float = LARGEST_SCALE) -> int:
@@ -337,19 +332,19 @@ def report_models(detect: object, *others: object) -> dict[str, Any]:
     facts = dict[str, Any](devices_of(detect, *others))
     if "cuda" in facts.get("device", ""):
         print(f"networks run on {facts['device']}", flush=True)
-    found = inner_detector(detect)
-    if isinstance(found, ForeignDetector):
-        facts["detector"] = found.facts
-        print(f"{found.path.name} is read as {found}", flush=True)
+    network = inner_detector(detect)
+    if isinstance(network, ForeignDetector):
+        facts["detector"] = network.facts
+        print(f"{network.path.name} is read as {network}", flush=True)
     return facts
 
 
 def report_blank(detect: object) -> None:
     """Print that the file of ``detect`` has given nothing for any picture, where that is so."""
-    found = inner_detector(detect)
-    if isinstance(found, ForeignDetector) and found.blank:
+    network = inner_detector(detect)
+    if isinstance(network, ForeignDetector) and network.blank:
         print(
-            f"{found.path.name} gave no box of any class for any picture; check that it is the right export and that "
-            f"its pictures are {found.input}",
+            f"{network.path.name} gave no box of any class for any picture; check that it is the right export and that "
+            f"its pictures are {network.input}",
             flush=True,
         )

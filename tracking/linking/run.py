@@ -14,7 +14,7 @@ import numpy as np
 
 from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.features.exported import AppearanceLike, Describe, as_describer, open_appearance
+from tsuiseki.tracking.features.exported import AppearanceLike, Describe, as_describer
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.linking.transits import MARGIN, Passages, Transits, linked, people_of
 from tsuiseki.tracking.people.tracked import boxes_of, frame_times, name_of, rates_of, tracked
@@ -82,7 +82,7 @@ def link(
     _refuse_twice(names, loaded)
     describer = None
     if not (isinstance(appearance, str | Path) and str(appearance) == NONE):
-        describer = open_appearance(SHIPPED) if appearance is None else as_describer(appearance)
+        describer = as_describer(SHIPPED if appearance is None else appearance)
     passages = _passages(names, loaded, starts or [0.0] * len(loaded), describer)
     return _joined(names, loaded, passages, linked(passages), margin)
 

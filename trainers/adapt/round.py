@@ -19,7 +19,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.cli.adapt import AdaptSettings
-from tsuiseki.tracking.features.exported import SizedDetect, open_appearance, open_detector
+from tsuiseki.tracking.features.exported import SizedDetect, as_describer, open_detector
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.tiles import parse_view
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
@@ -112,7 +112,7 @@ def find(
     network = open_detector(given, LOWEST_SCORE, threads=1, device=device) if isinstance(given, Path) else given
     # What is learnt is to know people as large as this camera shows them, so nothing is enlarged.
     detector = ViewedDetector(network, parse_view(view), frame_rate=watched.frame_rate, enlarge=False)
-    describe = open_appearance(shipped("appearance_people"), 1, device=device)
+    describe = as_describer(shipped("appearance_people"), 1, device=device)
     camera = StandingCamera()
     inputs = PeopleInputs(watched.open(), detector, describe, camera=camera, threads=settings.threads)
     costs = people_affinity("flow", affinity, 1, known_scores=knows_scores(detector))

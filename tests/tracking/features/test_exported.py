@@ -10,6 +10,7 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.features import exported
 from tsuiseki.tracking.features.exported import Appearance, Detector, decode_boxes
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.onnx import FORMAT_VERSION, METADATA_KEY, ModelCard, OnnxModel, cores_of, open_session
@@ -99,14 +100,15 @@ def test_letterbox_keeps_the_aspect_ratio_and_stretch_does_not():
     assert (stretched == 7).all()
 
 
-def test_detector_decodes_suppresses_and_scales_back(tmp_path):
-    detector = Detector(fake_detector(tmp_path / "d.onnx"), score_threshold=0.3, iou_threshold=0.5)
+def test_detector_decodes_suppresses_and_scales_back(tmp_path, monkeypatch):
+    detector = Detector(fake_detector(tmp_path / "d.onnx"), score_threshold=0.3)
     small, large = np.zeros((HEIGHT, WIDTH, 3), np.uint8), np.zeros((2 * HEIGHT, 2 * WIDTH, 3), np.uint8)
     found = detector.detect([small, large])
     np.testing.assert_allclose(found[0].boxes, [[4, 4, 12, 20]], atol=1e-5)
     np.testing.assert_allclose(found[1].boxes, [[8, 8, 24, 40]], atol=1e-5)
     np.testing.assert_allclose(found[0].scores, [1 / (1 + np.exp(-3))], rtol=1e-6)
-    everything = Detector(tmp_path / "d.onnx", score_threshold=0.0, iou_threshold=1.0).detect([small])[0]
+    monkeypatch.setattr(exported, "SAME", 1.0)
+    everything = Detector(tmp_path / "d.onnx", score_threshold=0.0).detect([small])[0]
     assert len(everything) == 3
     assert detector.detect([]) == []
 
@@ -120,8 +122,9 @@ def test_crops_outside_the_image_repeat_its_border():
     assert (crops[1:] == 0).all()
 
 
-def test_appearance_is_batched_and_of_unit_length(tmp_path):
-    network = Appearance(fake_appearance(tmp_path / "a.onnx"), batch_size=2)
+def test_appearance_is_batched_and_of_unit_length(tmp_path, monkeypatch):
+    monkeypatch.setattr(exported, "BATCH", 2)
+    network = Appearance(fake_appearance(tmp_path / "a.onnx"))
     image = np.random.default_rng(1).integers(1, 256, (40, 40, 3), dtype=np.uint8)
     boxes = np.array([[i, i, i + 10.0, i + 20] for i in range(5)])
     features = network.describe(image, boxes)

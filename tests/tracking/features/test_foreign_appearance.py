@@ -9,7 +9,8 @@ from onnx import TensorProto, helper, numpy_helper
 
 from tests.tracking.features.tiny_onnx import save_constant
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.features.exported import ForeignAppearance, open_appearance
+from tsuiseki.tracking.features import exported
+from tsuiseki.tracking.features.exported import ForeignAppearance, as_describer
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions
 
 BOXES = np.array([[i, i, i + 10.0, i + 20] for i in range(5)])
@@ -63,9 +64,10 @@ def clashing(path, told=True):
 
 @pytest.mark.parametrize("shape", [("n", 3, 24, 12), (1, 3, 24, 12), ("n", 3, "h", "w")])
 @pytest.mark.parametrize("keep", [0, 1])
-def test_features_are_mean_colours_of_unit_length(tmp_path, shape, keep):
+def test_features_are_mean_colours_of_unit_length(tmp_path, shape, keep, monkeypatch):
+    monkeypatch.setattr(exported, "BATCH", 2)
     options = AppearanceOptions(height=24, width=12, mean=(0, 0, 0), std=(1, 1, 1))
-    network = open_appearance(mean_colour(tmp_path / "a.onnx", shape, keep), batch_size=2, options=options)
+    network = as_describer(mean_colour(tmp_path / "a.onnx", shape, keep), options=options)
     assert isinstance(network, ForeignAppearance)
     image = np.full((40, 40, 3), (0, 150, 200), np.uint8)
     np.testing.assert_allclose(network.describe(image, BOXES), np.tile([0, 0.6, 0.8], (5, 1)), atol=1e-6)
@@ -113,7 +115,7 @@ def test_files_that_are_no_appearance_network_are_refused_in_one_line(tmp_path):
     }
     for message, path in cases.items():
         with pytest.raises(RequestError, match=message) as caught:
-            open_appearance(path)
+            as_describer(path)
         assert "\n" not in str(caught.value)
 
 

@@ -90,7 +90,7 @@ def test_people_anywhere_are_found_once_and_whole(columns):
     boxes = [(x, y, x + 16, y + int(rng.integers(34, 50))) for x, y, _, _ in boxes]
     large = (290, 20, 316, 236)
     image = frame_with([*boxes[:-4], large])
-    detector = TiledDetector(MarkDetector(smallest=8), view_of(image.shape[:2], columns, 4 / 3), batch_size=3)
+    detector = TiledDetector(MarkDetector(smallest=8), view_of(image.shape[:2], columns, 4 / 3))
     found = detector.detect([image])[0]
     expected = np.array(sorted([*boxes[:-4], large]), dtype=float)
     np.testing.assert_allclose(found.boxes[np.lexsort(found.boxes.T[::-1])], expected)
@@ -100,7 +100,7 @@ def test_small_people_are_found_in_tiles_only_and_calls_are_batched():
     image = frame_with([(30, 30, 36, 50), (200, 150, 206, 172)])
     assert len(TiledDetector(MarkDetector(), view_of((240, 320), 1, 4 / 3)).detect([image])[0]) == 0
     marks = MarkDetector()
-    found = TiledDetector(marks, view_of((240, 320), 2, 4 / 3), batch_size=4).detect([image, image])
+    found = TiledDetector(marks, view_of((240, 320), 2, 4 / 3)).detect([image, image])
     assert [len(d) for d in found] == [2, 2]
     assert marks.calls == [4, 4, 2]
 

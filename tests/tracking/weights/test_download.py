@@ -18,7 +18,7 @@ import pytest
 from tests.tracking.features.tiny_onnx import HEIGHT, WIDTH, save_constant
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.features.exported import open_appearance, open_detector
+from tsuiseki.tracking.features.exported import as_describer, open_detector
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
 from tsuiseki.tracking.weights import catalogue
 from tsuiseki.tracking.weights.catalogue import CATALOGUE, CatalogueModel, file_sum
@@ -292,7 +292,7 @@ def test_an_appearance_network_goes_by_its_name_too(entry, server, tmp_path, mon
     made = replace(entry, name="ours-reid", kind="appearance", sha256="", size=0, options={})
     monkeypatch.setattr(catalogue, "CATALOGUE", (made,))
     fetched(made)
-    assert open_appearance("ours-reid").feature_length == 3
+    assert as_describer("ours-reid").feature_length == 3
     with pytest.raises(RequestError, match="detector: expected an ONNX file or one of the shipped"):
         open_detector("ours-reid")
 
