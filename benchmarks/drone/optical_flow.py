@@ -24,14 +24,14 @@ import numpy as np
 
 from benchmarks.machine import machine
 from tsuiseki.datamodules.scenes.flow_pairs import FlowPair, end_point_error
-from tsuiseki.tracking.features.optical_flow import FLOW_METHODS, TvL1Settings, dis_flow, optical_flow, tv_l1
+from tsuiseki.tracking.features.optical_flow import FLOW_METHODS, dis_flow, optical_flow, tv_l1
 from tsuiseki.tracking.types import ImageArray
 
 PEER = "DualTVL1"
 MOTIONS = (3.0, 8.0, 16.0)
 METHODS = {
     **{f"{name} (ours)" if name == "tv-l1" else name: method for name, method in FLOW_METHODS.items()},
-    "dis, then 2 warps of tv-l1": lambda a, b: tv_l1(a, b, TvL1Settings(warps=2), start=dis_flow(a, b)),
+    "dis, then 2 warps of tv-l1": lambda a, b: tv_l1(a, b, start=dis_flow(a, b), warps=2),
 }
 # Runs in the other environment: a line with a file of two grey images in, a line with the CPU seconds out.
 WORKER = """

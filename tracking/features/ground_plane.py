@@ -11,13 +11,13 @@ lie on the line and loses score; none gains any.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import ceil, exp, inf, log, sqrt, tau
+from math import exp, inf, log, sqrt, tau
 from typing import Any
 
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
+from tsuiseki.tracking.types import Detections, FloatArray
 
 # Horizons, in heights of the frame from its upper border down, and slopes.
 _HORIZONS = np.arange(-1.0, 0.96, 0.01)
@@ -36,30 +36,19 @@ _SLACK = 0.02
 _LEAST_HEIGHT = 1e-9
 # Scores are kept this far from 0 and 1, where they have no logit.
 _LEAST_SCORE = 1e-9
-
-
+# Seconds after which a vote counts 1/e, and sum of the scores that are remembered from which the line is used.
+MEMORY, ENOUGH = 5.0, 5.0
+# Standard deviation of the logarithm of people's heights, with that of their boxes.
+SPREAD = 0.5
 # Score from which a box votes, by its score.
 _CERTAIN = 0.3
 # Standard deviation of the logarithm of a height within which a vote counts for a line.
 _TOLERANCE = 0.2
+# What a vote counts in its own bin, the middle, 1, and in those up to six deviations beside it.
+_KERNEL = np.exp(-0.5 * (_STEP * np.arange(-25, 26) / _TOLERANCE) ** 2)
 # Share of the votes that the line must explain, and by how much this must exceed the share that people of one height in
 # all rows would explain, as under a ceiling or where all stand in one row.
 _EXPLAINED, _GAIN = 0.5, 0.05
-
-
-@dataclass(frozen=True)
-class GroundSettings:
-    """What counts as one ground, and how much.
-
-    Attributes:
-        memory: seconds after which a vote counts 1/e.
-        enough: sum of the scores in memory from which the line is used.
-        spread: standard deviation of the logarithm of people's heights, with that of their boxes.
-    """
-
-    memory: float = 5.0
-    enough: float = 5.0
-    spread: float = 0.5
 
 
 @dataclass(frozen=True)
@@ -98,7 +87,6 @@ class GroundPlane:
 
     Args:
         frame_rate: frames a second.
-        settings: see there.
         score_threshold: boxes are dropped whose scores fall below it.
 
     Attributes:
@@ -111,96 +99,90 @@ class GroundPlane:
     >>> rows = np.array([120.0, 160, 200, 280, 400])
     >>> boxes = np.stack([rows, rows / 2, rows + 20, rows], axis=1)  # half as high as their feet are below the top
     >>> boxes[-1, 1] = 40.0
-    >>> found = Detections(boxes, np.full(5, 0.9))
+    >>> detections = Detections(boxes, np.full(5, 0.9))
     >>> for _ in range(3):
-    ...     weighed = ground.weighed(found, 480)
+    ...     weighed = ground.weighed(detections, 480)
     >>> weighed.scores.round(2).tolist()
     [0.9, 0.9, 0.9, 0.9, 0.85]
     """
 
-    def __init__(
-        self, frame_rate: float = 25.0, settings: GroundSettings | None = None, score_threshold: float = 0.0
-    ) -> None:
+    def __init__(self, frame_rate: float = 25.0, score_threshold: float = 0.0) -> None:
         if not 0 < frame_rate < inf:
             raise ValueError(f"expected a frame rate above 0, got {frame_rate}")
-        self.settings = settings or GroundSettings()
         self.score_threshold = score_threshold
         self.line: HeightLine | None = None
         self.frames = self.used = self.dropped = 0
-        self._fade = exp(-1 / (frame_rate * self.settings.memory))
+        self._fade = exp(-1 / (frame_rate * MEMORY))
         self._votes = np.zeros((len(_HORIZONS), len(_SLOPES)))
         self._level = np.zeros(len(_HEIGHTS))
         self._weight = 0.0
-        self._kernel = _kernel(_TOLERANCE)
 
     @property
     def holds(self) -> bool:
         """Whether the line explains enough of enough people to go by."""
         line = self.line
-        if line is None or self._weight < self.settings.enough:
+        if line is None or self._weight < ENOUGH:
             return False
         return line.explained >= _EXPLAINED and line.gain >= _GAIN
 
-    def weighed(self, found: Detections, height: int) -> Detections:
+    def weighed(self, detections: Detections, height: int) -> Detections:
         """The next frame's detections with their scores by the line, this frame's votes included.
 
         With r the logarithm of a box's height over the line's and p the share that the line explains, the logit of the
-        score gets log((p g(r) + 1 - p) / (p g(0) + 1 - p)), at most 0. g is the normal density of `spread` over the
+        score gets log((p g(r) + 1 - p) / (p g(0) + 1 - p)), at most 0. g is the normal density of `SPREAD` over the
         density of boxes of no person: a box on the line keeps its score, and one far from it loses the more the more
         boxes of this video lie on the line. Ratios within the bins of the votes count as none.
 
         Args:
-            found: scores in [0, 1].
+            detections: scores in [0, 1].
             height: of the frame, pixels.
         """
-        cut_off = _cut_off(found.boxes, height)
-        self._learn(found, cut_off, height)
+        boxes, old, margin = detections.boxes, detections.scores, _BORDER * height
+        # The frame may cut head or feet off.
+        cut_off = (boxes[:, 1] <= margin) | (boxes[:, 3] >= height - margin)
+        voting = (old >= _CERTAIN) & ~cut_off
+        self._learn(boxes[voting] / height, old[voting, None])
         self.frames += 1
-        if not self.holds or not len(found):
-            return found
+        if not self.holds or not len(detections):
+            return detections
         assert self.line is not None
         self.used += 1
-        ratios = self.line.log_ratios(found.boxes, height)
+        ratios = self.line.log_ratios(boxes, height)
         ratios[cut_off] = np.maximum(ratios[cut_off], 0)
         ratios = np.maximum(np.abs(ratios) - _STEP, 0)
-        scores = _shifted(found.scores, self._shifts(ratios, self.line.explained))
-        kept = (scores >= self.score_threshold) | (found.scores < self.score_threshold)
+        peak = _RANGE / (SPREAD * sqrt(tau))
+        odds = self.line.explained * peak / max(1 - self.line.explained, _LEAST_SCORE)
+        shifts = np.log1p(odds * np.exp(-0.5 * (ratios / SPREAD) ** 2)) - np.log1p(odds)
+        inner = np.clip(old, _LEAST_SCORE, 1 - _LEAST_SCORE)
+        moved = 1 / (1 + np.exp(np.log(1 / inner - 1) - shifts))
+        scores = np.where(shifts == 0, old, np.minimum(moved, old))
+        kept = (scores >= self.score_threshold) | (old < self.score_threshold)
         self.dropped += int((~kept).sum())
-        return replace(found, scores=scores).select(kept)
+        return replace(detections, scores=scores).select(kept)
 
-    def _shifts(self, ratios: FloatArray, explained: float) -> FloatArray:
-        """``(N,)`` what the logits of boxes with these ``(N,)`` log ratios get, at most 0."""
-        peak = _RANGE / (self.settings.spread * sqrt(tau))
-        odds = explained * peak / max(1 - explained, _LEAST_SCORE)
-        shifts: FloatArray = np.log1p(odds * np.exp(-0.5 * (ratios / self.settings.spread) ** 2)) - np.log1p(odds)
-        return shifts
+    def _learn(self, boxes: FloatArray, weights: FloatArray) -> None:
+        """Let all votes fade, add this frame's, and find the line that most of them support.
 
-    def _learn(self, found: Detections, cut_off: BoolArray, height: int) -> None:
-        """Let all votes fade, add this frame's, and find the line that most of them support."""
+        Args:
+            boxes: ``(N, 4)`` that vote, in heights of the frame.
+            weights: ``(N, 1)``.
+        """
         for votes in (self._votes, self._level):
             votes *= self._fade
         self._weight *= self._fade
-        voting = (found.scores >= _CERTAIN) & ~cut_off
-        if voting.any():
-            boxes, weights = found.boxes[voting] / height, found.scores[voting]
-            self._vote(boxes[:, 3], np.log(boxes[:, 3] - boxes[:, 1]), weights)
+        if len(boxes):
+            heights = np.log(boxes[:, 3:] - boxes[:, 1:2])
+            slopes = heights - np.log(np.maximum(boxes[:, 3:] - _HORIZONS, _LEAST_HEIGHT))
+            _add(self._votes, slopes, weights, _SLOPES[0])
+            _add(self._level[None], heights, weights, _HEIGHTS[0])
+            self._weight += float(weights.sum())
         if self._weight > 0:
-            self.line = self._best()
-
-    def _vote(self, rows: FloatArray, heights: FloatArray, weights: FloatArray) -> None:
-        below = rows[:, None] - _HORIZONS
-        slopes = heights[:, None] - np.log(np.maximum(below, _LEAST_HEIGHT))
-        _add(self._votes, slopes, weights[:, None], _SLOPES[0])
-        _add(self._level[None], heights[:, None], weights[:, None], _HEIGHTS[0])
-        self._weight += float(weights.sum())
-
-    def _best(self) -> HeightLine:
-        # Not by a product of matrices: its threads would wait, and take the cores, where networks work beside.
-        near = _smoothed(self._votes, self._kernel)
-        horizon, slope = np.unravel_index(int(near.argmax()), near.shape)
-        explained = float(near[horizon, slope]) / self._weight
-        level = float(_smoothed(self._level[None], self._kernel).max()) / self._weight
-        return HeightLine(float(_HORIZONS[horizon]), exp(_SLOPES[slope]), min(explained, 1.0), explained - level)
+            # Not by a product of matrices: its threads would wait, and take the cores, where networks work beside.
+            near = _smoothed(self._votes)
+            horizon, slope = np.unravel_index(int(near.argmax()), near.shape)
+            explained = float(near[horizon, slope]) / self._weight
+            gain = explained - float(_smoothed(self._level[None]).max()) / self._weight
+            self.line = HeightLine(float(_HORIZONS[horizon]), exp(_SLOPES[slope]), min(explained, 1.0), gain)
 
     def __str__(self) -> str:
         explained = 0.0 if self.line is None else self.line.explained
@@ -219,21 +201,9 @@ class GroundPlane:
         return facts
 
 
-def _cut_off(boxes: FloatArray, height: int) -> BoolArray:
-    """``(N,)`` whether the frame may cut head or feet of ``(N, 4)`` boxes off."""
-    margin = _BORDER * height
-    return np.asarray((boxes[:, 1] <= margin) | (boxes[:, 3] >= height - margin))
-
-
-def _kernel(deviation: float) -> FloatArray:
-    """What a vote counts in its own bin, the middle, 1, and in those up to six deviations beside it."""
-    reach = ceil(6 * deviation / _STEP)
-    return np.asarray(np.exp(-0.5 * (_STEP * np.arange(-reach, reach + 1) / deviation) ** 2))
-
-
-def _smoothed(table: FloatArray, kernel: FloatArray) -> FloatArray:
-    """Each row of a ``(R, B)`` table under a kernel, zero outside."""
-    return np.asarray(cv2.sepFilter2D(table, -1, kernel, np.ones(1), borderType=cv2.BORDER_CONSTANT))
+def _smoothed(table: FloatArray) -> FloatArray:
+    """Each row of a ``(R, B)`` table under the kernel, zero outside."""
+    return np.asarray(cv2.sepFilter2D(table, -1, _KERNEL, np.ones(1), borderType=cv2.BORDER_CONSTANT))
 
 
 def _add(table: FloatArray, values: FloatArray, weights: FloatArray, first: float) -> None:
@@ -246,10 +216,3 @@ def _add(table: FloatArray, values: FloatArray, weights: FloatArray, first: floa
     place = (np.arange(rows) * bins + lower)[inside]
     for where, share in ((place, 1 - upper_share), (place + 1, upper_share)):
         table += np.bincount(where, (weights * share)[inside], table.size).reshape(table.shape)
-
-
-def _shifted(scores: FloatArray, by: FloatArray) -> FloatArray:
-    """``(N,)`` scores whose logits are moved by ``by``; those moved by nothing stay as they are."""
-    inner = np.clip(scores, _LEAST_SCORE, 1 - _LEAST_SCORE)
-    moved = 1 / (1 + np.exp(np.log(1 / inner - 1) - by))
-    return np.where(by == 0, scores, np.minimum(moved, scores))

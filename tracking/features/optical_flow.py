@@ -1,9 +1,12 @@
-"""TV-L1 optical flow: total variation of the flow against the L1 norm of the brightness differences.
+"""Dense optical flow between two frames: where every pixel of the first has gone in the second.
 
-Zach, Pock and Bischof, *A Duality Based Approach for Realtime TV-L1 Optical Flow*, 2007. At every level of a pyramid
-the second image is warped several times by the flow found so far. After each warp the flow u and a coupled field v are
-computed in turn until they no longer change: v pixel by pixel, by thresholding (eq. 15 there), and u by Chambolle's
-dual variable p (eq. 14).
+A flow field is ``(H, W, 2)`` float32, pixels to the right and down: what shows at ``(x, y)`` in the first image shows
+at ``(x + u, y + v)`` in the second.
+
+TV-L1 takes the total variation of the flow against the L1 norm of the brightness differences: Zach, Pock and Bischof,
+*A Duality Based Approach for Realtime TV-L1 Optical Flow*, 2007. At every level of a pyramid the second image is warped
+several times by the flow so far. After each warp the flow u and a coupled field v are computed in turn until they no
+longer change: v pixel by pixel, by thresholding (eq. 15 there), and u by Chambolle's dual variable p (eq. 14).
 
 Two parts are from later papers:
 
@@ -12,17 +15,11 @@ Two parts are from later papers:
   of Optical Flow Estimation and Their Principles*, 2010.
 
 Both components of the flow lie in one array, one below the other, and all operations write to memory allocated before.
-
-Dense optical flow between two frames: where every pixel of the first has gone in the second.
-
-A flow field is ``(H, W, 2)`` float32, pixels to the right and down: what shows at ``(x, y)`` in the first image shows
-at ``(x + u, y + v)`` in the second.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import partial
 from typing import Any, Literal, TypeAlias
 
@@ -36,85 +33,44 @@ Float32 = NDArray[np.float32]
 Grey = NDArray[np.uint8]
 
 
-@dataclass(frozen=True)
-class TvL1Settings:
-    """Settings of TV-L1.
-
-    Attributes:
-        smoothing: standard deviation of the blur that takes the sensor's finest noise away, pixels.
-        attachment: weight of the brightness differences (in grey levels of 255) against the total variation, lambda.
-        tightness: coupling of u and v, theta; the smaller, the tighter.
-        step: step size of the dual variable, tau; at most 0.25.
-        scale: size of a level over the one before, below 1.
-        levels: largest number of levels of the pyramid; none has a side under 16 pixels.
-        warps: number of warps of the second image at each level.
-        iterations: largest number of iterations after each warp.
-        tolerance: mean squared change of the flow in an iteration, square pixels, under which a warp is done.
-        median: side of the median filter after each warp, 3 or 5; 0 for none.
-    """
-
-    smoothing: float = 0.5
-    attachment: float = 0.18
-    tightness: float = 0.2
-    step: float = 0.25
-    scale: float = 0.5
-    levels: int = 6
-    warps: int = 10
-    iterations: int = 40
-    tolerance: float = 1e-4
-    median: int = 5
-
-    def __post_init__(self) -> None:
-        if not (self.attachment > 0 and self.tightness > 0 and 0 < self.step <= 0.25):
-            raise ValueError(
-                "expected attachment > 0, tightness > 0 and a step in (0, 0.25], "
-                f"got {self.attachment}, {self.tightness} and {self.step}"
-            )
-        if not (0 < self.scale < 1 and min(self.levels, self.warps, self.iterations) >= 1 and self.tolerance >= 0):
-            raise ValueError(
-                "expected a scale in (0, 1), at least one level, warp and iteration, and no negative tolerance, "
-                f"got {self.scale}, {self.levels}, {self.warps}, {self.iterations} and {self.tolerance}"
-            )
-        if not self.smoothing >= 0:
-            raise ValueError(f"expected a smoothing of 0 or more, got {self.smoothing}")
-        if self.median not in (0, 3, 5):
-            raise ValueError(f"expected a median filter of side 3, 5 or 0 for none, got {self.median}")
+# Standard deviation of the blur that takes the sensor's finest noise away, pixels.
+SMOOTHING = 0.5
+# Weight of the brightness differences (in grey levels of 255) against the total variation, lambda; coupling of u and v,
+# theta, the smaller the tighter; and step size of the dual variable, tau, at most 0.25.
+ATTACHMENT, TIGHTNESS, STEP = 0.18, 0.2, 0.25
+# Size of a level of the pyramid over the one before, most levels, and the smallest side of a level and of what DIS and
+# Farneback take, pixels.
+SCALE, LEVELS, SMALLEST_SIDE = 0.5, 6, 16
+# Warps of the second image at each level, most iterations after each, and the mean squared change of the flow in an
+# iteration, square pixels, under which a warp is done, looked at every so many iterations.
+WARPS, ITERATIONS, TOLERANCE, CHECK_EVERY = 10, 40, 1e-4, 5
+# Side of the median filter after each warp.
+MEDIAN = 5
 
 
-SMALLEST_SIDE = 16
-CHECK_EVERY = 5
-
-
-def tv_l1(first: Grey, second: Grey, settings: TvL1Settings | None = None, start: Float32 | None = None) -> Float32:
+def tv_l1(first: Grey, second: Grey, start: Float32 | None = None, warps: int = WARPS) -> Float32:
     """The flow ``(H, W, 2)`` from ``first`` to ``second``, both ``(H, W)`` uint8.
 
     Args:
         first: image.
         second: image.
-        settings: by default those of ``TvL1Settings()``.
         start: ``(H, W, 2)`` a flow to refine: only the finest level is then solved.
+        warps: of the second image at each level.
     """
-    settings = settings or TvL1Settings()
-    pyramid = [(_smoothed(first, settings.smoothing), _smoothed(second, settings.smoothing))]
-    while start is None and len(pyramid) < settings.levels:
-        size = tuple(round(side * settings.scale) for side in pyramid[-1][0].shape[::-1])
+    pyramid = [tuple(cv2.GaussianBlur(image.astype(np.float32), (0, 0), SMOOTHING) for image in (first, second))]
+    while start is None and len(pyramid) < LEVELS:
+        size = tuple(round(side * SCALE) for side in pyramid[-1][0].shape[::-1])
         if min(size) < SMALLEST_SIDE:
             break
-        coarse = [cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in pyramid[-1]]
-        pyramid.append((np.asarray(coarse[0], dtype=np.float32), np.asarray(coarse[1], dtype=np.float32)))
+        pyramid.append(tuple(cv2.resize(image, size, interpolation=cv2.INTER_AREA) for image in pyramid[-1]))
     height, width = pyramid[-1][0].shape
     flow = np.zeros((2, height, width), dtype=np.float32)
     if start is not None:
         flow[:] = start.transpose(2, 0, 1)
-    for level in reversed(pyramid):
-        flow = _resized(flow, level[0].shape[::-1])
-        _Level(*level, settings).solve(flow)
+    for one, other in reversed(pyramid):
+        flow = _resized(flow, one.shape[::-1])
+        _Level(np.asarray(one, dtype=np.float32), np.asarray(other, dtype=np.float32)).solve(flow, warps)
     return np.ascontiguousarray(flow.transpose(1, 2, 0))
-
-
-def _smoothed(image: Grey, deviation: float) -> Float32:
-    values = image.astype(np.float32)
-    return np.asarray(cv2.GaussianBlur(values, (0, 0), deviation) if deviation else values, dtype=np.float32)
 
 
 def _resized(flow: Float32, size: tuple[int, ...]) -> Float32:
@@ -130,8 +86,7 @@ def _resized(flow: Float32, size: tuple[int, ...]) -> Float32:
 class _Level:
     """One level of the pyramid and the memory for its iterations."""
 
-    def __init__(self, first: Float32, second: Float32, settings: TvL1Settings) -> None:
-        self.settings = settings
+    def __init__(self, first: Float32, second: Float32) -> None:
         self.first, self.second = first, second
         height, width = first.shape
         self.columns, self.rows = np.meshgrid(np.arange(width, dtype=np.float32), np.arange(height, dtype=np.float32))
@@ -146,12 +101,11 @@ class _Level:
         self.product = np.empty(shape, dtype=np.float32)
         self.residual = np.empty((height, width), dtype=np.float32)
 
-    def solve(self, flow: Float32) -> None:
+    def solve(self, flow: Float32, warps: int) -> None:
         """Improve ``flow`` ``(2, h, w)`` in place."""
-        settings = self.settings
-        for _ in range(settings.warps):
+        for _ in range(warps):
             constant, inverse = self._warp(flow)
-            for iteration in range(settings.iterations):
+            for iteration in range(ITERATIONS):
                 check = iteration % CHECK_EVERY == CHECK_EVERY - 1
                 if check:
                     np.copyto(self.before, flow)
@@ -159,11 +113,10 @@ class _Level:
                 self._smooth(flow)
                 if check:
                     change = cv2.norm(_flat(flow), _flat(self.before), cv2.NORM_L2SQR) / self.residual.size
-                    if change < settings.tolerance:
+                    if change < TOLERANCE:
                         break
-            if settings.median:
-                for part in flow:
-                    cv2.medianBlur(part, settings.median, dst=part)
+            for part in flow:
+                cv2.medianBlur(part, MEDIAN, dst=part)
 
     def _warp(self, flow: Float32) -> tuple[Float32, Float32]:
         """The part of the residual that does not change with the flow, and 1 / |slope|^2, both ``(h, w)``."""
@@ -186,7 +139,7 @@ class _Level:
 
     def _threshold(self, flow: Float32, constant: Float32, inverse: Float32) -> None:
         """v from u: a step along the slope that undoes the residual, of a bounded length (eq. 15)."""
-        limit = self.settings.attachment * self.settings.tightness
+        limit = ATTACHMENT * TIGHTNESS
         cv2.multiply(_flat(self.slope), _flat(flow), dst=_flat(self.product))
         cv2.add(self.product[0], self.product[1], dst=self.residual)
         cv2.add(self.residual, constant, dst=self.residual)
@@ -198,12 +151,12 @@ class _Level:
 
     def _smooth(self, flow: Float32) -> None:
         """u from v by one step of the dual (eq. 14)."""
-        theta, ratio = self.settings.tightness, self.settings.step / self.settings.tightness
+        ratio = STEP / TIGHTNESS
         x, y = self.dual_x, self.dual_y
         np.add(x, y, out=self.divergence)
         self.divergence[:, :, 1:] -= x[:, :, :-1]
         self.divergence[:, 1:] -= y[:, :-1]
-        cv2.scaleAdd(_flat(self.divergence), theta, _flat(self.auxiliary), dst=_flat(flow))
+        cv2.scaleAdd(_flat(self.divergence), TIGHTNESS, _flat(self.auxiliary), dst=_flat(flow))
         np.subtract(flow[:, :, 1:], flow[:, :, :-1], out=self.gradient_x[:, :, :-1])
         np.subtract(flow[:, 1:], flow[:, :-1], out=self.gradient_y[:, :-1])
         size = _flat(self.product)
@@ -231,9 +184,6 @@ FlowField: TypeAlias = NDArray[np.float32]
 FlowMethod: TypeAlias = Callable[[Grey, Grey], FlowField]
 FlowName = Literal["tv-l1", "dis", "dis_fast", "farneback"]
 DisPreset = Literal["ultrafast", "fast", "medium"]
-
-# Smallest side that DIS and Farneback take at their coarsest level.
-_SMALLEST = 16
 
 
 def dis_flow(first: Grey, second: Grey, preset: DisPreset = "medium") -> FlowField:
@@ -280,20 +230,14 @@ def optical_flow(first: ImageArray, second: ImageArray, method: FlowMethod = dis
     """
     if first.shape != second.shape:
         raise ValueError(f"expected two images of one shape, got {first.shape} and {second.shape}")
-    return _padded(method, _grey(first), _grey(second))
-
-
-def _grey(image: ImageArray) -> Grey:
-    return np.asarray(image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), dtype=np.uint8)
-
-
-def _padded(method: FlowMethod, first: Grey, second: Grey) -> FlowField:
-    """``method`` on images that are too small for it, with their borders repeated."""
-    height, width = first.shape
-    down, right = max(_SMALLEST - height, 0), max(_SMALLEST - width, 0)
-    if down or right:
-        first, second = (
-            np.asarray(cv2.copyMakeBorder(image, 0, down, 0, right, cv2.BORDER_REPLICATE), dtype=np.uint8)
-            for image in (first, second)
+    height, width = first.shape[:2]
+    # Of images that are too small the borders are repeated.
+    down, right = max(SMALLEST_SIDE - height, 0), max(SMALLEST_SIDE - width, 0)
+    one, other = (
+        cv2.copyMakeBorder(
+            image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY),
+            0, down, 0, right, cv2.BORDER_REPLICATE,
         )
-    return method(first, second)[:height, :width]
+        for image in (first, second)
+    )  # fmt: skip
+    return method(np.asarray(one, dtype=np.uint8), np.asarray(other, dtype=np.uint8))[:height, :width]

@@ -8,7 +8,8 @@ from math import exp, log, sqrt, tau
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.features.ground_plane import GroundPlane, GroundSettings
+from tsuiseki.tracking.features import ground_plane
+from tsuiseki.tracking.features.ground_plane import SPREAD, GroundPlane
 from tsuiseki.tracking.types import Detections
 
 HEIGHT = 480
@@ -59,7 +60,7 @@ def test_a_box_of_another_height_loses_what_the_mixture_says(factor, score):
     after([standing(ROWS)] * 20, ground)
     # The odd one votes once against twelve in twenty frames.
     scores, _ = after([standing([300.0], [factor], scores=score)], ground)
-    p, spread = ground.line.explained, GroundSettings().spread
+    p, spread = ground.line.explained, SPREAD
     density = log(10) / (spread * sqrt(tau))
 
     def mixture(ratio):
@@ -117,10 +118,11 @@ def test_boxes_of_any_height_are_left_as_they_are():
     assert not ground.used
 
 
-def test_a_few_people_are_not_enough():
+def test_a_few_people_are_not_enough(monkeypatch):
     few = [standing(ROWS[:3])]
     assert not after(few)[1].used
-    assert after(few, GroundPlane(10.0, GroundSettings(enough=1.0)))[1].used == 1
+    monkeypatch.setattr(ground_plane, "ENOUGH", 1.0)
+    assert after(few)[1].used == 1
 
 
 def test_a_box_cut_off_by_the_border_may_be_short_but_not_tall():
@@ -154,7 +156,7 @@ def test_feet_above_the_horizon_lose_most_and_what_falls_below_the_threshold_is_
 
 
 def test_a_camera_that_tilts_is_followed():
-    ground = GroundPlane(10.0, GroundSettings(memory=1.0))
+    ground = GroundPlane(2.0)
     after([standing(ROWS)] * 50, ground)
     # The horizon sinks by 96 rows, and with it everybody.
     rows = ROWS[:-3] + 96
