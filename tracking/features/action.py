@@ -33,6 +33,8 @@ LEVELS = 127
 FLOW_MEAN, FLOW_STD = NO_MOTION / 255, LEVELS / 255
 # Outside the image: the mean colour, which normalisation turns into 0.
 RGB_FILL = (124, 116, 104)
+# Most crops of one inference call.
+BATCH = 32
 
 
 @dataclass(frozen=True)
@@ -112,11 +114,9 @@ class ActionInput:
             "compensate": self.compensate,
             "stack": self.stack,
         }
-        mean, std = ((FLOW_MEAN,) * self.channels, (FLOW_STD,) * self.channels) if self.is_flow else (None, None)
-        base = ModelCard("action", name, class_names, self.size, self.size, settings=values)
-        if mean is None or std is None:
-            return base
-        return ModelCard("action", name, class_names, self.size, self.size, mean=mean, std=std, settings=values)
+        card = ModelCard("action", name, class_names, self.size, self.size, settings=values)
+        count = self.channels
+        return replace(card, mean=(FLOW_MEAN,) * count, std=(FLOW_STD,) * count) if self.is_flow else card
 
 
 def flow_to(
@@ -217,23 +217,19 @@ class ActionRecogniser:
     Args:
         paths: of the files, one a stream, or one of streams that were trained jointly.
         threads: CPU threads; 0 takes all cores.
-        batch_size: most crops of one inference call.
         device: what to run on, see `opened_on`; afterwards what they run on.
 
     Raises:
         RequestError: a file is no action stream (see `OnnxModel`), or the files do not belong together.
     """
 
-    def __init__(
-        self, paths: Sequence[str | Path], threads: int = 0, batch_size: int = 32, device: Device = "auto"
-    ) -> None:
+    def __init__(self, paths: Sequence[str | Path], threads: int = 0, device: Device = "auto") -> None:
         if not paths:
             raise RequestError("expected the file of at least one action stream, got none")
         self.models = [OnnxModel(path, "action", threads, device) for path in paths]
         self.device = self.models[0].device
         self._taken = [_inputs(model) for model in self.models]
         self.inputs = [one for taken in self._taken for one in taken]
-        self.batch_size = batch_size
         self.names = self.models[0].card.class_names
         self.streams: tuple[StreamName, ...] = tuple(one.stream for one in self.inputs)
         self._check_together()
@@ -267,21 +263,21 @@ class ActionRecogniser:
                 are, at most ``history``; where one is missing, as at the start of a video, it counts as no motion.
             boxes: in the current frame.
         """
-        found = np.zeros((len(self.models), len(boxes), len(self.names)), dtype=np.float32)
+        result = np.zeros((len(self.models), len(boxes), len(self.names)), dtype=np.float32)
         if len(boxes) == 0:
-            return found  # type: ignore[return-value]
+            return result  # type: ignore[return-value]
         flow = None if self._flow is None else self.flow(images)
-        for model, taken, result in zip(self.models, self._taken, found, strict=True):
+        for model, taken, own in zip(self.models, self._taken, result, strict=True):
             pictures = [images[-1] if not stream.is_flow or flow is None else flow for stream in taken]
             squares = [square_boxes(boxes, stream.scale) for stream in taken]
-            for start in range(0, len(boxes), self.batch_size):
-                some = slice(start, start + self.batch_size)
+            for start in range(0, len(boxes), BATCH):
+                some = slice(start, start + BATCH)
                 crops = [
                     normalise(crop_squares(picture, square[some], stream.size), stream.card("", ()))
                     for picture, square, stream in zip(pictures, squares, taken, strict=True)
                 ]
-                result[some] = model.run(*crops)[0]
-        return found  # type: ignore[return-value]
+                own[some] = model.run(*crops)[0]
+        return result  # type: ignore[return-value]
 
     def flow(self, images: Sequence[ImageArray]) -> ImageArray:
         """``(H, W, 2 * stack)`` uint8 levels of the flow that leads to the last of ``images``."""
@@ -304,7 +300,7 @@ def _inputs(model: OnnxModel) -> list[ActionInput]:
     card = model.card
     try:
         settings = card.settings.get("streams", [card.settings])
-        found = [ActionInput.from_card(replace(card, settings=one)) for one in settings]
+        streams = [ActionInput.from_card(replace(card, settings=one)) for one in settings]
     except (KeyError, TypeError, ValueError) as error:
         raise RequestError(
             f"{model.path}: expected stream, enlargement, flow_limit, flow and stack in the metadata, got {error!r}; "
@@ -312,4 +308,4 @@ def _inputs(model: OnnxModel) -> list[ActionInput]:
         ) from error
     if not model.card.class_names:
         raise RequestError(f"{model.path}: expected names of actions in the metadata, got none; export it again")
-    return found
+    return streams

@@ -102,11 +102,6 @@ def colour_of_box(image: ImageArray, box: FloatArray) -> ColourRange:
     return ColourRange(hues, (max(0.0, float(low_s) - 0.15), 1.0), (max(0.0, float(low_v) - 0.15), 1.0))
 
 
-def colour_mask(image: ImageArray, colour: ColourRange) -> BoolArray:
-    """Pixels ``(H, W)`` of an RGB image that have the colour."""
-    return np.asarray(colour_pixels(image, colour), dtype=np.bool_)
-
-
 def colour_pixels(image: ImageArray, colour: ColourRange) -> NDArray[np.uint8]:
     """``(H, W)`` uint8, 255 at the pixels of an RGB image that have the colour and 0 elsewhere."""
     hsv = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
@@ -133,7 +128,7 @@ class ColourImage:
     @classmethod
     def of(cls, image: ImageArray, colour: ColourRange) -> ColourImage:
         """The colour's pixels in an RGB image."""
-        return cls.of_mask(colour_mask(image, colour))
+        return cls.of_mask(colour_pixels(image, colour) > 0)
 
     @classmethod
     def of_mask(cls, mask: BoolArray) -> ColourImage:

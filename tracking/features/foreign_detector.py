@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import ast
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -21,6 +20,7 @@ from tsuiseki.tracking.features.layout_recognition import (
     class_names,
     class_of_people,
     coco_names,
+    metadata_value,
     of_so_many_classes,
     plain_name,
     possible_kinds,
@@ -61,6 +61,7 @@ class ForeignDetector:
         classes: that are detected; by default people, whose detections then bear no class.
 
     Attributes:
+        input_size: height and width of the input, pixels; None where it takes any.
         layout: that was recognised.
         wanted: names by number, as the outputs count it, of the classes that are detected; empty where not known.
         across: boxes of different classes suppress each other.
@@ -97,12 +98,12 @@ class ForeignDetector:
         self._outputs = [names[name] for name in TENSORFLOW] if self._tensorflow else list(names.values())
         if (task := self.metadata.get("task", "detect")) not in ("detect", "obb"):
             raise RequestError(f"{self.path}: expected a detector, got a network for {task!r}; export one for 'detect'")
-        self.size = self._input_size(options)
+        self.input_size = self._size_of_input(options)
         self.names = options.classes or class_names(self.metadata)
         trial = self._try()
         self.layout = self._choose_layout(trial, options)
         self.scores = self._choose_scores(list(trial.values()), options)
-        self.input = _changed(self.path, self._usual_input(trial), options, whole=self.size is None)
+        self.input = _changed(self.path, self._usual_input(trial), options, whole=self.input_size is None)
         if self.layout in TURNED and self.input.resize == "stretch":
             raise RequestError(f"{path}: turned boxes want pictures of one scale; leave `detector_options.resize` out")
         self.across, self._classed_by_user = classes is None or classes.across, classes is not None
@@ -116,7 +117,7 @@ class ForeignDetector:
         known = ", ".join(f"class {number}" + (f" {name!r}" if name else "") for number, name in self.wanted.items())
         known = f"detects {known}" if self._classed_by_user else f"people are {known}"
         scores = "" if self.scores is None else f", scores by {self.scores}"
-        size = "any size" if self.size is None else f"{self.size[1]}x{self.size[0]}"
+        size = "any size" if self.input_size is None else f"{self.input_size[1]}x{self.input_size[0]}"
         return f"layout {self.layout}, {known}{scores}; pictures {self.input}, {size}"
 
     @property
@@ -124,7 +125,7 @@ class ForeignDetector:
         """How the file is read, as plain values by name."""
         detected = {"wanted": dict(self.wanted)} if self._classed_by_user else {"person": self.person}
         chosen = {"layout": self.layout, **detected, "classes": self.names, "scores": self.scores}
-        return {**chosen, "size": self.size, **asdict(self.input)}
+        return {**chosen, "size": self.input_size, **asdict(self.input)}
 
     @property
     def person(self) -> int:
@@ -136,11 +137,6 @@ class ForeignDetector:
         """Whether it has run, and no picture gave anything but zeros or no rows."""
         return self.gave == {False}
 
-    @property
-    def input_size(self) -> Size | None:
-        """Height and width of the input, pixels; None where it takes any."""
-        return self.size
-
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB; boxes are cut off at the border.
 
@@ -150,7 +146,7 @@ class ForeignDetector:
         """
         if not check_images(images):
             return []
-        fitted = [self.input.fit(image, self.size or image.shape[:2]) for image in images]
+        fitted = [self.input.fit(image, self.input_size or image.shape[:2]) for image in images]
         outputs = self._run([image for image, _ in fitted])
         return [
             self._decode(outputs[n], fitted[n][0].shape[:2], fitted[n][1], images[n].shape[:2])
@@ -243,15 +239,18 @@ class ForeignDetector:
             f"{other.name} {tuple(other.shape)}; export it without"
         )
 
-    def _input_size(self, options: DetectorOptions) -> Size | None:
+    def _size_of_input(self, options: DetectorOptions) -> Size | None:
         """Height and width, or None for a network of torchvision's or TensorFlow's kind, which takes any."""
         self._wanted = (byte_image_input if self._tensorflow else image_input)(self.session, self.path)
         self._batched = len(self._wanted.shape) == 4
         sides = self._wanted.shape[1:3] if self._tensorflow else self._wanted.shape[-2:]
         height, width = (x if isinstance(x, int) else None for x in sides)
-        stated = _metadata_size(self.metadata)
-        height = height or options.height or (stated[0] if stated else None)
-        width = width or options.width or (stated[1] if stated else None)
+        stated = metadata_value(self.metadata, "imgsz")
+        try:
+            own_height, own_width = map(int, [stated] * 2 if isinstance(stated, int) else stated)
+        except (TypeError, ValueError):
+            own_height = own_width = 0
+        height, width = height or options.height or own_height, width or options.width or own_width
         if height and width:
             return height, width
         if self._tensorflow or len(self.session.get_outputs()) == 3:
@@ -264,7 +263,7 @@ class ForeignDetector:
     def _try(self) -> dict[str, NDArray[Any]]:
         """Outputs by name for a noise picture."""
         self.input = ImageInput("as-is", raw_nhwc=self._tensorflow)
-        size = self.size or (_TRIAL_SIDE, _TRIAL_SIDE)
+        size = self.input_size or (_TRIAL_SIDE, _TRIAL_SIDE)
         noise = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
         outputs = dict(zip(self._outputs, self._run([noise])[0], strict=True))
         self._outputs = useful_outputs(outputs)
@@ -276,46 +275,42 @@ class ForeignDetector:
         return outputs
 
     def _choose_layout(self, trial: Mapping[str, NDArray[Any]], options: DetectorOptions) -> LayoutName:
-        size = self.size or (_TRIAL_SIDE, _TRIAL_SIDE)
+        size = self.input_size or (_TRIAL_SIDE, _TRIAL_SIDE)
         inputs, turned = [x.name for x in self.session.get_inputs()], self.metadata.get("task") == "obb"
         every = possible_layouts(trial, size, inputs, turned=turned, channels_first=not self._tensorflow)
-        found = of_so_many_classes(every, list(trial.values()), len(self.names) if self.names else None)
+        fitting = of_so_many_classes(every, list(trial.values()), len(self.names) if self.names else None)
         if options.layout is not None:
             if options.layout == "tensorflow" and not self._tensorflow:
                 raise RequestError(
                     f"{self.path}: layout tensorflow asks for outputs {', '.join(TENSORFLOW)}, got {_shapes(trial)}; "
                     "convert it again with these outputs"
                 )
-            if options.layout not in found and not _readable(options.layout, trial, size):
+            if options.layout not in fitting and not _readable(options.layout, trial, size):
                 raise RequestError(
                     f"{self.path}: its outputs {_shapes(trial)} are not {LAYOUTS[options.layout].description}, "
                     f"as layout {options.layout} asks for"
                 )
             return options.layout
-        if len(found) == 1:
-            return found[0]
-        if every and not found:
+        if len(fitting) == 1:
+            return fitting[0]
+        if every and not fitting:
             counts = " or ".join(f"{LAYOUTS[n].classes(list(trial.values()))} (layout {n})" for n in every)
             raise RequestError(
                 f"{self.path}: expected names of as many classes as its outputs {_shapes(trial)} have, {counts}, got "
                 f"{len(self.names or ())}; give them with `detector_options.classes`"
             )
-        if not found:
+        if not fitting:
+            readable = " or ".join(n for n in LAYOUTS if n != "tensorflow" and _readable(n, trial, size))
+            advice = f"`detector_options.layout` {readable} would read these shapes, if you know that it is"
             raise RequestError(
                 f"{self.path}: its outputs {_shapes(trial)} are of no known layout; known are {', '.join(LAYOUTS)}; "
-                f"its input is {size[1]}x{size[0]}; {self._advice(trial, size)}"
+                f"its input is {size[1]}x{size[0]}; "
+                + (advice if readable else "in Python, give a function from a picture to boxes")
             )
-        fitting = " or ".join(f"{name} {LAYOUTS[name].description}" for name in found)
+        several = " or ".join(f"{name} {LAYOUTS[name].description}" for name in fitting)
         raise RequestError(
-            f"{self.path}: its outputs {_shapes(trial)} could be {fitting}; say which with `detector_options.layout`"
+            f"{self.path}: its outputs {_shapes(trial)} could be {several}; say which with `detector_options.layout`"
         )
-
-    def _advice(self, trial: Mapping[str, NDArray[Any]], size: Size) -> str:
-        """What the user can do where no layout is recognised."""
-        readable = [name for name in LAYOUTS if name != "tensorflow" and _readable(name, trial, size)]
-        if readable:
-            return f"`detector_options.layout` {' or '.join(readable)} would read these shapes, if you know that it is"
-        return "in Python, give a function from a picture to boxes"
 
     def _choose_scores(self, trial: Sequence[NDArray[Any]], options: DetectorOptions) -> ScoreKind | None:
         layout = LAYOUTS[self.layout]
@@ -362,11 +357,13 @@ class ForeignDetector:
         if choice is not None:
             there = names.keys() if count is None else range(first, first + count)
             chosen = choice.numbers(names, there or None, self.path)
-        elif options.person is not None:
-            every = None if count is None else first + count
-            chosen = (class_of_people(self.path, self.names, every, options.person),)
+        elif options.person is None:
+            chosen = (first + class_of_people(self.path, self.names, count),)
         else:
-            chosen = (first + class_of_people(self.path, self.names, count, None),)
+            chosen = (options.person,)
+            if options.person < 0 or (count is not None and options.person >= first + count):
+                among = "from 0" if count is None else f"from 0 to {first + count - 1}"
+                raise RequestError(f"{self.path}: expected a class of people {among}, got {options.person}")
         return {number: names.get(number, "") for number in chosen}
 
     def _numbering(self, columns: int | None, trial: Sequence[NDArray[Any]]) -> tuple[int, int | None]:
@@ -404,16 +401,6 @@ def _changed(path: Path, usual: ImageInput, options: DetectorOptions, *, whole: 
     given: dict[str, Any] = {"resize": "as-is"} if whole else {}
     given |= {name: value for name in names if (value := getattr(options, name)) is not None}
     return replace(usual, **given)
-
-
-def _metadata_size(metadata: Mapping[str, str]) -> Size | None:
-    """Height and width that the metadata tell (``imgsz``)."""
-    try:
-        size = ast.literal_eval(metadata["imgsz"])
-        height, width = (size, size) if isinstance(size, int) else size
-        return int(height), int(width)
-    except (KeyError, ValueError, SyntaxError, TypeError):
-        return None
 
 
 def _readable(layout: LayoutName, trial: Mapping[str, NDArray[Any]], size: Size) -> bool:

@@ -65,8 +65,6 @@ _COUNTED_BY_SHAPE: Sequence[Callable[[str, NDArray[Any]], bool]] = (
     lambda _, x: x.size > 1 and x.ndim == 1 and np.issubdtype(x.dtype, np.floating),
     lambda _, x: x.size == 1,
 )
-
-
 _NAMES = """person, bicycle, car, motorcycle, airplane, bus, train, truck, boat, traffic light, fire hydrant, stop sign,
 parking meter, bench, bird, cat, dog, horse, sheep, cow, elephant, bear, zebra, giraffe, backpack, umbrella, handbag,
 tie, suitcase, frisbee, skis, snowboard, sports ball, kite, baseball bat, baseball glove, skateboard, surfboard,
@@ -106,8 +104,8 @@ def useful_outputs(outputs: Mapping[str, NDArray[Any]]) -> list[str]:
         return list(pair)
     for fits in _COUNTED_BY_NAME, _COUNTED_BY_SHAPE:
         counted = [[name for name in names if test(name, outputs[name])] for test in fits]
-        if len(names) == len(fits) and [len(found) for found in counted] == [1] * len(fits):
-            return [found[0] for found in counted]
+        if len(names) == len(fits) and [len(each) for each in counted] == [1] * len(fits):
+            return [name for (name,) in counted]
     heads = [x.ndim == 4 and x.shape[-1] == first.shape[-1] for x in list(outputs.values())[1:]]
     return names[:1] if first.ndim == 2 and heads and all(heads) else names
 
@@ -323,10 +321,6 @@ def of_so_many_classes(found: list[LayoutName], arrays: Outputs, classes: int | 
     return [n for n in found if counts[n] in (None, classes) or (LAYOUTS[n].paired and counts[n] == classes + 1)]
 
 
-# From here on a softmax cannot be ruled out.
-_HALF = 0.5
-
-
 def possible_kinds(values: NDArray[Any], names: int | None = None, *, paired: bool = True) -> list[ScoreKind]:
     """What ``(N, C)`` class values for a picture of noise can be.
 
@@ -344,8 +338,8 @@ def possible_kinds(values: NDArray[Any], names: int | None = None, *, paired: bo
         return ["sigmoid"]
     if names == count - 1 or background_first(values) or min(_wins(values, count - 1)) >= _NEARLY_ALL:
         return ["softmax"]
-    # The only class that was trained, or "no object" with small numbers.
-    return ["sigmoid", "softmax"] if _wins(values, count - 1)[0] >= _HALF else ["sigmoid"]
+    # The only class that was trained, or "no object" with small numbers: from a half on softmax cannot be ruled out.
+    return ["sigmoid", "softmax"] if _wins(values, count - 1)[0] >= 0.5 else ["sigmoid"]
 
 
 def background_first(values: NDArray[Any]) -> bool:
@@ -358,36 +352,40 @@ def _wins(values: NDArray[Any], column: int) -> tuple[float, float]:
     return float((values.argmax(axis=1) == column).mean()), float((values[:, column] > 0).mean())
 
 
-def class_names(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
-    """Names of the classes as Ultralytics writes them: the text of a dict from numbers to names."""
+def metadata_value(metadata: Mapping[str, str], key: str) -> Any:
+    """The value that Ultralytics writes as text under a key of the metadata; None where there is none."""
     try:
-        names = ast.literal_eval(metadata["names"])
+        return ast.literal_eval(metadata[key])
     except (KeyError, ValueError, SyntaxError):
         return None
+
+
+def class_names(metadata: Mapping[str, str]) -> tuple[str, ...] | None:
+    """Names of the classes as Ultralytics writes them: a dict from numbers to names."""
+    names = metadata_value(metadata, "names")
     if isinstance(names, dict) and sorted(names) == list(range(len(names))):
         names = [names[n] for n in range(len(names))]
     return tuple(str(x) for x in names) if isinstance(names, list | tuple) and names else None
 
 
-def class_of_people(path: Path, names: Sequence[str] | None, count: int | None, asked: int | None) -> int:
+def class_of_people(path: Path, names: Sequence[str] | None, count: int | None) -> int:
     """Number of the class of people among those of objects, from 0.
 
     Args:
         path: of the file, for messages.
         names: of the classes, where they are known.
         count: of the classes, where it is known.
-        asked: what the user says.
 
     Raises:
-        RequestError: there is no such class, or it is not known which.
+        RequestError: it is not known which.
     """
-    if asked is not None:
-        if asked < 0 or (count is not None and asked >= count):
-            among = "from 0" if count is None else f"from 0 to {count - 1}"
-            raise RequestError(f"{path}: expected a class of people {among}, got {asked}")
-        return asked
+    people = [n for n, name in enumerate(names or ()) if name.strip().lower() in PERSON_NAMES]
+    if len(people) == 1:
+        return people[0]
     if names:
-        return _named(path, names)
+        listed = ", ".join(names[:8]) + (", …" if len(names) > 8 else "")
+        what = "several classes of people" if people else "no class of people"
+        raise RequestError(f"{path}: {what} among {listed}; say which one with `detector_options.person`")
     if count == 1:
         return 0
     if count in COCO:
@@ -397,12 +395,3 @@ def class_of_people(path: Path, names: Sequence[str] | None, count: int | None, 
         f"{path}: {which} classes without names; say which one is people with `detector_options.person` "
         "(COCO: 0 in YOLO, 1 in torchvision and TensorFlow)"
     )
-
-
-def _named(path: Path, names: Sequence[str]) -> int:
-    found = [n for n, name in enumerate(names) if name.strip().lower() in PERSON_NAMES]
-    if len(found) == 1:
-        return found[0]
-    listed = ", ".join(names[:8]) + (", …" if len(names) > 8 else "")
-    what = "several classes of people" if found else "no class of people"
-    raise RequestError(f"{path}: {what} among {listed}; say which one with `detector_options.person`")

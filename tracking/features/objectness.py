@@ -10,7 +10,7 @@ The paper multiplies by counting bits; here OpenCV filters with the binarised mo
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -52,9 +52,7 @@ class ObjectnessModel:
         """The model for sizes whose sides differ from ``width`` and ``height`` by at most ``factor``, at least one."""
         ratio = np.abs(np.log(self.sizes / [width, height])).max(axis=1)
         chosen = ratio <= max(np.log(factor), float(ratio.min()) + 1e-9)
-        return ObjectnessModel(
-            self.weights, self.sizes[chosen], self.gains[chosen], self.offsets[chosen], self.trained_on
-        )
+        return replace(self, sizes=self.sizes[chosen], gains=self.gains[chosen], offsets=self.offsets[chosen])
 
     def write(self, path: Path) -> None:
         """Write as JSON."""
@@ -134,13 +132,15 @@ def propose(
     Returns:
         Boxes ``(K, 4)`` pixels and scores ``(K,)``, best first.
     """
-    height, width = image.shape[:2]
-    x1, y1, x2, y2 = (0, 0, width, height) if region is None else _whole(region, width, height)
+    x1, y1, x2, y2 = 0, 0, image.shape[1], image.shape[0]
+    if region is not None:
+        low, high = np.floor(region[:2]).astype(int).tolist(), np.ceil(region[2:]).astype(int).tolist()
+        x1, y1, x2, y2 = max(low[0], 0), max(low[1], 0), min(high[0], x2), min(high[1], y2)
     part, factor = _reduced(image[y1:y2, x1:x2], float(model.sizes.min()))
     boxes, scores = [np.empty((0, 4))], [np.empty(0)]
     for (w, h), gain, offset in zip(model.sizes / factor, model.gains, model.offsets, strict=True):
-        found, values = _score_size(part, model.weights, float(w), float(h))
-        boxes.append(found * np.tile(factor, 2) + np.array([x1, y1, x1, y1]))
+        windows, values = _score_size(part, model.weights, float(w), float(h))
+        boxes.append(windows * np.tile(factor, 2) + np.array([x1, y1, x1, y1]))
         scores.append(gain * values + offset)
     all_boxes, all_scores = np.concatenate(boxes), np.concatenate(scores)
     order = np.argsort(-all_scores, kind="stable")[:count]
@@ -158,12 +158,6 @@ def _reduced(part: ImageArray, least: float) -> tuple[ImageArray, FloatArray]:
     columns, rows = part.shape[1] // whole, part.shape[0] // whole
     small: ImageArray = np.asarray(cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA), dtype=np.uint8)
     return small, np.array([part.shape[1] / columns, part.shape[0] / rows])
-
-
-def _whole(region: FloatArray, width: int, height: int) -> tuple[int, int, int, int]:
-    x1, y1 = np.floor(region[:2]).astype(int)
-    x2, y2 = np.ceil(region[2:]).astype(int)
-    return max(int(x1), 0), max(int(y1), 0), min(int(x2), width), min(int(y2), height)
 
 
 def _score_size(part: ImageArray, weights: FloatArray, width: float, height: float) -> tuple[FloatArray, FloatArray]:

@@ -10,8 +10,8 @@ from tsuiseki.tracking.features.colour_region import (
     NAMED_COLOURS,
     ColourImage,
     ColourRange,
-    colour_mask,
     colour_of_box,
+    colour_pixels,
     parse_colour,
     region_contrast,
 )
@@ -84,13 +84,13 @@ def test_a_colour_that_matches_nothing_or_everything_has_no_region(value):
 )
 def test_named_colours(name, rgb):
     image = np.full((4, 4, 3), rgb, dtype=np.uint8)
-    assert [other for other in NAMED_COLOURS if colour_mask(image, NAMED_COLOURS[other]).all()] == [name]
+    assert [other for other in NAMED_COLOURS if colour_pixels(image, NAMED_COLOURS[other]).all()] == [name]
 
 
 def test_the_colour_of_a_box_is_found_again():
     image = np.full((40, 40, 3), (120, 130, 120), dtype=np.uint8)
     image[10:20, 10:20] = (220, 40, 20)
-    mask = colour_mask(image, colour_of_box(image, np.array([10.0, 10, 20, 20])))
+    mask = colour_pixels(image, colour_of_box(image, np.array([10.0, 10, 20, 20]))) > 0
     assert mask[10:20, 10:20].all()
     assert mask.sum() == 100
 

@@ -171,7 +171,7 @@ def test_half_precision_goes_in_where_the_file_wants_it(tmp_path):
 def test_a_size_that_the_file_leaves_open_comes_from_metadata_or_options(tmp_path):
     shape = ("batch", 3, "height", "width")
     told = saved(tmp_path, "yolov8", shape=shape, metadata={**NAMES, "imgsz": f"[{HEIGHT}, {WIDTH}]"})
-    assert open_detector(told).size == (HEIGHT, WIDTH)
+    assert open_detector(told).input_size == (HEIGHT, WIDTH)
     path = saved(tmp_path, "yolov5", shape=shape, metadata=NAMES)
     assert open_detector(path, options=DetectorOptions(height=HEIGHT, width=WIDTH)).layout == "yolov5"
     with pytest.raises(RequestError, match="height and width of its input are open"):
@@ -181,7 +181,7 @@ def test_a_size_that_the_file_leaves_open_comes_from_metadata_or_options(tmp_pat
 def test_torchvision_takes_pictures_of_any_size(tmp_path):
     path = saved(tmp_path, "torchvision", shape=(3, "height", "width"))
     detector = open_detector(path, options=DetectorOptions(person=0))
-    assert detector.size is None
+    assert detector.input_size is None
     large = np.zeros((4 * HEIGHT, 4 * WIDTH, 3), np.uint8)
     np.testing.assert_allclose(detector.detect([large])[0].boxes, CORNERS[:2], atol=1e-3)
 

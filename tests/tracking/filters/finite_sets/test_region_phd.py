@@ -11,7 +11,7 @@ from tsuiseki.datamodules.scenes.blob_clip import HUES, BlobClip, as_ground_trut
 from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings as SceneSettings
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange, colour_mask
+from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage, ColourRange, colour_pixels
 from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
     Calibrated,
     Equalised,
@@ -209,7 +209,7 @@ def test_settings_out_of_range_are_refused(bad):
 def test_natural_clutter_has_little_of_a_named_colour_and_the_object_much(colour):
     scene = SceneSettings(frames=1, objects=1, clutter=0, enter=0.0, colour=colour)
     (image,), boxes = next(BlobClip(scene, 0).frames())
-    mask = colour_mask(image, NAMED_COLOURS[colour])
+    mask = colour_pixels(image, NAMED_COLOURS[colour]) > 0
     x1, y1, x2, y2 = np.round(boxes[0]).astype(int)
     assert mask[y1:y2, x1:x2].mean() > 0.8
     mask[y1:y2, x1:x2] = False
