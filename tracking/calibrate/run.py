@@ -49,7 +49,10 @@ class ImageSize(Shared):
 
     def check(self) -> None:
         """See `Shared.check`."""
-        _check_size("image_size", self.image_size)
+        for name in ("image_size", "resize"):
+            size = getattr(self, name, None)
+            if size is not None and min(size) < 1:
+                raise RequestError(f"`{name}`: expected two numbers above 0, got {size[0]},{size[1]}")
 
 
 @dataclass(frozen=True)
@@ -63,11 +66,6 @@ class LensSizes(ImageSize):
 
     resize: tuple[int, int] | None = None
     resize_by: Literal["cut", "widen"] = "cut"
-
-    def check(self) -> None:
-        """See `Shared.check`."""
-        super().check()
-        _check_size("resize", self.resize)
 
     def read(self, file: Path) -> tuple[OmnidirectionalLens, FloatArray]:
         """The fisheye lens in ``file``, for images of the wanted size; and see `read_lens_fitted`."""
@@ -140,11 +138,6 @@ class FrameRate(Shared):
         """See `Shared.check`."""
         if self.frame_rate is not None and not self.frame_rate > 0:
             raise RequestError(f"`frame_rate`: expected a number above 0, got {self.frame_rate:g}")
-
-
-def _check_size(name: str, size: tuple[int, int] | None) -> None:
-    if size is not None and min(size) < 1:
-        raise RequestError(f"`{name}`: expected two numbers above 0, got {size[0]},{size[1]}")
 
 
 def points(

@@ -116,11 +116,8 @@ def read_standing(path: Path, length: int | None = None, step: int = 1) -> list[
     scores = _numbers(table, ("score",))[:, 0] if "score" in table.names else np.ones(len(boxes))
     ankles = set(ANKLES) <= set(table.names)
     feet = _numbers(table, ANKLES, empty=True) if ankles else np.full((len(boxes), 2), np.nan)
-    found = []
-    for frame in range(last if length is None else length):
-        here = frames == frame
-        found.append(StandingPeople(Detections(boxes[here], scores[here]), feet[here]))
-    return found
+    own = [frames == frame for frame in range(last if length is None else length)]
+    return [StandingPeople(Detections(boxes[rows], scores[rows]), feet[rows]) for rows in own]
 
 
 def _numbers(table: NamedRows, names: Sequence[str], empty: bool = False) -> FloatArray:
@@ -224,7 +221,7 @@ def _placed(
 def _read_shelf(path: Path) -> FloorFolder:
     file = path / "calibration.json"
     truth = read_placed_truth(path / "truth.csv")
-    cameras, found = [], []
+    cameras, people = [], []
     try:
         content = json.loads(read_text(file, "a calibration"))
         for name, one in content.items():
@@ -236,8 +233,8 @@ def _read_shelf(path: Path) -> FloorFolder:
         raise RequestError(f"{file}: expected K, RT and imgSize of each camera, got something else") from error
     length = 1
     for camera in cameras:
-        found.append(read_standing(path / f"{camera.name}_detections.csv"))
-        length = max(length, len(found[-1]))
-    for each in found:
+        people.append(read_standing(path / f"{camera.name}_detections.csv"))
+        length = max(length, len(people[-1]))
+    for each in people:
         each += [StandingPeople.of(Detections.empty())] * (length - len(each))
-    return FloorFolder(cameras, found, truth)
+    return FloorFolder(cameras, people, truth)

@@ -25,6 +25,7 @@ from itertools import combinations, pairwise
 import numpy as np
 
 from tsuiseki.tracking.cameras.projective import PinholeCamera
+from tsuiseki.tracking.geometry import areas, intersections
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 
 NUMBERS = ("log_focal", "x", "y", "tilt", "roll", "log_height", "turn", "east", "north", "offset", "drift")
@@ -104,11 +105,8 @@ def _covered(frames: IntArray, boxes: FloatArray) -> BoolArray:
     order = np.argsort(frames, kind="stable")
     for rows in np.split(order, np.flatnonzero(np.diff(frames[order])) + 1):
         own = boxes[rows]
-        low, high = np.maximum(own[:, None, :2], own[None, :, :2]), np.minimum(own[:, None, 2:], own[None, :, 2:])
-        shared = np.clip(high - low, 0, None).prod(axis=2)
-        nearer = own[None, :, 3] > own[:, None, 3]
-        share = (shared * nearer).max(axis=1, initial=0.0) / (own[:, 2:] - own[:, :2]).prod(axis=1)
-        hidden[rows] = share > COVERED
+        shared = intersections(own[:, None], own[None]) * (own[None, :, 3] > own[:, None, 3])
+        hidden[rows] = shared.max(axis=1, initial=0.0) / areas(own) > COVERED
     return hidden
 
 

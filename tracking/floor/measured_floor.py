@@ -263,8 +263,15 @@ def measured_floor(
         with np.errstate(invalid="ignore"):
             inside = np.asarray((part["places"] >= low).all(axis=1) & (part["places"] <= high).all(axis=1))
         if not inside.all():
-            outside[names[sensor]] = int((~inside).sum())
-            _check_outside(names[sensor], inside, plan, sensor >= len(feeds))
+            outside[names[sensor]] = left = int((~inside).sum())
+            name, shown = names[sensor], ",".join(f"{value:g}" for value in plan)
+            if left == len(inside):
+                raise RequestError(
+                    f"{name}: expected people on the plan {shown}, got all {left} outside; check `floor`"
+                )
+            if sensor >= len(feeds):
+                message = f"{name}: {left} of {len(inside)} positions lie outside the plan {shown} and are left out"
+                warnings.warn(message, InputWarning, stacklevel=2)
         at, measured = np.full(len(stamps[sensor]), -1), np.zeros(len(moments), dtype=np.bool_)
         for number, moment in enumerate(moments):
             if (frame := moment.frames[sensor]) is not None:
@@ -303,23 +310,9 @@ def _of_positions(one: FloorPositions) -> _Columns:
 
 
 def _columns(frames: IntArray, rows: IntArray, places: FloatArray, covariances: FloatArray) -> _Columns:
-    known = {"moment": frames, "row": rows, "places": places, "covariances": covariances}
     count = len(frames)
     unknown = {"spread": np.full(count, np.nan), "names": np.full(count, -1), "boxes": np.full((count, 4), np.nan)}
-    return {**known, **unknown}
-
-
-def _check_outside(name: str, inside: BoolArray, plan: FloatArray, warned: bool) -> None:
-    """Refuse a sensor all of whose measurements lie outside the plan; say how many of another's do."""
-    shown = ",".join(f"{value:g}" for value in plan)
-    if not inside.any():
-        raise RequestError(f"{name}: expected people on the plan {shown}, got all {len(inside)} outside; check `floor`")
-    if warned:
-        warnings.warn(
-            f"{name}: {(~inside).sum()} of {len(inside)} positions lie outside the plan {shown} and are left out",
-            InputWarning,
-            stacklevel=2,
-        )
+    return {"moment": frames, "row": rows, "places": places, "covariances": covariances, **unknown}
 
 
 def _spanned(places: Sequence[FloatArray]) -> FloatArray:

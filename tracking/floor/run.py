@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,7 +12,7 @@ import numpy as np
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, read_cameras
 from tsuiseki.tracking.cameras.multicamera import StandingPeople, is_floor_folder, read_floor_folder, read_standing
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.cli.run import Run, SeededOutput
+from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer, as_detector
 from tsuiseki.tracking.fisheye.unrolled import ceiling_detector
@@ -33,7 +32,7 @@ from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.settings import FrameTimes
 from tsuiseki.tracking.stages import StageTimes
-from tsuiseki.tracking.types import Detections, FloatArray, Track
+from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.measurements import PersonOnFloor
 from tsuiseki.tracking.video.source import Source, SourceLike, address_of, frames_of_size, named, open_source
 from tsuiseki.tracking.weights import shipped
@@ -92,45 +91,36 @@ class FloorRun:
     times: FrameTimes
 
     def measured(self, stages: StageTimes, watch: Watch | None = None) -> MeasuredFloor:
-        """Everything that cameras and sensors found, on the floor."""
-        stamps, found = self._stamps(), self.given
-        if found is None:
-            found = [
-                self._found(one, placed, stages, watch) for one, placed in zip(self.sources, self.placed, strict=True)
-            ]
-        feeds = [CameraFeed(c, s[: len(each)], each) for c, s, each in zip(self.placed, stamps, found, strict=True)]
-        plan = self.settings.floor
-        floor = (
-            np.array(plan) if plan is not None else next((p.floor for p in self.placed if p.floor is not None), None)
-        )
+        """Everything that cameras and sensors measured, on the floor."""
+        if self.sources:
+            stamps = self.times.of_videos(self.sources, self.placed)
+        else:
+            stamps = self.times.of_pixels([np.zeros((len(each), 2)) for each in self.given or ()], self.placed)
+        people = self._inferred(stages, watch) if self.given is None else self.given
+        feeds = [CameraFeed(c, s[: len(each)], each) for c, s, each in zip(self.placed, stamps, people, strict=True)]
+        floor = next((one.floor for one in self.placed if one.floor is not None), None)
+        floor = floor if self.settings.floor is None else np.array(self.settings.floor)
         with stages.measure("locate"):
             return measured_floor(feeds, self.positions, floor, self.settings.tolerance)
 
-    def _stamps(self) -> list[FloatArray]:
-        if self.sources:
-            return self.times.of_videos(self.sources, self.placed)
-        return self.times.of_pixels([np.zeros((len(each), 2)) for each in self.given or ()], self.placed)
-
-    def _found(
-        self, source: Source, placed: CameraOverFloor, stages: StageTimes, watch: Watch | None
-    ) -> list[StandingPeople]:
-        wanted = self.detecting
-        network = as_detector(wanted.detector or shipped("detector_people"), wanted.score_threshold, wanted.threads,
-                              device=wanted.device)  # fmt: skip
-        detect = (
-            network
-            if isinstance(placed.camera, PinholeCamera)
-            else ceiling_detector(network, placed.camera, "unrolled")
-        )
-        describe = None
+    def _inferred(self, stages: StageTimes, watch: Watch | None) -> list[list[StandingPeople]]:
+        """What the networks detect in each frame of each video."""
+        wanted, describe = self.detecting, None
         if str(wanted.appearance) != NONE:
-            describe = as_describer(
-                wanted.appearance or shipped("appearance_people"), wanted.threads, device=wanted.device
-            )
-        inputs = PeopleInputs(source, detect, describe, threads=wanted.threads)
-        rows = inputs.with_frames(frames_of_size(source, placed.camera.width, placed.camera.height), stages)
-        watched = rows if watch is None else watch(rows, f"detecting in {placed.name}", source.length)
-        return [StandingPeople.of(found) for _, found in watched]
+            network = wanted.appearance or shipped("appearance_people")
+            describe = as_describer(network, wanted.threads, device=wanted.device)
+        file = wanted.detector or shipped("detector_people")
+        people = []
+        for source, placed in zip(self.sources, self.placed, strict=True):
+            camera, threads = placed.camera, wanted.threads
+            detect = as_detector(file, wanted.score_threshold, threads, device=wanted.device)
+            if not isinstance(camera, PinholeCamera):
+                detect = ceiling_detector(detect, camera, "unrolled")
+            inputs = PeopleInputs(source, detect, describe, threads=threads)
+            rows = inputs.with_frames(frames_of_size(source, camera.width, camera.height), stages)
+            watched = rows if watch is None else watch(rows, f"detecting in {placed.name}", source.length)
+            people.append([StandingPeople.of(detections) for _, detections in watched])
+        return people
 
     def result(
         self, stages: StageTimes, made: Mapping[str, Any], watch: Watch | None = None
@@ -161,18 +151,6 @@ class FloorRun:
             files=floor_files(measured, people, tracks, stages.seconds, made),
         )  # fmt: skip
         return result, tracks
-
-
-def _draw(
-    run: Run, drawing: Drawing, opened: FloorRun, result: Result[PersonOnFloor], tracks: Sequence[Sequence[Track]]
-) -> None:
-    """An overlay of each camera, one colour a person, where that is wanted."""
-    if not drawing.overlay:
-        return
-    for video, placed, own in zip(opened.sources, opened.placed, tracks, strict=True):
-        rate = placed.frame_rate or video.frame_rate
-        painted = replace(result, painter=Overlay(own, rate).draw, frame_rate=rate)
-        drawing.draw(run, video, painted, placed.name)
 
 
 def open_floor(
@@ -218,8 +196,8 @@ def open_floor(
         raise RequestError(f"`detections`: expected {len(placed)} files, one a camera, got {len(detections)}")
     lengths = [one.length for one in opened] or [None] * len(placed)
     given = [_read(Path(path), length) for path, length in zip(detections, lengths, strict=True)]
-    for path, there, one in zip(detections, given, placed, strict=True):
-        boxes = np.concatenate([np.empty((0, 4)), *(each.detections.boxes for each in there)])
+    for path, people, one in zip(detections, given, placed, strict=True):
+        boxes = np.concatenate([np.empty((0, 4)), *(each.detections.boxes for each in people)])
         compare_with_picture(path, boxes, (one.camera.width, one.camera.height))
     if not opened:
         longest = max(map(len, given))
@@ -231,8 +209,8 @@ def open_floor(
 def _read(path: Path, length: int | None) -> list[StandingPeople]:
     if is_point_file(path):
         return read_standing(path, length)
-    found = [StandingPeople.of(each) for each in read_detections(path, length)]
-    return found + [StandingPeople.of(Detections.empty())] * ((length or 0) - len(found))
+    people = [StandingPeople.of(each) for each in read_detections(path, length)]
+    return people + [StandingPeople.of(Detections.empty())] * ((length or 0) - len(people))
 
 
 def track_floor(
@@ -301,11 +279,15 @@ def floor(
         raise RequestError("expected videos with images for `overlay`, got none of some cameras; leave it out")
     with output.run() as run:
         run.sources += opened.sources
+        result, tracks = opened.result(run.times, output.settings, run.steps if opened.given is None else None)
 
-        def watch(rows: Iterable[Any], what: str, total: int | None) -> Iterable[Any]:
-            return run.steps(rows, what, total)
+        def draw() -> None:
+            if drawing.overlay:
+                for video, placed, own in zip(opened.sources, opened.placed, tracks, strict=True):
+                    rate = placed.frame_rate or video.frame_rate
+                    painted = replace(result, painter=Overlay(own, rate).draw, frame_rate=rate)
+                    drawing.draw(run, video, painted, placed.name)
 
-        result, tracks = opened.result(run.times, output.settings, watch if opened.given is None else None)
-        run.save(result, partial(_draw, run, drawing, opened, result, tracks))
+        run.save(result, draw)
         run.done(f"{count(len(result), 'person', 'people')} on the floor: {output.out / 'world.csv'}")
     return run.status

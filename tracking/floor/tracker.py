@@ -147,14 +147,14 @@ def _grouped(
         own, there = slice(edges[first], edges[last]), slice(ends[first], ends[last])
         if own.start == own.stop:
             continue
-        here = MomentPoints(
+        chunk = MomentPoints(
             points.moment[own], points.sensor[own], points.places[own], points.covariances[own], gain[own], missed[own],
             points.names[own], _alike(points, edges[first : last + 1]),
         )  # fmt: skip
         if expected is not None:
             known = ExpectedTracks(expected.moment[there], mean[there], covariance[there], away[there])
             numbers = expected.track[there]
-        nodes, label = weighed(here, group(here, DENSITY, known))
+        nodes, label = weighed(chunk, group(chunk, DENSITY, known))
         parts.append(replace(nodes, node=nodes.node + total))
         total += len(nodes.moment)
         # Groups of new people go on with no track.
