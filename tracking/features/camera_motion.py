@@ -18,7 +18,6 @@ second frame is again a correlation, that of the frame with the first one, moved
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -27,12 +26,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
+from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Grey = NDArray[np.uint8]
+Pattern = NDArray[np.float32]
 STANDS_STILL = np.eye(3)[:2]
-
-
 # Frames are shrunk to this longest side, pixels; and features that are tracked at most.
 LONGEST_SIDE, FEATURES = 640, 400
 # Largest error of a feature that moved with the camera, and movement of the corners under which the camera stood still,
@@ -55,11 +53,6 @@ DEVIATION = 0.02
 # Frames of a camera that stands still that are compared with one and the same, so that it cannot creep away unnoticed;
 # and frames after an unknown one that are also compared with the one before it.
 PATIENCE = 15
-
-
-Pattern = NDArray[np.float32]
-
-
 # Patterns are shrunk to this longest side, pixels.
 PATTERN_SIDE = 160
 # Standard deviations of the blur that takes detail away, and of the blur whose result counts as slow brightness, pixels
@@ -73,15 +66,17 @@ OVERLAP = 0.25
 
 @dataclass(frozen=True)
 class ProposedStep:
-    """A step that the search proposes.
+    """A step that features or the search propose.
 
     Attributes:
         similarity: ``(2, 3)`` from pixels of the first pattern to those of the second.
         agreement: of the two patterns after it, in [-1, 1].
+        share: of the features that agree on it, in [0, 1].
     """
 
     similarity: FloatArray
     agreement: float
+    share: float = 0.0
 
 
 def pattern(image: ImageArray) -> Pattern:
@@ -112,14 +107,16 @@ def agreement(first: Pattern, second: Pattern, similarity: FloatArray) -> float:
 def search(first: Pattern, second: Pattern) -> list[ProposedStep]:
     """The steps that explain ``second`` by ``first``, the best first; those that lead to the same place come once."""
     turns = np.arange(-(LARGEST_TURN // TURN_STEP) * TURN_STEP, LARGEST_TURN + TURN_STEP / 2, TURN_STEP)
-    coarse = sorted((_best_shift(first, second, turn) for turn in turns.tolist()), key=lambda s: -s[0])
-    found = []
-    for height, guess in coarse[:REFINED]:
-        found.append(ProposedStep(guess, height))
-        refined = refine(first, second, guess)
-        if refined is not None:
-            found.append(refined)
-    return _distinct(sorted(found, key=lambda step: -step.agreement), first)
+    coarse = sorted((_best_shift(first, second, turn) for turn in turns.tolist()), key=lambda step: -step.agreement)
+    steps = []
+    for step in coarse[:REFINED]:
+        refined = refine(first, second, step.similarity)
+        steps += [step] if refined is None else [step, refined]
+    kept: list[ProposedStep] = []
+    for step in sorted(steps, key=lambda step: -step.agreement):
+        if not any(leads_to_the_same(step, better, first) for better in kept):
+            kept.append(step)
+    return kept
 
 
 def _moved(image: Pattern, similarity: FloatArray) -> tuple[Pattern, Pattern]:
@@ -129,8 +126,8 @@ def _moved(image: Pattern, similarity: FloatArray) -> tuple[Pattern, Pattern]:
     return np.asarray(cv2.warpAffine(image, similarity, size), dtype=np.float32), inside.astype(np.float32)
 
 
-def _best_shift(first: Pattern, second: Pattern, turn: float) -> tuple[float, FloatArray]:
-    """The highest correlation over all shifts of ``first`` turned by ``turn`` degrees, and the similarity."""
+def _best_shift(first: Pattern, second: Pattern, turn: float) -> ProposedStep:
+    """The step of the highest correlation over all shifts of ``first`` turned by ``turn`` degrees."""
     height, width = first.shape[:2]
     similarity = np.asarray(cv2.getRotationMatrix2D((width / 2, height / 2), turn, 1.0), dtype=np.float64)
     turned, inside = _moved(first, similarity)
@@ -140,7 +137,7 @@ def _best_shift(first: Pattern, second: Pattern, turn: float) -> tuple[float, Fl
     down = int(row) - correlation.shape[0] * (row >= height)
     right = int(column) - correlation.shape[1] * (column >= width)
     similarity[:, 2] += right, down
-    return float(correlation[row, column]), similarity
+    return ProposedStep(similarity, float(correlation[row, column]))
 
 
 def _masked_correlation(first: Pattern, inside: Pattern, second: Pattern) -> FloatArray:
@@ -189,20 +186,7 @@ def leads_to_the_same(one: ProposedStep, other: ProposedStep, image: Pattern) ->
     return bool(np.linalg.norm(away, axis=1).max() <= width / 8)
 
 
-def _distinct(steps: Sequence[ProposedStep], image: Pattern) -> list[ProposedStep]:
-    """``steps`` without those that lead to the same as a better one."""
-    kept: list[ProposedStep] = []
-    for step in steps:
-        if not any(leads_to_the_same(step, better, image) for better in kept):
-            kept.append(step)
-    return kept
-
-
-def camera_motion(
-    before: ImageArray,
-    after: ImageArray,
-    people: FloatArray | None = None,
-) -> FloatArray | None:
+def camera_motion(before: ImageArray, after: ImageArray, people: FloatArray | None = None) -> FloatArray | None:
     """``(2, 3)`` similarity that takes pixels of the frame ``before`` to those of ``after``; None where nothing tells.
 
     A camera that stood still gives exactly the identity.
@@ -259,9 +243,8 @@ class CameraFrame:
         mask = np.full(self.grey.shape, 255, dtype=np.uint8)
         for x1, y1, x2, y2 in np.empty((0, 4)) if self.people is None else self.people * self.ratio:
             mask[max(int(y1), 0) : max(int(np.ceil(y2)), 0), max(int(x1), 0) : max(int(np.ceil(x2)), 0)] = 0
-        found = cv2.goodFeaturesToTrack(self.grey, FEATURES, 0.01, 8, mask=mask)
-        none = np.empty((0, 2), dtype=np.float32)
-        return none if found is None else np.asarray(found, dtype=np.float32).reshape(-1, 2)
+        corners = cv2.goodFeaturesToTrack(self.grey, FEATURES, 0.01, 8, mask=mask)
+        return np.asarray(() if corners is None else corners, dtype=np.float32).reshape(-1, 2)
 
 
 def frame_step(first: CameraFrame, second: CameraFrame) -> CameraStep | None:
@@ -285,32 +268,37 @@ def frame_step(first: CameraFrame, second: CameraFrame) -> CameraStep | None:
     return _in_frames(first, followed) if followed is not None and followed.share >= MINORITY else None
 
 
-def _in_frames(first: CameraFrame, found: ProposedStep) -> CameraStep:
+def _in_frames(first: CameraFrame, step: ProposedStep) -> CameraStep:
     """A step between patterns in pixels of the frames, the more in doubt the less the patterns agree."""
     ratio = first.image.shape[1] / first.ratio / first.pattern.shape[1]
-    similarity = np.column_stack([found.similarity[:, :2], found.similarity[:, 2] * ratio])
-    if found.agreement >= SURE:
+    similarity = np.column_stack([step.similarity[:, :2], step.similarity[:, 2] * ratio])
+    if step.agreement >= SURE:
         return CameraStep(similarity)
-    return CameraStep(similarity, DEVIATION * (1 - found.agreement) * max(first.image.shape) / first.ratio)
+    return CameraStep(similarity, DEVIATION * (1 - step.agreement) * max(first.image.shape) / first.ratio)
 
 
-@dataclass(frozen=True)
-class _ByFeatures(ProposedStep):
-    """What features say, and the share of them that agree."""
-
-    share: float
-
-
-def _by_features(first: CameraFrame, second: CameraFrame) -> _ByFeatures | None:
+def _by_features(first: CameraFrame, second: CameraFrame) -> ProposedStep | None:
     """The similarity that most features agree on; None where too few do."""
     start = first.features
     if len(start) < LEAST:
         return None
-    best: _ByFeatures | None = None
+    best: ProposedStep | None = None
     # What moves by itself may lead the common shift astray, which a camera that stands still does not need.
     for shift in (_common_shift(first.grey, second.grey), np.zeros(2, dtype=np.float32)):
-        end, found = _follow(first.grey, second.grey, start, shift)
-        followed = _agreed(first, second, start[found], end[found]) if found.sum() >= LEAST else None
+        # By Lucas and Kanade, from the shift on.
+        end, status, _ = cv2.calcOpticalFlowPyrLK(
+            first.grey,
+            second.grey,
+            start,
+            (start + shift).astype(np.float32),
+            winSize=(15, 15),
+            maxLevel=3,
+            criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 0.03),
+            flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
+        )
+        rows = np.asarray(status).ravel() == 1
+        end = np.asarray(end, dtype=np.float32)
+        followed = _agreed(first, second, start[rows], end[rows]) if rows.sum() >= LEAST else None
         if followed is not None and (best is None or followed.share > best.share):
             best = followed
         if best is not None and best.share >= MAJORITY:
@@ -320,7 +308,7 @@ def _by_features(first: CameraFrame, second: CameraFrame) -> _ByFeatures | None:
 
 def _agreed(
     first: CameraFrame, second: CameraFrame, start: NDArray[np.float32], end: NDArray[np.float32]
-) -> _ByFeatures | None:
+) -> ProposedStep | None:
     """The similarity that takes most of ``start`` ``(N, 2)`` to ``end``; None where too few agree."""
     matrix, inliers = cv2.estimateAffinePartial2D(
         start, end, method=cv2.RANSAC, ransacReprojThreshold=REACH, maxIters=500, confidence=0.995
@@ -334,7 +322,7 @@ def _agreed(
     ratio = first.pattern.shape[1] / first.grey.shape[1]
     similarity = np.column_stack([result[:, :2], result[:, 2] * ratio])
     fit = agreement(first.pattern, second.pattern, similarity)
-    return _ByFeatures(similarity, fit, int(inliers.sum()) / len(first.features))
+    return ProposedStep(similarity, fit, int(inliers.sum()) / len(first.features))
 
 
 def _common_shift(first: Grey, second: Grey) -> NDArray[np.float32]:
@@ -344,23 +332,6 @@ def _common_shift(first: Grey, second: Grey) -> NDArray[np.float32]:
     window = cv2.createHanningWindow(small[0].shape[::-1], cv2.CV_32F)
     step, _ = cv2.phaseCorrelate(small[0], small[1], window)
     return 4 * np.array(step, dtype=np.float32)
-
-
-def _follow(
-    first: Grey, second: Grey, start: NDArray[np.float32], shift: NDArray[np.float32]
-) -> tuple[NDArray[np.float32], BoolArray]:
-    """Where ``start`` ``(N, 2)`` has gone, by Lucas and Kanade from a shift on, and which were found."""
-    end, status, _ = cv2.calcOpticalFlowPyrLK(
-        first,
-        second,
-        start,
-        (start + shift).astype(np.float32),
-        winSize=(15, 15),
-        maxLevel=3,
-        criteria=(cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 20, 0.03),
-        flags=cv2.OPTFLOW_USE_INITIAL_FLOW,
-    )
-    return np.asarray(end, dtype=np.float32), np.asarray(status).ravel() == 1
 
 
 def camera_flow(motion: FloatArray, size: tuple[int, int]) -> NDArray[np.float32]:

@@ -39,7 +39,6 @@ class FrameRuns:
 
     def __init__(self, frames: Iterable[int] = ()) -> None:
         self.runs: list[tuple[int, int]] = []
-        self._count = 0
         for frame in frames:
             self.append(frame)
 
@@ -52,12 +51,11 @@ class FrameRuns:
             self.runs[-1] = first, frame
         else:
             self.runs.append((frame, frame))
-        self._count += 1
 
     def copy(self) -> FrameRuns:
         """A copy that goes on by itself."""
         other = FrameRuns()
-        other.runs, other._count = [*self.runs], self._count
+        other.runs = [*self.runs]
         return other
 
     def from_one(self) -> list[list[int]]:
@@ -65,7 +63,7 @@ class FrameRuns:
         return [[first + 1, last + 1] for first, last in self.runs]
 
     def __len__(self) -> int:
-        return self._count
+        return sum(last - first + 1 for first, last in self.runs)
 
     def __iter__(self) -> Iterator[int]:
         return (frame for first, last in self.runs for frame in range(first, last + 1))

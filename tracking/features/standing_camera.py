@@ -72,7 +72,10 @@ class StandingCamera:
             same = bool(self.known[self._count])
             self.take(same)
             return same
-        copy, reference = _small(image), self._reference
+        height = max(round(image.shape[0] * _WIDTH / image.shape[1]), 2)
+        grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
+        copy = cv2.resize(grey, (_WIDTH, height), interpolation=cv2.INTER_AREA).astype(np.float64)
+        reference = self._reference
         same = reference is not None and reference.shape == copy.shape and reference.stands_still_in(copy)
         if self.take(same):
             self._reference = _Compared(copy)
@@ -122,17 +125,17 @@ class _Compared:
         weight, middle = np.ones(len(wanted)), [(len(wanted) - 1) // 2, len(wanted) // 2]
         for _ in range(_ROUNDS):
             weighted = design * weight
-            found = _solved(weighted @ design.T, weighted @ wanted)
-            off = wanted - found @ design
+            solved = _solved(weighted @ design.T, weighted @ wanted)
+            off = wanted - solved @ design
             scale = max(1.5 * float(np.partition(np.abs(off), middle)[middle].mean()), _NOISE)
             weight = 1 / (1 + np.square(off / scale))
-        differs = np.abs(wanted - found[:2] @ design[:2])
+        differs = np.abs(wanted - solved[:2] @ design[:2])
         agreeing = np.bincount(self.part, differs < self.least, len(self.places))
         enough = self.places >= _PLACES_OF_PART
         most = (
             2 * np.count_nonzero(2 * agreeing[enough] > self.places[enough]) > np.count_nonzero(enough) >= _LEAST_PARTS
         )
-        return bool(most and _at_corners(found[2:], *self.shape) < _STILL)
+        return bool(most and _at_corners(solved[2:], *self.shape) < _STILL)
 
 
 def _solved(matrix: FloatArray, values: FloatArray) -> FloatArray:
@@ -148,10 +151,3 @@ def _at_corners(motion: FloatArray, high: int, wide: int) -> float:
     v, u = np.array([-0.5, -0.5, 0.5, 0.5]) * high, np.array([-0.5, 0.5, -0.5, 0.5]) * wide
     t_x, t_y, zoom, roll = motion.tolist()
     return float(np.hypot(t_x + zoom * u - roll * v, t_y + zoom * v + roll * u).max())
-
-
-def _small(image: ImageArray) -> FloatArray:
-    """A grey copy, `_WIDTH` pixels across."""
-    height = max(round(image.shape[0] * _WIDTH / image.shape[1]), 2)
-    grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    return cv2.resize(grey, (_WIDTH, height), interpolation=cv2.INTER_AREA).astype(np.float64)
