@@ -31,7 +31,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Generic, TypeAlias, TypeVar
+from typing import Any, Generic, TypeAlias, TypeVar, cast
 
 import numpy as np
 import yaml
@@ -89,7 +89,7 @@ def read_cameras(path: Path) -> list[CameraOverFloor]:
         RequestError: the file is missing or no YAML, an entry lacks a field or has a wrong one, which is named, or
             two cameras have different floors, or one has a floor and another none.
     """
-    cameras = [_camera_of(entry, f"{path}: camera {k + 1}", k, MODELS) for k, entry in enumerate(_entries(path))]
+    cameras = _read(path, MODELS)
     floors = [(c.name, c.floor) for c in cameras if c.floor is not None]
     bare = [c.name for c in cameras if c.floor is None]
     if floors and bare:
@@ -108,21 +108,11 @@ def read_cameras(path: Path) -> list[CameraOverFloor]:
 
 def read_projective_cameras(path: Path) -> list[PlacedCamera]:
     """The cameras of a `cameras.yaml`, all of which must be projective; see `read_cameras`."""
-    only = {"projective": MODELS["projective"]}
-    placed = [_camera_of(entry, f"{path}: camera {k + 1}", k, only) for k, entry in enumerate(_entries(path))]
-    return [
-        Placed(one.name, one.camera, one.frame_rate, one.offset)
-        for one in placed
-        if isinstance(one.camera, PinholeCamera)
-    ]
+    return cast("list[PlacedCamera]", _read(path, {"projective": MODELS["projective"]}))
 
 
-def _entries(path: Path) -> list[Any]:
-    """The list ``cameras`` of a `cameras.yaml`, its entries not yet checked.
-
-    Raises:
-        RequestError: the file is missing, no YAML, or has no such list.
-    """
+def _read(path: Path, models: Mapping[str, CameraModel]) -> list[CameraOverFloor]:
+    """The cameras of a `cameras.yaml`, each of one of the ``models``; floors may differ."""
     try:
         content = yaml.safe_load(read_text(path, "a camera file"))
     except yaml.YAMLError as error:
@@ -130,15 +120,14 @@ def _entries(path: Path) -> list[Any]:
     entries = content.get("cameras") if isinstance(content, dict) else None
     if not isinstance(entries, list) or not entries:
         raise RequestError(f"{path}: expected a list named cameras with one entry per source, found none")
-    return entries
+    return [_camera_of(entry, f"{path}: camera {k + 1}", k, models) for k, entry in enumerate(entries)]
 
 
 def write_cameras(
     path: Path, cameras: Sequence[CameraOverFloor], beside: Sequence[Mapping[str, Any]] | None = None
 ) -> None:
     """Write `cameras.yaml`, overwriting ``path``; ``beside`` are fields of each that are for people to read."""
-    entries = [_entry(placed) for placed in cameras]
-    entries = entries if beside is None else [{**entry, **more} for entry, more in zip(entries, beside, strict=True)]
+    entries = [_entry(one) | dict(more) for one, more in zip(cameras, beside or [{}] * len(cameras), strict=True)]
     text = yaml.safe_dump({"cameras": entries}, sort_keys=False, default_flow_style=None, width=120)
     path.write_text(text, encoding="utf-8")
 

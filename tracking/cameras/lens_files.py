@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -66,16 +66,27 @@ def read_lens_fitted(path: Path, image_size: tuple[int, int] | None = None) -> t
         RequestError: no such file, another format, or a calibration that is cut short or has failed.
     """
     text = read_text(path, "a lens calibration")
+    try:
+        model = _read(path, text, image_size)
+        if isinstance(model, OmnidirectionalLens):
+            return model, np.zeros(1)
+        lens = fit_omnidirectional(model)
+        return lens, distances(lens, model)
+    except RequestError as error:
+        known = str(error).startswith(str(path))
+        raise RequestError(str(error) if known else f"{path}: {error}") from error
+    except (ValueError, KeyError, TypeError, IndexError, yaml.YAMLError) as error:
+        raise RequestError(f"{path}: expected a lens calibration, got one that is broken ({error})") from error
+
+
+def _read(path: Path, text: str, image_size: tuple[int, int] | None) -> OmnidirectionalLens | EquidistantLens:
+    """The file's own model."""
     if path.suffix.lower() == ".txt":
-        return _checked(path, _read_ocam, text)
+        return _read_ocam(text)
     if '"taylor_coefficient"' in text:
-        return _checked(path, lambda t: _read_py_ocam(t, image_size), text)
+        return _read_py_ocam(text, image_size)
     if re.search(r"\b(distortion_coeffs|camera_model|cam\d+)\b", text):
-        return _checked(path, _read_kalibr, text)
-    return _checked(path, lambda _: _read_opencv(path, image_size), text)
-
-
-def _read_opencv(path: Path, image_size: tuple[int, int] | None) -> EquidistantLens:
+        return _read_kalibr(text)
     given = read_lens_file(path, image_size)
     if given.model == "pinhole":
         raise RequestError(
@@ -105,22 +116,6 @@ def write_lens(path: Path, lens: OmnidirectionalLens, kind: LensFormat) -> Float
     text = _opencv_text(fitted, path.suffix.lower()) if kind == "opencv" else _kalibr_text(fitted)
     path.write_text(text, encoding="utf-8")
     return residuals
-
-
-def _checked(
-    path: Path, read: Callable[[str], OmnidirectionalLens | EquidistantLens], text: str
-) -> tuple[OmnidirectionalLens, FloatArray]:
-    try:
-        model = read(text)
-        if isinstance(model, OmnidirectionalLens):
-            return model, np.zeros(1)
-        lens = fit_omnidirectional(model)
-        return lens, distances(lens, model)
-    except RequestError as error:
-        known = str(error).startswith(str(path))
-        raise RequestError(str(error) if known else f"{path}: {error}") from error
-    except (ValueError, KeyError, TypeError, IndexError, yaml.YAMLError) as error:
-        raise RequestError(f"{path}: expected a lens calibration, got one that is broken ({error})") from error
 
 
 def _read_ocam(text: str) -> OmnidirectionalLens:
