@@ -251,13 +251,13 @@ def checkerboard(
             used.append(frame.index + 1)
     if size is None:
         raise RequestError(f"{source}: expected pictures, found none")
-    fit = fit_checkerboards(detections, corners, size, coefficients)
-    error = float((fit.errors**2).mean() ** 0.5)
-    output.write(output.out, lambda path: write_intrinsics(path, fit.camera, error))
-    focal, spread = fit.camera.focal, 1.96 * fit.focal_deviation
-    worst = int(fit.errors.argmax())
+    camera, errors, deviation = fit_checkerboards(detections, corners, size, coefficients)
+    error = float((errors**2).mean() ** 0.5)
+    output.write(output.out, lambda path: write_intrinsics(path, camera, error))
+    focal, spread = camera.focal, 1.96 * deviation
+    worst = int(errors.argmax())
     print(
-        f"the board in {len(used)} of {pictures} pictures, error {error:.2f} px, worst {fit.errors[worst]:.2f} in "
+        f"the board in {len(used)} of {pictures} pictures, error {error:.2f} px, worst {errors[worst]:.2f} in "
         f"picture {used[worst]}\nfocal length {focal[0]:.1f} ± {spread[0]:.1f}, {focal[1]:.1f} ± {spread[1]:.1f} px "
         f"(95 %): {output.out}"
     )

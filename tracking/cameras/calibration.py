@@ -316,21 +316,6 @@ FLAGS: dict[Coefficients, int] = {
 }
 
 
-@dataclass(frozen=True)
-class CheckerboardFit:
-    """What came of the pictures.
-
-    Attributes:
-        camera: at the origin.
-        errors: ``(P,)`` root mean square distance of the corners of each picture, pixels.
-        focal_deviation: ``(2,)`` standard deviation of the focal lengths, pixels.
-    """
-
-    camera: PinholeCamera
-    errors: FloatArray
-    focal_deviation: FloatArray
-
-
 def find_corners(image: ImageArray, corners: tuple[int, int]) -> FloatArray | None:
     """``(N, 2)`` pixels of the inner corners, row by row, as OpenCV counts them; None where the board is not whole.
 
@@ -348,7 +333,7 @@ def fit_checkerboards(
     corners: tuple[int, int],
     size: tuple[int, int],
     coefficients: Coefficients = 5,
-) -> CheckerboardFit:
+) -> tuple[PinholeCamera, FloatArray, FloatArray]:
     """Intrinsics and distortion from the corners of several pictures.
 
     Args:
@@ -356,6 +341,10 @@ def fit_checkerboards(
         corners: inner corners along a row and along a column.
         size: width and height of the pictures.
         coefficients: of the lens model.
+
+    Returns:
+        The camera at the origin, ``(P,)`` root mean square distances of the corners of each picture, and ``(2,)``
+        standard deviations of the focal lengths, pixels.
 
     Raises:
         RequestError: there are too few pictures, or they do not fix the camera.
@@ -382,4 +371,4 @@ def fit_checkerboards(
     if not (tilted and np.isfinite(lens).all() and (deviation < 0.5 * focal).all()):
         raise RequestError(UNFIXED)
     camera = PinholeCamera(*size, focal, matrix[:2, 2] + HALF_PIXEL, distortion=lens)
-    return CheckerboardFit(camera, errors.ravel().astype(np.float64), deviation.astype(np.float64))
+    return camera, errors.ravel().astype(np.float64), deviation.astype(np.float64)

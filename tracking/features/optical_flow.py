@@ -180,30 +180,23 @@ def _gradient(image: Float32) -> Float32:
     return np.asarray(np.stack(along), dtype=np.float32)
 
 
-FlowField: TypeAlias = NDArray[np.float32]
-FlowMethod: TypeAlias = Callable[[Grey, Grey], FlowField]
+FlowMethod: TypeAlias = Callable[[Grey, Grey], Float32]
 FlowName = Literal["tv-l1", "dis", "dis_fast", "farneback"]
-DisPreset = Literal["ultrafast", "fast", "medium"]
 
 
-def dis_flow(first: Grey, second: Grey, preset: DisPreset = "medium") -> FlowField:
+def dis_flow(first: Grey, second: Grey, preset: int = cv2.DISOPTICAL_FLOW_PRESET_MEDIUM) -> Float32:
     """Dense inverse search, as OpenCV has it (Kroeger et al., *Fast Optical Flow using Dense Inverse Search*, 2016).
 
     Args:
         first: ``(H, W)`` uint8.
         second: likewise.
-        preset: the more careful, the slower.
+        preset: of OpenCV; the more careful, the slower.
     """
-    presets = {
-        "ultrafast": cv2.DISOPTICAL_FLOW_PRESET_ULTRAFAST,
-        "fast": cv2.DISOPTICAL_FLOW_PRESET_FAST,
-        "medium": cv2.DISOPTICAL_FLOW_PRESET_MEDIUM,
-    }
     start: Any = None
-    return np.asarray(cv2.DISOpticalFlow.create(presets[preset]).calc(first, second, start), dtype=np.float32)
+    return np.asarray(cv2.DISOpticalFlow.create(preset).calc(first, second, start), dtype=np.float32)
 
 
-def farneback_flow(first: Grey, second: Grey) -> FlowField:
+def farneback_flow(first: Grey, second: Grey) -> Float32:
     """Polynomial expansion of ``(H, W)`` uint8, as OpenCV has it (Farnebäck, *Two-Frame Motion Estimation*, 2003)."""
     start: Any = None
     return np.asarray(cv2.calcOpticalFlowFarneback(first, second, start, 0.5, 5, 13, 3, 5, 1.1, 0), dtype=np.float32)
@@ -212,12 +205,12 @@ def farneback_flow(first: Grey, second: Grey) -> FlowField:
 FLOW_METHODS: Mapping[FlowName, FlowMethod] = {
     "tv-l1": tv_l1,
     "dis": dis_flow,
-    "dis_fast": partial(dis_flow, preset="fast"),
+    "dis_fast": partial(dis_flow, preset=cv2.DISOPTICAL_FLOW_PRESET_FAST),
     "farneback": farneback_flow,
 }
 
 
-def optical_flow(first: ImageArray, second: ImageArray, method: FlowMethod = dis_flow) -> FlowField:
+def optical_flow(first: ImageArray, second: ImageArray, method: FlowMethod = dis_flow) -> Float32:
     """The flow from ``first`` to ``second``.
 
     Args:

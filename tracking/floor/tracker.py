@@ -23,7 +23,7 @@ from tsuiseki.tracking.association.network_flow import build_graph, solve, track
 from tsuiseki.tracking.filters.kalman import Gaussians, update
 from tsuiseki.tracking.floor.foot_points import expected_boxes
 from tsuiseki.tracking.floor.grouping import ExpectedTracks, MomentPoints, PersonNodes, group, joined_nodes, weighed
-from tsuiseki.tracking.floor.measured_floor import FloorPoints, MeasuredFloor, SensorRates, SensorView, shares
+from tsuiseki.tracking.floor.measured_floor import FloorPoints, MeasuredFloor, SensorRates, shares
 from tsuiseki.tracking.floor.walking import (
     BIRTHS,
     LIVES,
@@ -109,26 +109,22 @@ def _states(nodes: PersonNodes, own: IntArray, around: Expectations) -> tuple[In
 
 def _solved(measured: MeasuredFloor) -> tuple[PersonNodes, IntArray, Expectations]:
     """The groups, ``(G,)`` the track of each, from 0, or -1, and every track from its first to its last node."""
-    points, views, times, rates = measured.points, measured.views, measured.times, measured.rates
-    expected: Expectations | None = None
+    times, rates, expected = measured.times, measured.rates, None
     for _ in range(ROUNDS):
-        nodes, track = _grouped(points, views, len(times), rates, expected)
+        nodes, track = _grouped(measured, rates, expected)
         ahead, behind, _ = _passes(nodes, track, times, 0)
-        label = _linked(points, nodes, ahead, behind, times)
+        label = _linked(measured.points, nodes, ahead, behind, times)
         *_, expected = _passes(nodes, label, times, BEYOND)
-        rates = _learnt(points, views, nodes, label, expected, rates)
+        rates = _learnt(measured, nodes, label, expected, rates)
     assert expected is not None
     return nodes, label, expected
 
 
 def _grouped(
-    points: FloorPoints,
-    views: Sequence[SensorView],
-    moments: int,
-    rates: SensorRates,
-    expected: Expectations | None,
+    measured: MeasuredFloor, rates: SensorRates, expected: Expectations | None
 ) -> tuple[PersonNodes, IntArray]:
     """The groups of all moments, and ``(G,)`` the track that each goes on with, -1 for none."""
+    points, moments = measured.points, len(measured.moments)
     chance = rates.detected(points.visible)
     missed = np.log(1.0 - chance)
     own_chance = np.maximum(chance[np.arange(len(points)), points.sensor], LEAST_CHANCE)
@@ -137,7 +133,7 @@ def _grouped(
     known, numbers, ends = None, np.empty(0, np.int64), np.zeros(moments + 1, np.int64)
     if expected is not None:
         mean, covariance = expected.states.mean[:, :2], expected.states.covariance[:, :2, :2]
-        away = np.log(1.0 - rates.detected(shares(views, expected.moment, mean)))
+        away = np.log(1.0 - rates.detected(shares(measured.views, expected.moment, mean)))
         ends = np.searchsorted(expected.moment, np.arange(moments + 1))
     parts: list[PersonNodes] = []
     tracks: list[IntArray] = []
@@ -291,10 +287,10 @@ def _candidates(nodes: PersonNodes, times: FloatArray) -> tuple[IntArray, IntArr
 
 
 def _learnt(
-    points: FloorPoints, views: Sequence[SensorView], nodes: PersonNodes, label: IntArray, expected: Expectations,
-    rates: SensorRates,
-) -> SensorRates:  # fmt: skip
+    measured: MeasuredFloor, nodes: PersonNodes, label: IntArray, expected: Expectations, rates: SensorRates
+) -> SensorRates:
     """The rates as the tracks say: detections over what could be detected, and false positives."""
+    points, views = measured.points, measured.views
     track = label[nodes.node]
     used = track >= 0
     covered = np.array([max(int(view.measured.sum()), 1) for view in views])
