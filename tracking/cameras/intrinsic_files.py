@@ -43,7 +43,6 @@ class LensFile:
     """What a file says of a lens.
 
     Attributes:
-        path: of the file.
         size: width and height of the image, pixels.
         focal: ``(2,)`` pixels.
         principal_point: ``(2,)`` pixels, where the first pixel's centre lies at 0.5.
@@ -53,7 +52,6 @@ class LensFile:
         xi: of the omnidirectional model's mirror.
     """
 
-    path: Path
     size: tuple[int, int]
     focal: FloatArray
     principal_point: FloatArray
@@ -127,7 +125,6 @@ def read_lens_file(path: Path, image_size: tuple[int, int] | None = None) -> Len
     xi = _first(path, content, ("xi", "Xi"))
     size = image_size or _size(path, content)
     return LensFile(
-        path,
         size,
         matrix[[0, 1], [0, 1]],
         matrix[:2, 2] + HALF_PIXEL,

@@ -17,7 +17,6 @@ import scipy
 
 from tsuiseki.tracking.cameras.people_fit import (
     MOST_PEOPLE,
-    RobustFit,
     least_robust,
     lens_priors,
     longest,
@@ -102,17 +101,15 @@ def refined(
     """
     drifting = np.zeros(len(views), dtype=np.bool_)
     for tolerance in TOLERANCES:
-        cameras = _round(views, cameras, height, tolerance, drifting)[0]
-    cameras, problem, fit = _round(views, cameras, height, TOLERANCES[-1], ~drifting)
-    deviations = problem.deviations(fit)
+        cameras = BundleAdjustment(views, cameras, height, tolerance, drifting).solved()[0]
+    cameras, deviations = BundleAdjustment(views, cameras, height, TOLERANCES[-1], ~drifting).solved()
     length = np.array([np.ptp(view.times) for view in views])
     frame = 1 / min(view.frame_rate for view in views)
     drift = np.abs(cameras[:, DRIFT])
     drifting = (drift * length > 0.5 * frame) & (drift > 3 * deviations[:, DRIFT])
     cameras[~drifting, DRIFT] = 0
-    cameras, problem, fit = _round(views, cameras, height, TOLERANCES[-1], drifting)
-    pairs = _matched(views, cameras, height, TOLERANCES[-1])
-    return cameras, problem.deviations(fit), pairs.errors(cameras, height)
+    cameras, deviations = BundleAdjustment(views, cameras, height, TOLERANCES[-1], drifting).solved()
+    return cameras, deviations, _matched(views, cameras, height, TOLERANCES[-1]).errors(cameras, height)
 
 
 def _matched(views: Sequence[PeopleView], cameras: FloatArray, height: float, tolerance: float) -> CrossViewPairs:
@@ -125,8 +122,7 @@ def _matched(views: Sequence[PeopleView], cameras: FloatArray, height: float, to
     times = np.arange(min(c.min() for c in clocks), max(c.max() for c in clocks) + STEP, STEP)
     paths = []
     for view, camera in zip(views, cameras, strict=True):
-        own = (times - camera[OFFSET]) / (1 + camera[DRIFT])
-        paths.append(places_at(view, on_floor(camera, view.boxes, height), own))
+        paths.append(places_at(view, on_floor(camera, view.boxes, height), _own_times(times, camera)))
     begin = np.cumsum([0, *(view.count for view in views)])
     parts = []
     for i, j in combinations(range(len(views)), 2):
@@ -142,8 +138,13 @@ def _matched(views: Sequence[PeopleView], cameras: FloatArray, height: float, to
 
 
 def _common_times(times: FloatArray, camera: FloatArray) -> FloatArray:
-    """``(N,)`` seconds of the first camera's clock."""
-    return np.asarray(times * (1 + camera[DRIFT]) + camera[OFFSET])
+    """``(N,)`` seconds of the first camera's clock at ``times`` of a camera's, ``(11,)`` or ``(N, 11)``."""
+    return np.asarray(times * (1 + camera[..., DRIFT]) + camera[..., OFFSET])
+
+
+def _own_times(common: FloatArray, camera: FloatArray) -> FloatArray:
+    """The other way round."""
+    return np.asarray((common - camera[..., OFFSET]) / (1 + camera[..., DRIFT]))
 
 
 def _partners(first: FloatArray, second: FloatArray, tolerance: float) -> IntArray:
@@ -167,7 +168,7 @@ def _rows(
     """Rows of one view, evenly thinned to `MOST`, and those of the other after which the same person is there then."""
     first, second = views[i], views[j]
     rows = np.flatnonzero(partner[first.people] >= 0)
-    times = (_common_times(first.times[rows], cameras[i]) - cameras[j, OFFSET]) / (1 + cameras[j, DRIFT])
+    times = _own_times(_common_times(first.times[rows], cameras[i]), cameras[j])
     person = partner[first.people[rows]]
     key = second.people * 1e8 + second.times
     others = np.clip(np.searchsorted(key, person * 1e8 + times, side="right") - 1, 0, len(key) - 2)
@@ -205,8 +206,7 @@ class CrossViewPairs:
     def apart(self, first: FloatArray, second: FloatArray, height: float) -> FloatArray:
         """``(M,)`` complex metres from the second camera's places to the first's, by ``(M, 11)`` cameras of each."""
         place = on_floor(first, self.boxes, height)
-        common = self.times * (1 + first[:, DRIFT]) + first[:, OFFSET]
-        own = (common - second[:, OFFSET]) / (1 + second[:, DRIFT])
+        own = _own_times(_common_times(self.times, first), second)
         boxes = self.others + self.speed * (own - self.before)[:, None]
         return place - on_floor(second, boxes, height)
 
@@ -233,35 +233,29 @@ class CrossViewPairs:
         return np.asarray(WEIGHT * np.linalg.inv(np.linalg.cholesky(spread)))
 
 
-def _round(
-    views: Sequence[PeopleView], cameras: FloatArray, height: float, tolerance: float, drifting: BoolArray
-) -> tuple[FloatArray, BundleAdjustment, RobustFit]:
-    """Match, then fit: ``(C, 11)`` cameras, and what was solved."""
-    pairs = _matched(views, cameras, height, tolerance)
-    problem = BundleAdjustment(views, cameras, height, pairs, drifting)
-    fit = least_robust(problem.errors, problem.slopes, np.zeros(problem.free.sum()), 20, 1e-4)
-    return problem.moved(fit.x), problem, fit
-
-
 class BundleAdjustment:
-    """What is made least in a round, as a function of the free numbers in units of `SCALE`."""
+    """What is made least in a round, as a function of the free numbers in units of `SCALE`: people are matched first.
+
+    Args:
+        views: of C cameras.
+        cameras: ``(C, 11)`` to begin with.
+        height: of people on average, metres.
+        tolerance: see `_matched`.
+        drifting: ``(C,)`` whose clocks may drift.
+    """
 
     def __init__(
-        self,
-        views: Sequence[PeopleView],
-        cameras: FloatArray,
-        height: float,
-        pairs: CrossViewPairs,
-        drifting: BoolArray,
+        self, views: Sequence[PeopleView], cameras: FloatArray, height: float, tolerance: float, drifting: BoolArray
     ) -> None:
         self.views = [longest(view, MOST_PEOPLE) for view in views]
-        self.cameras, self.height, self.pairs = cameras, height, pairs
+        self.cameras, self.height = cameras, height
+        self.pairs = _matched(views, cameras, height, tolerance)
         free = np.ones(cameras.shape, dtype=np.bool_)
         free[0, 6:] = False
         free[:, DRIFT] &= drifting
         self.free = free.ravel()
         self.noises = np.array([max(noise_of_places(view), 0.01) for view in views])
-        self.whitening = pairs.whitening(cameras, self.noises, height)
+        self.whitening = self.pairs.whitening(cameras, self.noises, height)
 
     def moved(self, x: FloatArray) -> FloatArray:
         """``(C, 11)`` cameras."""
@@ -302,8 +296,9 @@ class BundleAdjustment:
                 slopes[edges[c] : edges[c + 1], c * width + k] = self._alone(c, camera + step) - alone[c]
         return np.asarray(slopes[:, self.free] / DIFFERENCE)
 
-    def deviations(self, fit: RobustFit) -> FloatArray:
-        """``(C, 11)`` standard deviations of what was fitted."""
+    def solved(self) -> tuple[FloatArray, FloatArray]:
+        """``(C, 11)`` cameras and their standard deviations, 0 where a number is not free."""
+        fit = least_robust(self.errors, self.slopes, np.zeros(self.free.sum()), 20, 1e-4)
         # The person that each residual belongs to, -1 for priors.
         begin = np.cumsum([0, *(view.count for view in self.views)])
         groups = [np.repeat(self.pairs.groups, 2)]
@@ -312,4 +307,4 @@ class BundleAdjustment:
         deviations = np.zeros(self.cameras.size)
         units = np.tile(SCALE, len(self.cameras))[self.free]
         deviations[self.free] = np.sqrt(np.diag(fit.covariance(np.concatenate(groups)))) * units
-        return deviations.reshape(self.cameras.shape)
+        return self.moved(fit.x), deviations.reshape(self.cameras.shape)

@@ -103,7 +103,7 @@ class ForeignDetector:
         trial = self._try()
         self.layout = self._choose_layout(trial, options)
         self.scores = self._choose_scores(list(trial.values()), options)
-        self.input = _changed(self.path, self._usual_input(trial), options, whole=self.input_size is None)
+        self.input = self._choose_input(trial, options)
         if self.layout in TURNED and self.input.resize == "stretch":
             raise RequestError(f"{path}: turned boxes want pictures of one scale; leave `detector_options.resize` out")
         self.across, self._classed_by_user = classes is None or classes.across, classes is not None
@@ -337,8 +337,8 @@ class ForeignDetector:
             "`detector_options.scores`"
         )
 
-    def _usual_input(self, trial: Mapping[str, NDArray[Any]]) -> ImageInput:
-        """What the family wants its pictures to be."""
+    def _choose_input(self, trial: Mapping[str, NDArray[Any]], options: DetectorOptions) -> ImageInput:
+        """What the family wants its pictures to be, but for what the user says."""
         usual = LAYOUTS[self.layout].input
         # RT-DETR and D-FINE take plain pixels. RF-DETR, which gives dets and labels, and whatever has the 91 classes of
         # DETR take ImageNet's.
@@ -346,7 +346,16 @@ class ForeignDetector:
             of_detr = paired(list(trial.values()))[1].shape[1] == max(COCO)
             usual = usual if of_detr else ImageInput("stretch")
         own = self._wanted.dtype == np.uint8  # it normalises them itself
-        return replace(usual, pixels="bytes", mean=(0.0, 0.0, 0.0), std=(1.0, 1.0, 1.0)) if own else usual
+        usual = replace(usual, pixels="bytes", mean=(0.0, 0.0, 0.0), std=(1.0, 1.0, 1.0)) if own else usual
+        names = ("pixels", "mean", "std", "resize", "colour")
+        given = {name: value for name in names if (value := getattr(options, name)) is not None}
+        by_hand = [name for name in names[:3] if name in given]
+        if usual.raw_nhwc and by_hand:
+            raise RequestError(
+                f"{self.path}: the network takes bytes and normalises them itself; leave "
+                f"`detector_options.{by_hand[0]}` out"
+            )
+        return replace(usual, **({"resize": "as-is"} if self.input_size is None else {}) | given)
 
     def _choose_classes(
         self, trial: Sequence[NDArray[Any]], options: DetectorOptions, choice: ClassChoice | None
@@ -389,18 +398,6 @@ class ForeignDetector:
         if blank and not filled_up and all(x.size for x in floats):
             raise RunError(f"{self.path}: the network gives nothing but zeros; export it again")
         self.gave.add(not blank)
-
-
-def _changed(path: Path, usual: ImageInput, options: DetectorOptions, *, whole: bool) -> ImageInput:
-    names = ("resize", "colour", "pixels", "mean", "std")
-    set_by_hand = [name for name in names[2:] if getattr(options, name) is not None]
-    if usual.raw_nhwc and set_by_hand:
-        raise RequestError(
-            f"{path}: the network takes bytes and normalises them itself; leave `detector_options.{set_by_hand[0]}` out"
-        )
-    given: dict[str, Any] = {"resize": "as-is"} if whole else {}
-    given |= {name: value for name in names if (value := getattr(options, name)) is not None}
-    return replace(usual, **given)
 
 
 def _readable(layout: LayoutName, trial: Mapping[str, NDArray[Any]], size: Size) -> bool:
