@@ -20,7 +20,7 @@ import numpy as np
 
 from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action import STREAMS, StreamName, crop_squares, flow_to, square_boxes
+from tsuiseki.tracking.features.action import ENLARGEMENT, STREAMS, StreamName, crop_squares, flow_to, square_boxes
 from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES, VIDEO_SUFFIXES
 from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
@@ -125,9 +125,6 @@ class CropSettings:
     Attributes:
         size: side of the network's input, pixels.
         margin: of the stored crops on every side, in input sizes: how far training can shift them.
-        enlargement: of the global crop, μ.
-        flow_limit: flow is clipped to this many pixels a frame.
-        stack: pairs of frames whose flow is stacked.
         flow: how it is estimated.
         compensate: whether the camera's motion is taken out of it.
         step: every how many frames people are cut out.
@@ -135,9 +132,6 @@ class CropSettings:
 
     size: int = 64
     margin: float = 0.0625
-    enlargement: float = 3.0
-    flow_limit: float = 20.0
-    stack: int = 1
     flow: FlowName = "dis"
     compensate: bool = False
     step: int = 5
@@ -195,7 +189,7 @@ def cut_clip(clip: ActionSequence, settings: CropSettings, folder: Path) -> None
     for frame, image, flow in _pictures(frame_reader(clip), wanted, settings):
         boxes = labels.boxes[rows[labels.frames[rows] == frame]]
         for name in STREAMS:
-            scale = (settings.enlargement if name.endswith("global") else 1.0) * (1 + 2 * settings.margin)
+            scale = (ENLARGEMENT if name.endswith("global") else 1.0) * (1 + 2 * settings.margin)
             picture = flow if name.startswith("flow") else image
             crops[name].append(crop_squares(picture, square_boxes(boxes, scale), settings.stored_size))
     folder.parent.mkdir(parents=True, exist_ok=True)
@@ -234,24 +228,20 @@ def clips_to_cut(clips: Sequence[ActionSequence], settings: CropSettings, purpos
 
 def rows_to_cut(labels: ActionLabels, settings: CropSettings) -> IntArray:
     """``(N,)`` labels of people who are visible, in frames of which every so many are taken, in the order of time."""
-    early = labels.frames < settings.stack
-    rows = np.flatnonzero(~(labels.lost | labels.occluded | early) & (labels.frames % settings.step == 0))
+    first = labels.frames == 0
+    rows = np.flatnonzero(~(labels.lost | labels.occluded | first) & (labels.frames % settings.step == 0))
     return np.asarray(rows[np.argsort(labels.frames[rows], kind="stable")])
 
 
 def _pictures(
     read: ReadFrame, wanted: Sequence[int], settings: CropSettings
 ) -> Iterator[tuple[int, ImageArray, ImageArray]]:
-    """The wanted frames, each with the stacked flow that leads to it; an image is read once."""
+    """The wanted frames, each with the flow that leads to it; an image is read once."""
     held: dict[int, ImageArray] = {}
     for frame in wanted:
-        before = {t: held[t] if t in held else read(t) for t in range(frame - settings.stack, frame + 1)}
-        held = before
-        pairs = [
-            flow_to(before[t - 1], before[t], settings.flow, settings.flow_limit, compensate=settings.compensate)
-            for t in range(frame - settings.stack + 1, frame + 1)
-        ]
-        yield frame, before[frame], np.concatenate(pairs, axis=2)
+        held = {t: held[t] if t in held else read(t) for t in (frame - 1, frame)}
+        flow = flow_to(held[frame - 1], held[frame], settings.flow, compensate=settings.compensate)
+        yield frame, held[frame], flow
 
 
 def has_crops(folder: Path, clip: ActionSequence, settings: CropSettings) -> bool:

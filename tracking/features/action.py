@@ -1,8 +1,8 @@
 """Actions of people by exported networks, and the inputs of their streams (thesis 5.2.1).
 
 The streams take square crops of the image and of the optical flow; training and inference share them. Flow is kept as
-uint8 pictures of two channels a pair of frames: clipped to ``±limit`` pixels, one grey level is ``limit / 127`` pixels
-and no motion is `NO_MOTION`. So crops, padding and normalisation are those of images.
+uint8 pictures of two channels: clipped to ``±FLOW_LIMIT`` pixels, one grey level is ``FLOW_LIMIT / 127`` pixels and no
+motion is `NO_MOTION`. So crops, padding and normalisation are those of images.
 """
 
 from __future__ import annotations
@@ -33,6 +33,10 @@ LEVELS = 127
 FLOW_MEAN, FLOW_STD = NO_MOTION / 255, LEVELS / 255
 # Outside the image: the mean colour, which normalisation turns into 0.
 RGB_FILL = (124, 116, 104)
+# Side of the global crop in sides of the local one, μ of the thesis; and pixels a frame to which flow is clipped. Files
+# have them in their settings, and that the flow of one pair of frames is taken.
+ENLARGEMENT, FLOW_LIMIT = 3.0, 20.0
+FIXED = {"enlargement": ENLARGEMENT, "flow_limit": FLOW_LIMIT, "stack": 1}
 # Most crops of one inference call.
 BATCH = 32
 
@@ -44,18 +48,12 @@ class ActionInput:
     Attributes:
         stream: ``rgb`` or ``flow``, and ``local`` or ``global``.
         size: side of the square input, pixels.
-        enlargement: side of the global crop in sides of the local one, μ of the thesis.
-        flow_limit: flow is clipped to this many pixels a frame.
-        stack: pairs of consecutive frames whose flow is stacked, the last one from t-1 to t.
         flow: how flow is estimated.
         compensate: whether the camera's motion is taken out of the flow.
     """
 
     stream: StreamName
     size: int = 64
-    enlargement: float = 3.0
-    flow_limit: float = 20.0
-    stack: int = 1
     flow: FlowName = "dis"
     compensate: bool = False
 
@@ -64,8 +62,8 @@ class ActionInput:
             raise ValueError(f"expected a stream of {', '.join(STREAMS)}; got {self.stream!r}")
         if self.flow not in FLOW_METHODS:
             raise ValueError(f"expected flow of {', '.join(FLOW_METHODS)}; got {self.flow!r}")
-        if self.size < 8 or self.enlargement < 1 or self.flow_limit <= 0 or self.stack < 1:
-            raise ValueError("expected size >= 8, enlargement >= 1, flow_limit > 0 and stack >= 1")
+        if self.size < 8:
+            raise ValueError(f"expected a size of 8 pixels or more, got {self.size}")
 
     @property
     def is_flow(self) -> bool:
@@ -75,12 +73,12 @@ class ActionInput:
     @property
     def channels(self) -> int:
         """Of the input."""
-        return 2 * self.stack if self.is_flow else 3
+        return 2 if self.is_flow else 3
 
     @property
     def scale(self) -> float:
         """Side of the crop in longer sides of the box."""
-        return self.enlargement if self.stream.endswith("global") else 1.0
+        return ENLARGEMENT if self.stream.endswith("global") else 1.0
 
     @classmethod
     def from_card(cls, card: ModelCard) -> ActionInput:
@@ -90,38 +88,28 @@ class ActionInput:
             KeyError, TypeError, ValueError: its settings are incomplete or impossible.
         """
         settings = card.settings
-        return cls(
-            settings["stream"],
-            card.input_height,
-            float(settings["enlargement"]),
-            float(settings["flow_limit"]),
-            int(settings["stack"]),
-            settings["flow"],
-            bool(settings.get("compensate", False)),
-        )
+        if (given := {name: settings[name] for name in FIXED}) != FIXED:
+            raise ValueError(f"expected {FIXED}, got {given}")
+        return cls(settings["stream"], card.input_height, settings["flow"], bool(settings.get("compensate", False)))
 
     def card(self, name: str, class_names: tuple[str, ...]) -> ModelCard:
         """The contract of a stream's ONNX file."""
         values = {
             "stream": self.stream,
             "crop": "square with the longer side of the box" + (", enlarged" if self.scale > 1 else ""),
-            "enlargement": self.enlargement,
+            **FIXED,
             "padding": "mean colour" if not self.is_flow else "no motion",
-            "flow_limit": self.flow_limit,
             "flow": self.flow,
             "flow_channels": "x and y from t-1 to t, pixels clipped to flow_limit and divided by it; camera "
             + ("taken out" if self.compensate else "included"),
             "compensate": self.compensate,
-            "stack": self.stack,
         }
         card = ModelCard("action", name, class_names, self.size, self.size, settings=values)
         count = self.channels
         return replace(card, mean=(FLOW_MEAN,) * count, std=(FLOW_STD,) * count) if self.is_flow else card
 
 
-def flow_to(
-    before: ImageArray, image: ImageArray, method: FlowName, limit: float, *, compensate: bool = False
-) -> ImageArray:
+def flow_to(before: ImageArray, image: ImageArray, method: FlowName, *, compensate: bool = False) -> ImageArray:
     """``(H, W, 2)`` uint8 levels of the motion from t-1 to t, seen from t.
 
     What shows at a pixel of ``image`` has moved that far since ``before``: the flow from t to t-1 is computed and
@@ -131,24 +119,23 @@ def flow_to(
         before: ``(H, W, 3)`` uint8 RGB, frame t-1.
         image: frame t.
         method: how flow is estimated.
-        limit: it is clipped to this many pixels.
         compensate: whether the camera's motion is taken out, where it can be estimated.
     """
     flow = -optical_flow(image, before, FLOW_METHODS[method])
     camera = camera_motion(before, image) if compensate else None
     if camera is not None:
         flow -= camera_flow(camera, (image.shape[1], image.shape[0]))
-    return flow_picture(flow, limit)
+    return flow_picture(flow)
 
 
-def flow_picture(flow: NDArray[np.float32], limit: float = 20.0) -> ImageArray:
-    """``(H, W, 2)`` flow in pixels as uint8 levels, clipped to ``±limit``.
+def flow_picture(flow: NDArray[np.float32]) -> ImageArray:
+    """``(H, W, 2)`` flow in pixels as uint8 levels, clipped to ``±FLOW_LIMIT``.
 
-    >>> flow_picture(np.array([[[0.0, 30.0]]], np.float32), 20.0).tolist()
+    >>> flow_picture(np.array([[[0.0, 30.0]]], np.float32)).tolist()
     [[[128, 255]]]
     """
     # One pass of OpenCV that scales, rounds and saturates: much faster than numpy on a whole frame.
-    levels = cv2.addWeighted(flow, LEVELS / limit, flow, 0.0, NO_MOTION, dtype=cv2.CV_8U)
+    levels = cv2.addWeighted(flow, LEVELS / FLOW_LIMIT, flow, 0.0, NO_MOTION, dtype=cv2.CV_8U)
     return np.asarray(np.maximum(levels, NO_MOTION - LEVELS), dtype=np.uint8)
 
 
@@ -212,7 +199,7 @@ class ActionRecogniser:
     Attributes:
         names: of the A actions.
         streams: that the S files take, in their order.
-        history: number of frames before the current one that the flow needs.
+        history: number of frames before the current one that the flow needs, 1 or 0.
 
     Args:
         paths: of the files, one a stream, or one of streams that were trained jointly.
@@ -233,9 +220,8 @@ class ActionRecogniser:
         self.names = self.models[0].card.class_names
         self.streams: tuple[StreamName, ...] = tuple(one.stream for one in self.inputs)
         self._check_together()
-        flows = [one for one in self.inputs if one.is_flow]
-        self._flow = flows[0] if flows else None
-        self.history = self._flow.stack if self._flow else 0
+        self._flow = next((one for one in self.inputs if one.is_flow), None)
+        self.history = 1 if self._flow else 0
 
     def _check_together(self) -> None:
         for model in self.models:
@@ -248,10 +234,10 @@ class ActionRecogniser:
             raise RequestError(
                 f"{self.models[-1].path}: expected one file a stream, or one of all, got {', '.join(self.streams)}"
             )
-        flows = {(one.stack, one.flow_limit, one.flow, one.compensate) for one in self.inputs if one.is_flow}
+        flows = {(one.flow, one.compensate) for one in self.inputs if one.is_flow}
         if len(flows) > 1:
             raise RequestError(
-                "expected flow streams that take the same flow (stack, flow_limit, flow, compensate), got "
+                "expected flow streams that take the same flow (flow, compensate), got "
                 f"{' and '.join(map(str, sorted(flows)))}"
             )
 
@@ -259,8 +245,8 @@ class ActionRecogniser:
         """``(S, N, A)`` float32 probabilities of the people in ``(N, 4)`` boxes, by file.
 
         Args:
-            images: ``(H, W, 3)`` uint8 RGB, the current frame last, before it as many of the frames before as there
-                are, at most ``history``; where one is missing, as at the start of a video, it counts as no motion.
+            images: ``(H, W, 3)`` uint8 RGB, the current frame last, before it the one before, where flow is taken;
+                where it is missing, as at the start of a video, that counts as no motion.
             boxes: in the current frame.
         """
         result = np.zeros((len(self.models), len(boxes), len(self.names)), dtype=np.float32)
@@ -280,15 +266,11 @@ class ActionRecogniser:
         return result  # type: ignore[return-value]
 
     def flow(self, images: Sequence[ImageArray]) -> ImageArray:
-        """``(H, W, 2 * stack)`` uint8 levels of the flow that leads to the last of ``images``."""
+        """``(H, W, 2)`` uint8 levels of the flow that leads to the last of ``images``."""
         assert self._flow is not None
-        pairs = [
-            flow_to(before, image, self._flow.flow, self._flow.flow_limit, compensate=self._flow.compensate)
-            for before, image in zip(images[-1 - self.history : -1], images[-self.history :], strict=False)
-        ]
-        missing = self.history - len(pairs)
-        still = np.full((*images[-1].shape[:2], 2), NO_MOTION, dtype=np.uint8)
-        return np.concatenate([still] * missing + pairs, axis=2)
+        if len(images) < 2:
+            return np.full((*images[-1].shape[:2], 2), NO_MOTION, dtype=np.uint8)
+        return flow_to(images[-2], images[-1], self._flow.flow, compensate=self._flow.compensate)
 
 
 def averaged(streams: FloatArray) -> FloatArray:

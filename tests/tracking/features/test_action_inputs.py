@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -49,7 +51,7 @@ def test_a_crop_shows_the_square_at_the_wanted_size() -> None:
 
 def test_flow_is_clipped_scaled_and_normalised_to_one() -> None:
     flow = np.array([[[0, 20], [-20, 90], [10, -500.0]]], dtype=np.float32)
-    picture = flow_picture(flow, 20.0)
+    picture = flow_picture(flow)
     assert picture.dtype == np.uint8
     card = ActionInput("flow_local", 8).card("x", ("a",))
     values = normalise(picture[None], card)[0].transpose(1, 2, 0)
@@ -64,7 +66,7 @@ def test_flow_lies_where_the_person_is_now() -> None:
     patch = rng.integers(0, 255, (24, 24, 3)).astype(np.uint8)
     before, after = ground.copy(), ground.copy()
     before[30:54, 30:54], after[30:54, 42:66] = patch, patch
-    flow = (flow_to(before, after, "dis", 20.0).astype(float) - NO_MOTION) * 20 / 127
+    flow = (flow_to(before, after, "dis").astype(float) - NO_MOTION) * 20 / 127
     here = flow[36:48, 48:60]
     np.testing.assert_allclose(np.median(here[..., 0]), 12, atol=0.5)
     np.testing.assert_allclose(np.median(here[..., 1]), 0, atol=0.5)
@@ -78,7 +80,7 @@ def test_the_cameras_motion_is_taken_out_where_it_is_asked_for() -> None:
     before, after = ground[20:180, 20:280].copy(), ground[23:183, 13:273].copy()
     before[60:96, 60:96], after[57:93, 73:109] = patch, patch
     for compensate, expected in ((False, [7.0, -3.0]), (True, [0.0, 0.0])):
-        levels = flow_to(before, after, "dis", 20.0, compensate=compensate)
+        levels = flow_to(before, after, "dis", compensate=compensate)
         flow = (levels.astype(float) - NO_MOTION) * 20 / 127
         np.testing.assert_allclose(np.median(flow[110:150], axis=(0, 1)), expected, atol=0.25)
         np.testing.assert_allclose(np.median(flow[65:85, 80:102], axis=(0, 1)), np.add(expected, [6, 0]), atol=0.5)
@@ -86,17 +88,20 @@ def test_the_cameras_motion_is_taken_out_where_it_is_asked_for() -> None:
 
 @pytest.mark.parametrize("stream", STREAMS)
 def test_everything_is_in_the_card(stream: str) -> None:
-    given = ActionInput(stream, 48, 2.5, 15.0, 2, "dis_fast", True)  # type: ignore[arg-type]
+    given = ActionInput(stream, 48, "dis_fast", True)  # type: ignore[arg-type]
     card = given.card("trunk", ("run", "walk"))
     assert ActionInput.from_card(ModelCard.from_json(card.to_json())) == given
-    assert len(card.mean) == len(card.std) == given.channels == (4 if given.is_flow else 3)
-    assert given.scale == (2.5 if stream.endswith("global") else 1.0)
+    assert len(card.mean) == len(card.std) == given.channels == (2 if given.is_flow else 3)
+    assert given.scale == (3.0 if stream.endswith("global") else 1.0)
 
 
 def test_impossible_inputs_are_refused() -> None:
     with pytest.raises(ValueError, match="rgb_local"):
         ActionInput("rgb")  # type: ignore[arg-type]
-    with pytest.raises(ValueError, match="stack"):
-        ActionInput("rgb_local", stack=0)
+    with pytest.raises(ValueError, match="size of 8"):
+        ActionInput("rgb_local", size=7)
+    card = ActionInput("flow_local").card("x", ("a",))
+    with pytest.raises(ValueError, match=r"'stack': 1\}, got .*'stack': 5\}"):
+        ActionInput.from_card(replace(card, settings={**card.settings, "stack": 5}))
     with pytest.raises(ValueError, match="dis"):
         ActionInput("flow_local", flow="lk")  # type: ignore[arg-type]

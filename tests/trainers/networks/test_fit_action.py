@@ -148,7 +148,6 @@ def test_configurations_build_what_they_say(name: str, trunk: int, size: int, tm
     assert cli.datamodule.cutting.size == size == cli.model.inputs["rgb_local"].size
     assert cli.datamodule.streams == ("rgb_local", "flow_global")
     assert cli.model.network.streams["rgb_local"].trunk.channels[-1] == trunk
-    assert cli.model.inputs["flow_global"].enlargement == cli.datamodule.cutting.enlargement == 3.0
 
 
 def test_request_errors(acting_clips: Path, tmp_path: Path) -> None:
