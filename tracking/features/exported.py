@@ -1,7 +1,7 @@
 """Detectors and appearance models: exported networks, and any function.
 
 `Detector` and `Appearance` wrap ONNX files of this toolkit; those of others are read by `open_detector` and
-`open_appearance`. Whatever has a ``detect`` or ``describe`` of its own is used as it is. Functions are models, too:
+`as_describer`. Whatever has a ``detect`` or ``describe`` of its own is used as it is. Functions are models, too:
 
 * A detector is a function from an image, ``(H, W, 3)`` uint8 RGB, to what `as_detections` understands.
 * An appearance model is a function from crops, a list of ``(h, w, 3)`` uint8 RGB images of any size, to one row of
