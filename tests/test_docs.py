@@ -254,8 +254,8 @@ def webcam(clips: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def frames(_: Any) -> Iterator[Frame]:
         yield from (Frame(number, number / 25, image) for number, image in enumerate(images))
 
-    def opened(address: int | str, name: str, wanted: Any) -> LiveSource:
-        return LiveSource(address, name, 25.0, wanted)
+    def opened(address: str, name: str, wanted: Any) -> LiveSource:
+        return LiveSource(address=address, name=name, frames_wanted=wanted)
 
     monkeypatch.setattr(LiveSource, "open", staticmethod(opened))
     monkeypatch.setattr(LiveSource, "frames", frames)

@@ -88,7 +88,7 @@ class SourceOptions(Shared):
         Raises:
             RequestError: see `open_source`.
         """
-        from tsuiseki.tracking.video.source import endless, open_source
+        from tsuiseki.tracking.video.source import open_source
 
         opened = open_source(self.source, parse_frames(self.frames), self.fps)
         if timed and opened.rate_missing:
@@ -103,7 +103,7 @@ class SourceOptions(Shared):
             raise RequestError(
                 "expected a video that can be played again, got a live source; record it, or give a list of images"
             )
-        if ends is not None and endless(opened):
+        if ends is not None and opened.endless:
             raise RequestError(f"{opened.name} does not end by itself; give `frames`{ends}")
         return opened
 

@@ -30,8 +30,8 @@ from tsuiseki.tracking.output import RunRecord, columns_shifted, output_file, ou
 from tsuiseki.tracking.types import Frame, ImageArray, Position, Targets, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable, targets_at
-from tsuiseki.tracking.video.frame_times import uneven
-from tsuiseki.tracking.video.source import Source, SourceLike, address_of, endless, image_size, open_source
+from tsuiseki.tracking.video.frame_source import uneven
+from tsuiseki.tracking.video.source import Source, SourceLike, open_source
 
 if TYPE_CHECKING:
     import pandas
@@ -94,7 +94,7 @@ class Result(Sequence[T_co]):
         if "frame" in frames and "time" not in frames and not source.live and uneven(list(source.times.noted.values())):
             at = source.times.at(frames["frame"], source.frame_rate).round(4).tolist()
             known["frames"] = {**frames, "time": at}
-        return cls(tracks, address_of(source), source.frame_rate, image_size(source), **known)
+        return cls(tracks, source.address, source.frame_rate, source.size, **known)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -320,7 +320,7 @@ class Result(Sequence[T_co]):
         opened = open_source(
             self.source if source is None else source, FrameRange(numbers[0], numbers[-1]) if numbers else wanted_frames
         )
-        if endless(opened) or not opened.has_images:
+        if opened.endless or not opened.has_images:
             raise RequestError(f"{opened.name} has no pictures that can be played again; give a `source` that has")
         frames = opened.frames()
         with output_file(path, overwrite) as work:
@@ -372,7 +372,7 @@ class Result(Sequence[T_co]):
         source = str(video or self.source)
         there = bool(video) or (bool(source) and Path(source).exists())
         opened = open_source(source) if there and (video or sized) else None
-        size, actual = self.size, image_size(opened) if opened else None
+        size, actual = self.size, opened.size if opened else None
         if size is not None and video and actual is not None and actual != size:
             raise RequestError(
                 f"{video}: expected frames of {size[0]}x{size[1]}, as tracked, got {actual[0]}x{actual[1]}"

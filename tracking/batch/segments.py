@@ -364,7 +364,7 @@ def again(
     run: Run, opened: OpenedPeople, plan: SegmentPlan, files: Sequence[Path], tracker: PeopleTracker | None = None
 ) -> tuple[OpenedPeople, Iterator[tuple[int, Detections]]]:
     """The observations of every frame, for ``run``, in order; see `Again`. Another ``tracker`` may take it."""
-    video = Again(plan, files, opened, run.times)
+    video: Any = Again(plan, files, opened, run.times)
     pairs = ((frame, video.detections) for frame in run.frames(video))
     found = ((frame.index, here) for frame, here in opened.inputs.in_order(pairs, run.times))
     return opened if tracker is None else replace(opened, tracker=tracker), found

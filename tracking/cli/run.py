@@ -105,10 +105,8 @@ class Run:
 
     def frames(self, source: Source, record: bool = False) -> Iterator[Frame]:
         """The frames of ``source``, up to where it breaks off; ``record`` keeps those of a live one for `replay`."""
-        from tsuiseki.tracking.video.source import frames_expected
-
         self.sources.append(source)
-        self._expected = frames_expected(source)
+        self._expected = source.frames_expected
         if not source.live:
             return self._read(source.frames())
         return self._read(self.unending(source.frames()), source.frame_rate if record else None)
@@ -348,7 +346,7 @@ class Run:
 
     def _facts_of_sources(self) -> dict[str, Any]:
         """Where the times of their frames come from, whether these are even, and where a live one had gaps."""
-        from tsuiseki.tracking.video.frame_times import uneven
+        from tsuiseki.tracking.video.frame_source import uneven
 
         found = {}
         for source in self.sources:

@@ -21,7 +21,7 @@ from tsuiseki.tracking.people.inputs import people_detect
 from tsuiseki.tracking.people.settings import NONE, FindingOptions
 from tsuiseki.tracking.types import Detections, IntArray, Track
 from tsuiseki.tracking.video.image_folder import ImageFolder
-from tsuiseki.tracking.video.source import Source, VideoFile, picture_size
+from tsuiseki.tracking.video.source import Source, VideoFile
 from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped, shipped_or_file
 
 DroneMethod = Literal["flow", "flow-saf", "flow-maf"]
@@ -110,7 +110,7 @@ def read_given_tracks(path: Path, source: Source) -> list[Track]:
     if not path.is_file() or not is_okutama_file(path):
         tracks = read_tracks(path)
         boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
-        compare_with_picture(path, boxes, picture_size(source))
+        compare_with_picture(path, boxes, source.picture_size)
         # The header of a video file only estimates its length.
         length, slack = (source.promised, source.slack) if isinstance(source, VideoFile) else (source.length, 0)
         last = max((int(track.frames[-1]) for track in tracks), default=0)
@@ -120,7 +120,7 @@ def read_given_tracks(path: Path, source: Source) -> list[Track]:
                 "another video?"
             )
         return tracks
-    if not isinstance(source, ImageFolder):
+    if not isinstance(source, ImageFolder) or source.size is None:
         raise RequestError(f"{path}: expected a folder of the frames that these labels count, got a video; {ADVICE}")
     labels = read_okutama(path, source.size)
     check_frames(labels, len(source.images), source.size, str(path))

@@ -39,7 +39,7 @@ from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
-from tsuiseki.tracking.video.source import Source, SourceLike, image_size, named
+from tsuiseki.tracking.video.source import Source, SourceLike, named
 from tsuiseki.tracking.weights import shipped
 
 # Probability above which an action is named.
@@ -165,7 +165,7 @@ def link(
     if models.given is not None:
         people = _named(logged, models, models.given, settings, source.frame_rate, log)
     else:
-        tracker = DroneTracker(suited(settings, method), source.frame_rate, image_size(source), costs)
+        tracker = DroneTracker(suited(settings, method), source.frame_rate, source.size, costs)
         people = _linked(logged, tracker, method, times, log)
         facts["flow"], network = tracker.facts(), tracker.network()
     tracks = [person.track for person in people]

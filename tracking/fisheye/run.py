@@ -38,7 +38,7 @@ from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 from tsuiseki.tracking.video.image_folder import ImageFolder
-from tsuiseki.tracking.video.source import SourceLike, address_of, named
+from tsuiseki.tracking.video.source import SourceLike, named
 from tsuiseki.tracking.weights import shipped
 
 DETECTING = Detecting(score_range=(0.0, 1.0))
@@ -324,7 +324,7 @@ def floor_result(
     }
     return Result(
         tracks,
-        address_of(ceiling.source),
+        ceiling.source.address,
         rate,
         (ceiling.placed.camera.width, ceiling.placed.camera.height),
         settings,

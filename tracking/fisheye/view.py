@@ -173,7 +173,7 @@ def open_ceiling(
 def _fitted(placed: CameraOverFloor, source: Source, resize: Scaling) -> CameraOverFloor:
     """The camera for the source's images."""
     if isinstance(source, ImageFolder):
-        size = source.size if min(source.size) > 0 else None  # text that does not say
+        size = source.size  # None for text that does not say
     else:
         size = next(iter(source.frames())).image.shape[1::-1]
     have = placed.camera.width, placed.camera.height

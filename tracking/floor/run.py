@@ -34,7 +34,7 @@ from tsuiseki.tracking.sphere.settings import FrameTimes
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.measurements import PersonOnFloor
-from tsuiseki.tracking.video.source import Source, SourceLike, address_of, frames_of_size, named, open_source
+from tsuiseki.tracking.video.source import Source, SourceLike, frames_of_size, named, open_source
 from tsuiseki.tracking.weights import shipped
 
 OneFloorMethod = Literal["flow", "lmb"]
@@ -141,7 +141,7 @@ class FloorRun:
         tracks = [tracks_in(measured, people, k) for k in range(len(self.placed))]
         result = Result(
             people,
-            address_of(self.sources[0]) if self.sources else "",
+            self.sources[0].address if self.sources else "",
             float(1.0 / np.median(steps)) if len(steps) else 0.0,
             settings=made,
             facts=facts,

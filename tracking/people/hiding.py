@@ -26,7 +26,7 @@ from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import BoolArray, Detections, Frame, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
-from tsuiseki.tracking.video.source import Source, image_size, length_of, open_source
+from tsuiseki.tracking.video.source import Source, open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 TracksLike: TypeAlias = str | Path | Result[Any] | Sequence[Track]
@@ -213,7 +213,7 @@ def hide(
     watch = shown if progress else lambda items, *_: items
     with output_file(out, overwrite) as work, output_file(doubts, overwrite) as listed:
         hiding = find_missed(
-            source, watch(source.frames(), "detecting", length_of(source)), tracks, wanted, finding, style
+            source, watch(source.frames(), "detecting", source.likely_length), tracks, wanted, finding, style
         )
         last = hiding.first + len(hiding.seconds) - 1
         if late := [track.id for track in tracks if track.frames[-1] > last]:
@@ -250,12 +250,12 @@ def _opened(video: Path, result: TracksLike) -> tuple[Source, Sequence[Track]]:
     source = open_source(video)
     if source.live or not source.has_images:
         raise RequestError(f"expected a video that can be played again, got {source.name}")
-    pictures, slack = image_size(source), getattr(source, "slack", 0)
+    pictures, slack = source.size, getattr(source, "slack", 0)
     if size and pictures and size != pictures:
         raise RequestError(
             f"expected the video of the result, {size[0]}x{size[1]} pixels, got {pictures[0]}x{pictures[1]}"
         )
-    length = length_of(source)
+    length = source.likely_length
     last = max([wanted.last or 0, *(int(track.frames[-1]) for track in tracks)])
     if length and (last >= length + slack or (whole and last + 1 < length - slack)):
         raise RequestError(f"expected the video of the result, which has {last + 1} frames, got {length} in {video}")

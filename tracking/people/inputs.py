@@ -45,7 +45,7 @@ from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, Frame
 from tsuiseki.tracking.types.class_choice import ClassChoice
-from tsuiseki.tracking.video.source import Source, picture_size
+from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.weights import shipped
 
 GivenDetections: TypeAlias = str | Path | Iterable[DetectionsLike]
@@ -246,7 +246,7 @@ def given_detections(
                 "x, y, width, height"
             )
     boxes = np.concatenate([np.empty((0, 4)), *(each.boxes for each in detections)])
-    compare_with_picture(what, boxes, picture_size(source))
+    compare_with_picture(what, boxes, source.picture_size)
     there = {int(number) for each in detections for number in np.unique(each.origin[:, 1])} - {-1}
     if choice is None:
         if isinstance(given, str | Path) and len(there) > 1:

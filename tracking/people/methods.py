@@ -31,8 +31,8 @@ from tsuiseki.tracking.people.sort import DeepSort, Sort
 from tsuiseki.tracking.people.tracker import FirstDetections, PeopleTracker, skipped, updated
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Targets, Track
 from tsuiseki.tracking.types.class_choice import called
-from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE
-from tsuiseki.tracking.video.source import Source, image_size
+from tsuiseki.tracking.video.frame_source import DEFAULT_FRAME_RATE
+from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.weights import shipped
 
 APPEARANCE = ("flow", "deepsort")
@@ -87,7 +87,7 @@ def people_tracker(
         pairs = affinity if isinstance(affinity, Affinity) else None
         changes = affinity if isinstance(affinity, CostNetwork) else None
         observation = scores if pairs is None else pairs.observation
-        rate, size = (DEFAULT_FRAME_RATE, None) if source is None else (source.frame_rate, image_size(source))
+        rate, size = (DEFAULT_FRAME_RATE, None) if source is None else (source.frame_rate, source.size)
         return FlowTracker(
             settings.flow, pairs, observation, rate, size, camera, seed, changes, delay, drop_straddling, stride
         )

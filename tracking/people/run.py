@@ -21,7 +21,7 @@ from tsuiseki.tracking.options import OutputFile, Shared
 from tsuiseki.tracking.people.inputs import PeopleInputs, people_detect
 from tsuiseki.tracking.people.settings import FindingOptions, Linking, PeopleFinding
 from tsuiseki.tracking.types import Detections, Frame
-from tsuiseki.tracking.video.source import Source, frames_expected
+from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 if TYPE_CHECKING:
@@ -162,7 +162,7 @@ def detect(video: SourceOptions, output: OutputFile, detecting: DetectSettings) 
     """
     source = video.open(images=True, ends="")
     detections = [Detections.empty()] * source.frames_wanted.first
-    steps = progress(network_detections(source, detecting.finding), "detecting", frames_expected(source))
+    steps = progress(network_detections(source, detecting.finding), "detecting", source.frames_expected)
     detections += [of_frame for _, of_frame in steps]
     write = write_points if output.out.suffix == ".csv" else write_detections
     output.write(output.out, lambda path: write(path, detections))

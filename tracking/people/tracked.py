@@ -14,7 +14,7 @@ from tsuiseki.tracking.output import RUN_FILE
 from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.result import FILES, Result
 from tsuiseki.tracking.types import FloatArray, Track
-from tsuiseki.tracking.video.source import endless, open_source
+from tsuiseki.tracking.video.source import open_source
 
 RESULTS = (RUN_FILE, *TABLES, "tracks.json", "tracks.txt")
 
@@ -40,7 +40,7 @@ def _read(path: Path) -> Result[Track]:
     folder = any((path / name).is_file() for name in RESULTS) and not (path / "seqinfo.ini").is_file()
     if folder or path.suffix.lower() in FILES or (path.exists() and format_at(path)):
         return Result.load(path)
-    if endless(open_source(str(path))):
+    if open_source(str(path)).endless:
         raise RequestError(f"{path}: expected a source that ends, got a live one; record it first")
     return track_people(str(path))
 

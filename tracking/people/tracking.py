@@ -64,16 +64,7 @@ from tsuiseki.tracking.types import Detections, Frame, Targets, Track
 from tsuiseki.tracking.types.class_choice import called
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.types.tracks import targets_at
-from tsuiseki.tracking.video.source import (
-    Source,
-    SourceLike,
-    endless,
-    frames_expected,
-    image_size,
-    length_of,
-    named,
-    open_source,
-)
+from tsuiseki.tracking.video.source import Source, SourceLike, named, open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 
@@ -151,13 +142,13 @@ def track_people(
     shown = keywords.pop("progress", False)
     opened = _opened(source, method, **keywords)
     video = opened.inputs.source
-    if endless(video):
+    if video.endless:
         raise RequestError(f"{video.name} does not end by itself; give frames, or use follow_people")
     name, times = method if isinstance(method, str) else type(method).__name__, StageTimes()
     plain = {key: value for key, value in keywords.items() if isinstance(value, str | int | float | Path)}
     made = {"method": name, "source": named(source), "seed": 0, **plain}
     steps = opened.inputs.detections(times=times)
-    steps = progress(steps, "tracking", frames_expected(video)) if shown else steps
+    steps = progress(steps, "tracking", video.frames_expected) if shown else steps
     result, _ = people_result(opened, steps, times, made)
     if why := result.facts.get("detections_without_track"):
         warnings.warn(why, InputWarning, stacklevel=2)
@@ -193,7 +184,7 @@ def follow_people(
             "at the end; use track_people"
         )
     shown_frames = followed(replace(inputs, batch_size=1 if inputs.source.live else inputs.batch_size), opened.tracker)
-    return progress(shown_frames, "following", frames_expected(inputs.source)) if shown else shown_frames
+    return progress(shown_frames, "following", inputs.source.frames_expected) if shown else shown_frames
 
 
 @dataclass(frozen=True)
@@ -478,8 +469,8 @@ def check_corrections(path: Path, source: Source) -> None:
     from tsuiseki.tracking.review.correction_log import CorrectedVideo, read_corrections
 
     wanted = source.frames_wanted
-    frames = wanted.last + 1 if wanted.last is not None else length_of(source) or 0
-    video = CorrectedVideo(Path(source.name).name, image_size(source), frames)
+    frames = wanted.last + 1 if wanted.last is not None else source.likely_length or 0
+    video = CorrectedVideo(Path(source.name).name, source.size, frames)
     read_corrections(path, video, getattr(source, "slack", 0.0) if wanted.last is None else 0.0)
 
 
@@ -513,7 +504,7 @@ def correction_files(
     from tsuiseki.tracking.review.session import FILL, SOLVED_FILE
 
     last = max([*frames, *(int(track.frames[-1]) for track in tracks)], default=-1)
-    video = CorrectedVideo(Path(source.name).name, image_size(source), last + 1)
+    video = CorrectedVideo(Path(source.name).name, source.size, last + 1)
     rate = source.frame_rate
     known = network_of_tracks(tracks, round(FILL * rate), rate) if network is None else network
     again = replayed(tracks, known, corrections, video)

@@ -32,7 +32,7 @@ from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
-from tsuiseki.tracking.video.source import frames_expected, open_source
+from tsuiseki.tracking.video.source import open_source
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -187,7 +187,7 @@ def detected_scans(video: Path, model: SensingModel, detector: Path) -> tuple[Se
         raise RequestError(f"expected a sensor of x,y with `detector`, got one of {','.join(model.sensor.columns)}")
     source = open_source(str(video))
     found = network_detections(source, FindingOptions(detector=detector))
-    detected = progress(found, "detecting", frames_expected(source))
+    detected = progress(found, "detecting", source.frames_expected)
     scans = [Scan(n / source.frame_rate, (here.boxes[:, :2] + here.boxes[:, 2:]) / 2) for n, here in detected]
     return model if model.region else replace(model, region=tuple((0.0, side) for side in extent_of(source))), scans
 

@@ -41,7 +41,7 @@ from tsuiseki.tracking.review.refit import EVERY, refitted
 from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.types import IntArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, boxes_about
-from tsuiseki.tracking.video.source import image_size, open_source
+from tsuiseki.tracking.video.source import open_source
 
 # The tracks as the tracker left them, kept as soon as they are corrected.
 SOLVED_FILE = "tracks.solved.txt"
@@ -139,7 +139,7 @@ class Session:
         if not given or (source is None and not Path(str(given)).exists()):
             return
         opened = open_source(str(given))
-        size, length = image_size(opened), opened.length
+        size, length = opened.size, opened.length
         if size is not None and self.size is not None and size != self.size:
             raise RequestError(
                 f"{given}: expected frames of {self.size[0]}x{self.size[1]} pixels as in the result, got "

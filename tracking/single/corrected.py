@@ -9,7 +9,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.single.tracker import SingleTracker
 from tsuiseki.tracking.types import Estimate, FloatArray, Frame
-from tsuiseki.tracking.video.source import Source, image_size
+from tsuiseki.tracking.video.source import Source
 
 BACK = 300
 """Frames that are followed back from a correction at most; so many pictures are held."""
@@ -26,7 +26,7 @@ def corrected_boxes(path: Path, source: Source) -> dict[int, FloatArray]:
     from tsuiseki.tracking.review.correction_log import CorrectedVideo, read_corrections
     from tsuiseki.tracking.review.demands import corners
 
-    file = read_corrections(path, CorrectedVideo(Path(source.name).name, image_size(source), 0)).given
+    file = read_corrections(path, CorrectedVideo(Path(source.name).name, source.size, 0)).given
     parts = [part for one in file for part in (one.parts or (one,)) if part.kind == "box"]
     if not parts:
         raise RequestError(f"{path}: expected boxes that show where the target is, got none")

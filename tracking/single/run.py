@@ -28,7 +28,7 @@ from tsuiseki.tracking.single.tracker import SingleTracker, as_box, follow_targe
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import STATUSES, Estimate, FloatArray, Frame, ImageArray, Status, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
-from tsuiseki.tracking.video.source import Source, SourceLike, endless, named, open_source
+from tsuiseki.tracking.video.source import Source, SourceLike, named, open_source
 
 # Frames that the trail of a target goes back.
 TRAIL = 49
@@ -84,7 +84,7 @@ def track_single(
     tracked without support by it; ``frames`` of the result has the score and the status.
     """
     opened, wanted = _opened(source, box, frames)
-    if endless(opened):
+    if opened.endless:
         raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_single")
     tracker, times = _tracker(method, preset, seed), StageTimes()
     followed = follow_target(opened.frames(), wanted, tracker, times)

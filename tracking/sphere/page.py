@@ -23,7 +23,6 @@ from tsuiseki.tracking.sphere.tracker import SphereLog, SphereRun
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import STATUSES, FloatArray, Frame, ImageArray, Position
 from tsuiseki.tracking.types.tracks import Path3D
-from tsuiseki.tracking.video.source import address_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -222,7 +221,7 @@ def sphere_result(
     rate = cameras[0].frame_rate or (0.0 if first is None else first.frame_rate)
     return Result(
         positions,
-        "" if first is None else address_of(first),
+        "" if first is None else first.address,
         rate or 0.0,
         (camera.width, camera.height),
         settings=settings,

@@ -17,7 +17,7 @@ from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.point_motion import Ballistic, ConstantVelocity3D, RandomWalk3D
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.tracking.video.frame_times import uneven
+from tsuiseki.tracking.video.frame_source import uneven
 from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.video.synchronise import read_timestamps
 

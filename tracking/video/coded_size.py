@@ -14,37 +14,35 @@ from pathlib import Path
 
 import cv2
 
-Size = tuple[int, int]
+from tsuiseki.tracking.video.frame_source import Size
 
 _SEQUENCE_PARAMETERS = re.compile(rb"\x00\x00\x01[\x07\x27\x47\x67]")
 _HIGH_PROFILES = {100, 110, 122, 244, 44, 83, 86, 118, 128, 138, 139, 134, 135}
 _HEADER_BYTES = 4096  # headers stand before the picture
 
 
-class CodedSizes:
-    """Reads a video file's coded frames one by one, undecoded, beside the capture that decodes them."""
+class CodedFrames:
+    """A video file's coded frames one by one, undecoded, beside the capture that decodes them.
+
+    Attributes:
+        capture: grabs them; what it says of each holds for the coded frame.
+        there: the file gives its frames undecoded.
+    """
 
     def __init__(self, path: Path) -> None:
-        self._capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
-        code = int(self._capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
+        self.capture = cv2.VideoCapture(str(path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
+        code = int(self.capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
         self._parse = PARSERS.get(code.to_bytes(4, "little").decode("latin-1").upper())
-        if self._parse is None or self._capture.get(cv2.CAP_PROP_FORMAT) != -1:
-            self.close()
+        self.there = self.capture.get(cv2.CAP_PROP_FORMAT) == -1
 
-    def read(self) -> Size | None:
+    def next_size(self) -> Size | None:
         """Width and height that the next coded frame states; None where it states none, as most do, or is unknown."""
-        if self._parse is None:
-            return None
-        found, packet = self._capture.read()
-        if not found:
-            self.close()
-            return None
-        return self._parse(packet.ravel()[:_HEADER_BYTES].tobytes())
+        return self.size() if self._parse and self.there and self.capture.grab() else None
 
-    def close(self) -> None:
-        """Nothing is read any more."""
-        self._parse = None
-        self._capture.release()
+    def size(self) -> Size | None:
+        """Width and height that the frame that was grabbed states; likewise."""
+        packet = self.capture.retrieve()[1] if self._parse else None
+        return None if self._parse is None or packet is None else self._parse(packet.tobytes()[:_HEADER_BYTES])
 
 
 def jpeg_size(packet: bytes) -> Size | None:

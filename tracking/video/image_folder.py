@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,8 @@ from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES, is_sequence, 
 from tsuiseki.tracking.formats.single import IMAGE_FOLDERS, LABEL_NAMES
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
-from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy
+from tsuiseki.tracking.video.frame_source import DEFAULT_FRAME_RATE, Size, Source
 
-DEFAULT_FRAME_RATE = 25.0
 # Kinds of images that may hold several, of which only the first would be read.
 PAGED = ("TIFF", "WEBP", "PNG")
 ORIENTATION_TAG = 0x0112
@@ -43,21 +42,11 @@ HARMLESS_NAMES = ("thumbs.db", "desktop.ini")
 HINTED_SUFFIXES = (".mp4", ".m4v", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".webm")
 
 
-@dataclass(frozen=True)
-class ImageFolder:
+@dataclass(frozen=True, kw_only=True)
+class ImageFolder(Source):
     """A video as one image file a frame; a text-only sequence has none."""
 
-    name: str
-    frame_rate: float
     images: tuple[Path, ...]
-    size: tuple[int, int]
-    text_length: int
-    frames_wanted: FrameRange
-    live: bool = False
-    rate_missing: bool = False
-    timed_by: TimedBy = "frame rate"
-    times: NotedTimes = field(default_factory=NotedTimes, compare=False)
-    address: str = ""
 
     @classmethod
     def open(cls, folder: Path, wanted: FrameRange) -> ImageFolder:
@@ -66,29 +55,22 @@ class ImageFolder:
         Raises:
             RequestError: they are none, or differ in size, or something else lies among them.
         """
-        if is_sequence(folder):
-            sequence = read_sequence(folder)
-            images, name, frame_rate = sequence.images, sequence.name, sequence.frame_rate
-            text_length, size = sequence.length, (sequence.width, sequence.height)
-            rate_missing = sequence.rate_missing
-        else:
-            images = _of_one_target(folder) or _images_only(folder)
-            name, frame_rate, text_length, size = folder.resolve().name, DEFAULT_FRAME_RATE, 0, (0, 0)
-            rate_missing = False  # a folder of images does not state it
-        if images or text_length:
-            wanted = wanted.within(len(images) or text_length)
-        size = _common_size(images) if images else size
-        return cls(name, frame_rate, images, size, text_length, wanted, rate_missing=rate_missing, address=str(folder))
-
-    @property
-    def has_images(self) -> bool:
-        """False for a text-only sequence."""
-        return bool(self.images)
-
-    @property
-    def length(self) -> int | None:
-        """Number of frames; None for a text-only sequence that does not say."""
-        return len(self.images) or self.text_length or None
+        sequence = read_sequence(folder) if is_sequence(folder) else None
+        images = _of_one_target(folder) or _images_only(folder) if sequence is None else sequence.images
+        length = len(images) or (sequence.length if sequence else 0) or None
+        size = _common_size(images) if images else (sequence.width, sequence.height) if sequence else (0, 0)
+        return cls(
+            name=sequence.name if sequence else folder.resolve().name,
+            address=str(folder),
+            frames_wanted=wanted.within(length) if length else wanted,
+            frame_rate=sequence.frame_rate if sequence else DEFAULT_FRAME_RATE,
+            # A folder of images does not state it.
+            rate_missing=sequence is not None and sequence.rate_missing,
+            size=size if min(size) > 0 else None,
+            length=length,
+            has_images=bool(images),
+            images=images,
+        )
 
     def frames(self) -> Iterator[Frame]:
         """See `Source.frames`."""
@@ -96,11 +78,19 @@ class ImageFolder:
             raise RequestError(f"{self.name} has no images; expected them in its folder img1/")
         wanted = self.frames_wanted.within(len(self.images))
         assert wanted.last is not None
-        for index in range(wanted.first, wanted.last + 1):
-            yield Frame(index, index / self.frame_rate, read_image(self.images[index], self.size))
+        yield from self.at(range(wanted.first, wanted.last + 1))
+
+    def at(self, numbers: Iterable[int]) -> Iterator[Frame]:
+        """The frames of these 0-based numbers.
+
+        Raises:
+            RunError: see `read_image`.
+        """
+        for number in numbers:
+            yield Frame(number, number / self.frame_rate, read_image(self.images[number], self.size))
 
 
-def read_image(path: Path, size: tuple[int, int] | None = None) -> ImageArray:
+def read_image(path: Path, size: Size | None = None) -> ImageArray:
     """``(H, W, 3)`` uint8 RGB of an image file, turned as its camera says.
 
     Args:
@@ -155,7 +145,7 @@ def _images_only(folder: Path) -> tuple[Path, ...]:
     return images
 
 
-def _common_size(images: tuple[Path, ...]) -> tuple[int, int]:
+def _common_size(images: tuple[Path, ...]) -> Size:
     """Width and height of all the images; only their headers are read."""
     first = one_image(images[0])
     for path in images[1:]:
@@ -167,7 +157,7 @@ def _common_size(images: tuple[Path, ...]) -> tuple[int, int]:
     return first
 
 
-def one_image(path: Path) -> tuple[int, int]:
+def one_image(path: Path) -> Size:
     """Width and height of the image at ``path``; raises RequestError where it is none, or several in one file."""
     try:
         with Image.open(path) as image:
@@ -181,43 +171,25 @@ def one_image(path: Path) -> tuple[int, int]:
         raise RequestError(not_an_image(path)) from error
 
 
-@dataclass(frozen=True)
-class GivenFrames:
+@dataclass(frozen=True, kw_only=True)
+class GivenFrames(Source):
     """Images ``(H, W, 3)`` uint8 RGB, or `Frame` with times; see `Source`.
 
     A sequence and an array ``(T, H, W, 3)`` can be played again. What comes one by one is ``live``, and ``ends``.
     """
 
     given: Iterable[ImageArray | Frame]
-    frames_wanted: FrameRange
-    frame_rate: float = DEFAULT_FRAME_RATE
-    live: bool = False
-    length: int | None = None
-    name: str = "images"
-    address: str = ""
-    ends: bool = True
-    has_images: bool = True
-    rate_missing: bool = False
-    timed_by: TimedBy = "frame rate"
-    times: NotedTimes = field(default_factory=NotedTimes, compare=False)
 
     @classmethod
     def open(cls, given: Iterable[Any], wanted: FrameRange) -> GivenFrames:
         """The images; raises RequestError where the first of several is none, or they are fewer than is wanted."""
         if not isinstance(given, Sequence | np.ndarray):
-            return cls(given, wanted, live=True)
+            return cls(name="images", given=given, frames_wanted=wanted, live=True)
         if len(given) == 0:
             raise RequestError("expected images, got none")
-        _image(given[0], 0)
-        return cls(given, wanted.within(len(given)), length=len(given))
-
-    @property
-    def size(self) -> tuple[int, int]:
-        """Width and height; 0 where they are not known yet."""
-        if not isinstance(self.given, Sequence | np.ndarray):
-            return 0, 0
-        height, width = _image(self.given[0], 0).shape[:2]
-        return width, height
+        height, width = _image(given[0], 0).shape[:2]
+        wanted = wanted.within(len(given))
+        return cls(name="images", given=given, frames_wanted=wanted, length=len(given), size=(width, height))
 
     def frames(self) -> Iterator[Frame]:
         """See `Source.frames`."""

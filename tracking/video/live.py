@@ -17,8 +17,7 @@ import numpy as np
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
-from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy, stated_rate
-from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE
+from tsuiseki.tracking.video.frame_source import DEFAULT_FRAME_RATE, Source, TimedBy, stated_rate
 
 Picture: TypeAlias = tuple[float, ImageArray]
 """When it came, seconds of a clock that never falls; and it."""
@@ -40,30 +39,22 @@ class Patience:
     altogether: float = 60.0
 
 
-@dataclass(frozen=True)
-class LiveSource:
+@dataclass(frozen=True, kw_only=True)
+class LiveSource(Source):
     """A webcam or a stream, which ends when the user says so.
 
     Where it breaks off or stalls, it is connected again, and ``gaps`` says where: the frame before, counted from 1, and
     for how many seconds there was no picture.
     """
 
-    address: int | str
-    name: str
-    frame_rate: float
-    frames_wanted: FrameRange
     live: bool = True
-    length: int | None = None
-    has_images: bool = True
-    rate_missing: bool = False
-    timed_by: TimedBy = "arrival"
-    times: NotedTimes = field(default_factory=NotedTimes, compare=False)
     ends: bool = False
+    timed_by: TimedBy = "arrival"
     patience: Patience = Patience()
     gaps: list[dict[str, Any]] = field(default_factory=list, compare=False)
 
     @classmethod
-    def open(cls, address: int | str, name: str, wanted: FrameRange) -> LiveSource:
+    def open(cls, address: str, name: str, wanted: FrameRange) -> LiveSource:
         """The source at ``address``; raises RequestError where nothing answers."""
         capture = connected(address, Patience())
         try:
@@ -71,7 +62,8 @@ class LiveSource:
                 raise RequestError(f"expected pictures from {name}, got none; is it connected, and free?")
             # A recording has a length; what comes from a camera has none.
             ends = capture.get(cv2.CAP_PROP_FRAME_COUNT) > 0
-            return cls(address, name, stated_rate(capture) or DEFAULT_FRAME_RATE, wanted, ends=ends)
+            rate = stated_rate(capture) or DEFAULT_FRAME_RATE
+            return cls(name=name, address=address, frame_rate=rate, frames_wanted=wanted, ends=ends)
         finally:
             capture.release()
 
@@ -130,7 +122,7 @@ class LiveSource:
 class _Reader:
     """Reads pictures in a thread of its own: a driver that hangs is left behind."""
 
-    def __init__(self, address: int | str, patience: Patience) -> None:
+    def __init__(self, address: str, patience: Patience) -> None:
         self._waiting: queue.Queue[Picture | None] = queue.Queue(1)
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._read, args=(address, patience), daemon=True)
@@ -148,7 +140,7 @@ class _Reader:
         self._stopped.set()
         self._thread.join(GOODBYE)
 
-    def _read(self, address: int | str, patience: Patience) -> None:
+    def _read(self, address: str, patience: Patience) -> None:
         capture = connected(address, patience)
         try:
             while not self._stopped.is_set() and capture.grab():
@@ -168,10 +160,10 @@ class _Reader:
                 return
 
 
-def connected(address: int | str, patience: Patience) -> cv2.VideoCapture:
-    """A capture of ``address``, open or not; the network is waited for within bounds."""
-    if isinstance(address, int):
-        return cv2.VideoCapture(address)
+def connected(address: str, patience: Patience) -> cv2.VideoCapture:
+    """A capture of an address or the number of a webcam, open or not; the network is waited for within bounds."""
+    if address.isdecimal():
+        return cv2.VideoCapture(int(address))
     bound = round(1000 * patience.picture)
     bounds = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, bound, cv2.CAP_PROP_READ_TIMEOUT_MSEC, bound]
     return cv2.VideoCapture(address, cv2.CAP_FFMPEG, bounds)

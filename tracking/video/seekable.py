@@ -15,13 +15,12 @@ import numpy as np
 from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.types import FloatArray, Frame
 from tsuiseki.tracking.types.frame_range import FrameRange
-from tsuiseki.tracking.video.coded_size import PARSERS
-from tsuiseki.tracking.video.image_folder import ImageFolder, read_image
+from tsuiseki.tracking.video.coded_size import CodedFrames
+from tsuiseki.tracking.video.image_folder import ImageFolder
 from tsuiseki.tracking.video.source import VideoFile, retrieved
 
 # Frames before the wanted one from which a file is first asked to begin; each further attempt four times as many.
 LEAD = 16
-_HEADER_BYTES = 4096
 
 
 class UnfitIndexError(RunError):
@@ -34,30 +33,15 @@ def index_of(video: VideoFile) -> FloatArray | None:
     Raises:
         RunError: the coded size changes.
     """
-    capture = cv2.VideoCapture(str(video.path), cv2.CAP_FFMPEG, [cv2.CAP_PROP_FORMAT, -1])
-    code = int(capture.get(cv2.CAP_PROP_FOURCC)) & 0xFFFFFFFF
-    parse = PARSERS.get(code.to_bytes(4, "little").decode("latin-1").upper())
-    stamps, size = list[float](), None
+    coded, stamps, size = CodedFrames(video.path), list[float](), None
     try:
-        if capture.get(cv2.CAP_PROP_FORMAT) != -1:
-            return None
-        while capture.grab():
-            if parse is not None:
-                packet = capture.retrieve()[1].ravel()[:_HEADER_BYTES].tobytes()
-                size = video.same_size(len(stamps), size, parse(packet))
-            stamps.append(capture.get(cv2.CAP_PROP_POS_MSEC))
+        while coded.there and coded.capture.grab():
+            size = video.same_size(len(stamps), size, coded.size())
+            stamps.append(coded.capture.get(cv2.CAP_PROP_POS_MSEC))
     finally:
-        capture.release()
+        coded.capture.release()
     found = np.sort(np.array(stamps, dtype=np.float64))
     return found if len(found) > 1 and (np.diff(found) > 0).all() else None
-
-
-def times_of(video: VideoFile, stamps: FloatArray) -> list[float]:
-    """Seconds of the frames, as `VideoFile.frames` gives them."""
-    times: list[float] = []
-    for stamp in (stamps / 1000).tolist():
-        times.append(video.time_of(stamp - float(stamps[0]) / 1000, times))
-    return times
 
 
 @dataclass(frozen=True)
@@ -85,10 +69,12 @@ class SeekableVideo:
         """
         if isinstance(video, ImageFolder) and video.images:
             return cls(video, len(video.images), np.empty(0), np.empty(0))
-        stamps = index_of(video) if isinstance(video, VideoFile) else None
-        if stamps is None or not isinstance(video, VideoFile):
+        if not isinstance(video, VideoFile) or (stamps := index_of(video)) is None:
             return None
-        return cls(video, len(stamps), stamps, np.array(times_of(video, stamps)))
+        times: list[float] = []
+        for stamp in (stamps / 1000).tolist():
+            times.append(video.time_of(stamp - float(stamps[0]) / 1000, times))
+        return cls(video, len(stamps), stamps, np.array(times))
 
     @property
     def wanted(self) -> FrameRange:
@@ -107,8 +93,7 @@ class SeekableVideo:
             RunError: one cannot be decoded, or see `UnfitIndexError`.
         """
         if isinstance(self.video, ImageFolder):
-            for number in range(first, last + 1):
-                yield Frame(number, self.time(number), read_image(self.video.images[number], self.video.size))
+            yield from self.video.at(range(first, last + 1))
             return
         capture = self._at(first)
         try:

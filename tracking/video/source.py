@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Protocol, TypeAlias
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -18,58 +18,23 @@ from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
-from tsuiseki.tracking.video.coded_size import CodedSizes, Size
-from tsuiseki.tracking.video.frame_times import NotedTimes, TimedBy, container_time, stated_rate, uneven
-from tsuiseki.tracking.video.image_folder import DEFAULT_FRAME_RATE, GivenFrames, ImageFolder, one_image, read_image
+from tsuiseki.tracking.video.coded_size import CodedFrames
+from tsuiseki.tracking.video.frame_source import (
+    DEFAULT_FRAME_RATE,
+    Size,
+    TimedBy,
+    container_time,
+    stated_rate,
+    uneven,
+)
+from tsuiseki.tracking.video.frame_source import Source as Source
+from tsuiseki.tracking.video.image_folder import GivenFrames, ImageFolder, one_image
 from tsuiseki.tracking.video.live import LiveSource
 
 SourceLike: TypeAlias = str | Path | int | Iterable[ImageArray | Frame]
 # FFmpeg draws the letters of a text file.
 DRAWN_TEXT = cv2.VideoWriter.fourcc(*"ansi")
 PLAYLIST_HEADERS = (b"#EXTM3U", b"ffconcat")
-
-
-class Source(Protocol):
-    """Somewhere frames come from.
-
-    Attributes:
-        name: for people to read.
-        frame_rate: frames per second.
-        timed_by: where the times of frames come from.
-        times: of the frames that it gave so far.
-        rate_missing: what should say the rate, such as ``seqinfo.ini``, does not, and 25 are taken.
-        length: number of frames of the whole video; None where only playing it tells.
-        live: it cannot be played again, and ends when the user says so.
-        frames_wanted: those that `frames` gives.
-        has_images: False for a sequence that is text only.
-    """
-
-    @property
-    def name(self) -> str: ...
-    @property
-    def frame_rate(self) -> float: ...
-    @property
-    def timed_by(self) -> TimedBy: ...
-    @property
-    def times(self) -> NotedTimes: ...
-    @property
-    def rate_missing(self) -> bool: ...
-    @property
-    def length(self) -> int | None: ...
-    @property
-    def live(self) -> bool: ...
-    @property
-    def frames_wanted(self) -> FrameRange: ...
-    @property
-    def has_images(self) -> bool: ...
-
-    def frames(self) -> Iterator[Frame]:
-        """The wanted frames, numbered as in the whole video; one is held at a time.
-
-        Raises:
-            RunError: the video breaks off or changes its size, or an image cannot be read.
-        """
-        ...
 
 
 def open_source(source: SourceLike, frames: FrameRange | None = None, frame_rate: float | None = None) -> Source:
@@ -85,11 +50,11 @@ def open_source(source: SourceLike, frames: FrameRange | None = None, frame_rate
         RequestError: there is no such thing, it cannot be read, it has no frame, its images differ in size, or
             the frames lie beyond it.
     """
-    opened: ImageFolder | VideoFile | LiveSource | GivenFrames
+    wanted = frames or FrameRange()
     if isinstance(source, str | Path | int):
-        opened = _opened(str(source), frames or FrameRange())
+        opened = _opened(str(source), wanted)
     elif isinstance(source, Iterable) and not isinstance(source, Mapping):
-        opened = GivenFrames.open(source, frames or FrameRange())
+        opened = GivenFrames.open(source, wanted)
     else:
         raise RequestError(
             f"expected a video file, a folder of images, a webcam number, an address or images, got "
@@ -101,45 +66,17 @@ def open_source(source: SourceLike, frames: FrameRange | None = None, frame_rate
     return replace(opened, frame_rate=frame_rate, rate_missing=False, timed_by=timed_by)
 
 
-def _opened(source: str | Path, wanted: FrameRange) -> ImageFolder | VideoFile | LiveSource:
-    text, path = str(source), Path(source)
+def _opened(text: str, wanted: FrameRange) -> Source:
+    path = Path(text)
     if path.is_dir():
         return ImageFolder.open(path, wanted)
     if path.is_file():
         return VideoFile.open(path, wanted)
     if text.isdecimal() and len(text) < 10:
-        return LiveSource.open(int(text), f"webcam {text}", wanted)
+        return LiveSource.open(text, f"webcam {text}", wanted)
     if "://" in text:
         return LiveSource.open(text, text.split("?")[0], wanted)
     raise RequestError(f"expected a video file, a folder of images, a webcam number or an address, found no {text}")
-
-
-def image_size(source: Source) -> Size | None:
-    """Width and height of the images of a source, pixels; None where it does not tell them."""
-    size: Size | None = getattr(source, "size", None)
-    return size if size and min(size) > 0 else None
-
-
-def picture_size(source: Source) -> Size | None:
-    """`image_size`, or the size of the first frame of a video file: to check what is given with it."""
-    return image_size(source) or getattr(source, "first_size", None)
-
-
-def length_of(source: Source) -> int | None:
-    """How many frames the whole video has, or promises."""
-    return source.length or getattr(source, "promised", None)
-
-
-def frames_expected(source: Source) -> int | None:
-    """How many frames of ``source`` are wanted, as far as it is known."""
-    wanted, length = source.frames_wanted, length_of(source)
-    last = length - 1 if wanted.last is None and length else wanted.last
-    return None if last is None else last - wanted.first + 1
-
-
-def address_of(source: Source) -> str:
-    """What `open_source` took to open it; empty for images."""
-    return str(getattr(source, "address", getattr(source, "path", "")))
 
 
 def named(source: SourceLike) -> str:
@@ -165,35 +102,23 @@ def frames_of_size(source: Source, width: int, height: int) -> Iterator[Frame]:
 def some_frames(source: Source, numbers: Sequence[int]) -> Iterator[Frame]:
     """The frames of these 0-based numbers, in order, as far as there are such; of a folder no other is read."""
     if isinstance(source, ImageFolder):
-        for number in (one for one in numbers if one < len(source.images)):
-            yield Frame(number, number / source.frame_rate, read_image(source.images[number], source.size))
+        yield from source.at(one for one in numbers if one < len(source.images))
     else:
         wanted = set(numbers)
         yield from (frame for frame in source.frames() if frame.index in wanted)
 
 
-def endless(source: Source) -> bool:
-    """Whether a source does not end by itself."""
-    return source.live and source.frames_wanted.last is None and not getattr(source, "ends", False)
+@dataclass(frozen=True, kw_only=True)
+class VideoFile(Source):
+    """A video file that OpenCV can decode.
 
-
-@dataclass(frozen=True)
-class VideoFile:
-    """A video file that OpenCV can decode."""
+    Attributes:
+        path: of the file.
+        duration: seconds by its header.
+    """
 
     path: Path
-    name: str
-    frame_rate: float
-    promised: int
     duration: float
-    frames_wanted: FrameRange
-    live: bool = False
-    length: int | None = None
-    has_images: bool = True
-    rate_missing: bool = False
-    timed_by: TimedBy = "container"
-    times: NotedTimes = field(default_factory=NotedTimes, compare=False)
-    first_size: Size | None = None
 
     @classmethod
     def open(cls, path: Path, wanted: FrameRange) -> VideoFile:
@@ -223,14 +148,15 @@ class VideoFile:
             wanted.within(promised)
         taken = rate or DEFAULT_FRAME_RATE
         return cls(
-            path,
-            path.name,
-            taken,
-            promised,
-            promised / taken,
-            wanted,
+            name=path.name,
+            path=path,
+            address=str(path),
+            duration=promised / taken,
+            frame_rate=taken,
             rate_missing=rate is None,
             timed_by=timed_by,
+            promised=promised,
+            frames_wanted=wanted,
             first_size=size,
         )
 
@@ -241,7 +167,7 @@ class VideoFile:
 
     def frames(self) -> Iterator[Frame]:
         """See `Source.frames`."""
-        capture, sizes = cv2.VideoCapture(str(self.path)), CodedSizes(self.path)
+        capture, coded = cv2.VideoCapture(str(self.path)), CodedFrames(self.path)
         times: list[float] = []
         stamp, first, size = 0.0, 0.0, None
         try:
@@ -250,7 +176,7 @@ class VideoFile:
                 if not capture.grab():
                     self.refuse_early_end(index, stamp)
                     break
-                size = self.same_size(index, size, sizes.read())
+                size = self.same_size(index, size, coded.next_size())
                 stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
                 first = first if times else stamp
                 times.append(self.time_of(stamp - first, times))
@@ -259,7 +185,7 @@ class VideoFile:
                     yield self.times.note(Frame(index, times[-1], image))
         finally:
             capture.release()
-            sizes.close()
+            coded.capture.release()
         self.warn_uneven(times)
 
     def warn_uneven(self, times: Sequence[float]) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import RunError
-from tsuiseki.tracking.video.coded_size import CodedSizes, h264_size, jpeg_size, vp8_size, vp9_size
+from tsuiseki.tracking.video.coded_size import CodedFrames, h264_size, jpeg_size, vp8_size, vp9_size
 from tsuiseki.tracking.video.source import open_source
 
 
@@ -31,8 +31,8 @@ def test_the_sizes_of_written_files(tmp_path: Path, code: str, size: tuple[int, 
     for k in range(5):
         writer.write(picture(*size, level=40 + 20 * k))
     writer.release()
-    sizes = CodedSizes(path)
-    stated = [sizes.read() for _ in range(6)]
+    coded = CodedFrames(path)
+    stated = [coded.next_size() for _ in range(6)]
     assert stated[0] == size
     assert set(stated) <= {size, None}
 

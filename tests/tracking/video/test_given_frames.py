@@ -11,7 +11,7 @@ import pytest
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.types import Frame
 from tsuiseki.tracking.types.frame_range import FrameRange
-from tsuiseki.tracking.video.source import endless, image_size, open_source
+from tsuiseki.tracking.video.source import open_source
 
 IMAGES = [np.full((24, 32, 3), number, np.uint8) for number in range(5)]
 
@@ -20,8 +20,8 @@ IMAGES = [np.full((24, 32, 3), number, np.uint8) for number in range(5)]
 def test_images_are_a_video(of: Callable[[Any], Any]) -> None:
     source = open_source(of(IMAGES), FrameRange(1, 3), 10.0)
     once = of is iter
-    assert (source.live, source.length, image_size(source)) == (once, None if once else 5, None if once else (32, 24))
-    assert not endless(source)
+    assert (source.live, source.length, source.size) == (once, None if once else 5, None if once else (32, 24))
+    assert not source.endless
     seen = list(source.frames())
     assert [(frame.index, frame.time, int(frame.image[0, 0, 0])) for frame in seen] == [
         (1, 0.1, 1),

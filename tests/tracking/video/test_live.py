@@ -84,7 +84,7 @@ def servers() -> Iterator[list[MotionJpeg]]:
 
 
 def source_of(server: MotionJpeg, wanted: FrameRange | None = None) -> LiveSource:
-    return LiveSource(server.address, "camera", 25.0, wanted or FrameRange(), patience=QUICK)
+    return LiveSource(name="camera", address=server.address, frames_wanted=wanted or FrameRange(), patience=QUICK)
 
 
 @pytest.mark.slow

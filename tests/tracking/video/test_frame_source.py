@@ -12,7 +12,7 @@ import pytest
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import InputWarning
 from tsuiseki.tracking.types import Frame
-from tsuiseki.tracking.video.frame_times import NotedTimes, container_time, uneven
+from tsuiseki.tracking.video.frame_source import NotedTimes, container_time, uneven
 from tsuiseki.tracking.video.source import open_source
 
 DROPPED = [n / 25 for n in range(40) if not 10 <= n < 15]
