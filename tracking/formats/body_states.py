@@ -16,15 +16,10 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import (
-    column_names,
-    finite_number,
-    read_named_rows,
-    repeated,
-    whole_number,
-    write_csv,
-)
-from tsuiseki.tracking.types import STATUSES, BoolArray, FloatArray, ImageArray, Status
+from tsuiseki.tracking.formats.rows import column_names, finite_number, read_named_rows, repeated, write_columns
+from tsuiseki.tracking.formats.track_tables import table_of, tracks_of
+from tsuiseki.tracking.formats.tracked_video import NONE
+from tsuiseki.tracking.types import STATUSES, BoolArray, FloatArray, ImageArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.tracks import BodyTrack
 
@@ -33,13 +28,9 @@ LAST_COLUMNS = ("score", "status")
 
 def write_states(path: Path, tracks: Iterable[BodyTrack], fields: Sequence[str]) -> None:
     """Writes tracks of bodies with state components ``fields``, by frame, then by id."""
-    rows = [
-        (int(frame) + 1, track.id, [*(f"{value:.4f}" for value in state), f"{score:.4g}", status])
-        for track in tracks
-        for frame, state, score, status in zip(track.frames, track.states, track.scores, track.statuses, strict=True)
-    ]
-    lines = ([frame, identity, *values] for frame, identity, values in sorted(rows))
-    write_csv(path, ["frame", "id", *fields, *LAST_COLUMNS], lines)
+    every = [*tracks]
+    table = table_of(every, fields) if every else dict.fromkeys(("frame", "id", *fields, *LAST_COLUMNS), NONE)
+    write_columns(path, table | {"frame": table["frame"] + 1}, ".4f", score=".4g")
 
 
 def read_fields(path: Path) -> tuple[str, ...]:
@@ -67,35 +58,21 @@ def read_states(path: Path, fields: Sequence[str] | None = None) -> list[BodyTra
     table = read_named_rows(path, "states")
     wanted = list(fields) if fields else [name for name in table.names if name not in ("frame", "id", *LAST_COLUMNS)]
     table.need(("frame", "id", *(wanted or ("a", "b", "theta"))))
-    rows = [_row(path, line, row, wanted) for line, row in table.rows]
-    if not rows:
+    if not table.rows:
         raise RequestError(f"{path}: expected at least one state, got none")
-    return [_track(path, identity, rows) for identity in sorted({row[1] for row in rows})]
-
-
-Row = tuple[int, int, list[float], float, Status]
-
-
-def _track(path: Path, identity: int, rows: list[Row]) -> BodyTrack:
-    own = sorted((row for row in rows if row[1] == identity), key=lambda row: row[0])
-    frames = np.array([row[0] for row in own], dtype=np.int64)
-    if (row := repeated(frames)) is not None:
+    frames, ids = table.whole_numbers("frame", 1, LAST_FRAME) - 1, table.whole_numbers("id", 1)
+    statuses = [row.get("status") or "tracking" for _, row in table.rows]
+    for (line, _), status in zip(table.rows, statuses, strict=True):
+        if status not in STATUSES:
+            raise RequestError(f"{path}:{line}: expected a status of {', '.join(STATUSES)}, got {status!r}")
+    if (row := repeated(ids, frames)) is not None:
         raise RequestError(
-            f"{path}: expected an id once in a frame, got id {identity} twice in frame {frames[row] + 1}"
+            f"{path}: expected an id once in a frame, got id {ids[row]} twice in frame {frames[row] + 1}"
         )
-    states = np.array([row[2] for row in own], dtype=np.float64)
-    return BodyTrack(identity, frames, states, np.array([row[3] for row in own]), tuple(row[4] for row in own))
-
-
-def _row(path: Path, line: int, row: dict[str, str], fields: Sequence[str]) -> Row:
-    frame = whole_number(path, line, "frame", row["frame"], 1, LAST_FRAME)
-    identity = whole_number(path, line, "id", row["id"], 1)
-    status = row.get("status") or "tracking"
-    if status not in STATUSES:
-        raise RequestError(f"{path}:{line}: expected a status of {', '.join(STATUSES)}, got {status!r}")
-    values = [finite_number(path, line, name, row[name]) for name in fields]
-    score = finite_number(path, line, "score", row.get("score") or "1")
-    return frame - 1, identity, values, score, status
+    scores = [finite_number(path, line, "score", one.get("score") or "1") for line, one in table.rows]
+    states = dict(zip(wanted, table.numbers(wanted).T, strict=True))
+    columns = {"frame": frames, "id": ids, **states, "score": np.array(scores), "status": np.array(statuses)}
+    return tracks_of(columns)
 
 
 FOLDER = "silhouettes"

@@ -24,18 +24,18 @@ import yaml
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import (
     LARGEST,
-    LARGEST_ID,
     NamedRows,
     column_names,
     finite_number,
     read_named_rows,
     read_text,
     repeated,
-    whole_number,
-    write_csv,
+    write_columns,
 )
+from tsuiseki.tracking.formats.track_tables import sensed_table, table_of
+from tsuiseki.tracking.formats.tracked_video import NONE, boxes_of_tracks
 from tsuiseki.tracking.geometry import centres
-from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
+from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.measurements import (
     BirthPlace,
@@ -149,20 +149,10 @@ def write_sensed_tracks(path: Path, tracks: Sequence[SensedTrack], dimensions: i
 
     ``frame`` counts the scans from 1.
     """
-    axes = "xyz"[:dimensions]
-    state = [name for axis in axes for name in (axis, f"v{axis}")]
-    triangle = list(combinations_with_replacement(range(len(state)), 2))
-    modes = tracks[0].modes.shape[1] if tracks else 0
-    header = ["frame", "time", "id", *axes, *(f"v{axis}" for axis in axes)]
-    header += [f"cov_{state[a]}_{state[b]}" for a, b in triangle]
-    header += ["existence", *(f"mode{number + 1}" for number in range(modes))]
-    lines = []
-    for track in tracks:
-        for k in range(len(track)):
-            numbers = [*track.positions[k], *track.velocities[k], *(track.covariances[k, a, b] for a, b in triangle)]
-            numbers += [track.existence[k], *track.modes[k]]
-            lines.append((int(track.scans[k]) + 1, track.id, f"{track.times[k]:.9g}", [f"{v:.7g}" for v in numbers]))
-    write_csv(path, header, ([frame, time, identity, *numbers] for frame, identity, time, numbers in sorted(lines)))
+    none, square = np.empty((0, dimensions)), np.empty((0, 2 * dimensions, 2 * dimensions))
+    nothing = SensedTrack(1, NONE, none[:, 0], none, none, square, none[:, 0], none[:, :0])
+    table = table_of(tracks) if tracks else sensed_table(nothing)
+    write_columns(path, table | {"frame": table["frame"] + 1}, ".7g", time=".9g")
 
 
 T = TypeVar("T")
@@ -267,22 +257,21 @@ def read_points(path: Path, length: int | None = None) -> list[FloatArray]:
     Raises:
         RequestError: a column is missing, a value is not a finite number, or a frame lies beyond the length.
     """
-    rows, whole = _columns(path, ("frame",))
-    frames = whole[:, 0] - 1
+    table = read_named_rows(path, "a CSV of points", ("frame", "x", "y"))
+    places, frames = table.numbers("xy"), table.whole_numbers("frame", 1, LAST_FRAME) - 1
     last = int(frames.max(initial=-1)) + 1
     if length is not None and last > length:
         raise RequestError(f"{path}: expected frames up to {length}, got {last}; are these points of another video?")
-    return [rows[frames == frame] for frame in range(last if length is None else length)]
+    return [places[frames == frame] for frame in range(last if length is None else length)]
 
 
 def write_points(path: Path, detections: Iterable[Detections]) -> None:
     """Centres of the boxes of each frame, as `read_points` reads them."""
-    rows = (
-        [frame, f"{x:.3f}", f"{y:.3f}", f"{score:.4f}"]
-        for frame, found in enumerate(detections, start=1)
-        for (x, y), score in zip(centres(found.boxes).tolist(), np.nan_to_num(found.scores).tolist(), strict=True)
-    )
-    write_csv(path, ["frame", "x", "y", "score"], rows)
+    every = [*detections]
+    frames = np.repeat(np.arange(1, len(every) + 1), [len(one) for one in every])
+    x, y = np.concatenate([np.empty((0, 2)), *(centres(one.boxes) for one in every)]).T
+    scores = np.nan_to_num(np.concatenate([np.empty(0), *(one.scores for one in every)]))
+    write_columns(path, {"frame": frames, "x": x, "y": y, "score": scores}, ".3f", score=".4f")
 
 
 def read_point_tracks(path: Path) -> tuple[np.ndarray, np.ndarray, FloatArray]:
@@ -291,8 +280,12 @@ def read_point_tracks(path: Path) -> tuple[np.ndarray, np.ndarray, FloatArray]:
     Raises:
         RequestError: as :func:`read_points`, or an id stands twice in a frame.
     """
-    places, whole = _columns(path, ("frame", "id"))
-    frames, ids = whole[:, 0] - 1, whole[:, 1]
+    table = read_named_rows(path, "a CSV of points", ("frame", "id", "x", "y"))
+    places, frames, ids = (
+        table.numbers("xy"),
+        table.whole_numbers("frame", 1, LAST_FRAME) - 1,
+        table.whole_numbers("id", 1),
+    )
     if (row := repeated(frames, ids)) is not None:
         twice = f"id {ids[row]} twice in frame {frames[row] + 1}"
         raise RequestError(f"{path}: expected an id once in a frame, got {twice}")
@@ -301,21 +294,7 @@ def read_point_tracks(path: Path) -> tuple[np.ndarray, np.ndarray, FloatArray]:
 
 def write_point_tracks(path: Path, tracks: Iterable[Track]) -> None:
     """Centres of the boxes of tracks, as ``frame,id,x,y,score`` by frame."""
-    rows = [
-        (frame + 1, track.id, *place, score)
-        for track in tracks
-        for frame, place, score in zip(
-            track.frames.tolist(), centres(track.boxes).tolist(), track.scores.tolist(), strict=True
-        )
-    ]
-    lines = ([frame, i, f"{x:.3f}", f"{y:.3f}", f"{score:.4f}"] for frame, i, x, y, score in sorted(rows))
-    write_csv(path, ["frame", "id", "x", "y", "score"], lines)
-
-
-def _columns(path: Path, names: tuple[str, ...]) -> tuple[FloatArray, IntArray]:
-    """``(N, 2)`` the columns x and y, and ``(N, len(names))`` whole numbers from 1."""
-    table = read_named_rows(path, "a CSV of points", (*names, "x", "y"))
-    places = [[finite_number(path, line, name, row[name]) for name in "xy"] for line, row in table.rows]
-    last = {"frame": LAST_FRAME, "id": LARGEST_ID}
-    whole = [[whole_number(path, line, name, row[name], 1, last[name]) for name in names] for line, row in table.rows]
-    return np.array(places).reshape(-1, 2), np.array(whole, dtype=np.int64).reshape(-1, len(names))
+    rows = boxes_of_tracks(tracks)
+    x, y = centres(rows.boxes).T
+    columns = {"frame": rows.frames + 1, "id": rows.ids, "x": x, "y": y, "score": rows.scores}
+    write_columns(path, columns, ".3f", score=".4f")

@@ -19,6 +19,7 @@ import json
 import re
 import warnings
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,8 @@ import numpy as np
 from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
 from tsuiseki.tracking.formats.label_checks import NothingLabelledError, compare_with_picture, wanted_numbers
 from tsuiseki.tracking.formats.rows import Rows, read_rows, repeated, whole_number
+from tsuiseki.tracking.formats.track_tables import CORNERS, tracks_of
+from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
@@ -245,12 +248,10 @@ def read_tracks(path: str | Path) -> list[Track]:
     compare_with_picture(path, boxes)
     scores = rows[:, 6] if rows.shape[1] > 6 else np.ones(len(rows))
     classes = _classes(rows)
-    origin = np.full((len(rows), 2), -1)
-    origin[:, 1] = -1 if classes is None else classes
-    order = np.lexsort([frames, ids])
-    tracks = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
     names = _names_beside(path) if classes is not None else {}
-    return [Track(int(ids[p[0]]), frames[p], boxes[p], scores[p], origin=origin[p], names=names) for p in tracks]
+    table = {"frame": frames, "id": ids, **dict(zip(CORNERS, boxes.T, strict=True)), "score": scores}
+    table |= {} if classes is None else {"detection_class": classes}
+    return [replace(track, names=names) for track in tracks_of(table)]
 
 
 def _names_beside(path: Path) -> dict[int, str]:
@@ -274,15 +275,10 @@ def write_tracks(path: str | Path, tracks: Iterable[Track]) -> None:
     if path.suffix.lower() in (".json", ".csv", ".parquet", ".xml", ".xlsx"):
         raise RequestError(f"{path}: expected the name of a text file, such as tracks.txt, got {path.suffix}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    rows = [
-        (frame, track.id, box, score, kind)
-        for track, kind in ((track, track.class_id) for track in tracks)
-        for frame, box, score in zip(
-            track.frames.tolist(), boxes_as_text(track.boxes), track.scores.tolist(), strict=True
-        )
-    ]
-    rows.sort(key=lambda row: row[:2])
-    path.write_text("".join(f"{f + 1},{i},{b},{s:.4f},{c},-1,-1\n" for f, i, b, s, c in rows), encoding="utf-8")
+    every = [*tracks]
+    rows, kinds = boxes_of_tracks(every), {track.id: track.class_id for track in every}
+    columns = zip((rows.frames + 1).tolist(), rows.ids.tolist(), boxes_as_text(rows.boxes), rows.scores, strict=True)
+    path.write_text("".join(f"{f},{i},{b},{s:.4f},{kinds[i]},-1,-1\n" for f, i, b, s in columns), encoding="utf-8")
 
 
 def _refuse_repeated(path: Path, lines: IntArray, frames: IntArray, ids: IntArray) -> None:

@@ -21,7 +21,7 @@ from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
 from tsuiseki.tracking.formats.body_points import read_poses_file
 from tsuiseki.tracking.formats.mot import read_tracks
-from tsuiseki.tracking.formats.rows import column_names, finite_number, read_named_rows
+from tsuiseki.tracking.formats.rows import column_names, read_named_rows
 from tsuiseki.tracking.formats.single import read_boxes
 from tsuiseki.tracking.formats.track_tables import names_in, read_table, tracks_of
 from tsuiseki.tracking.output import RUN_FILE, columns_shifted
@@ -114,9 +114,8 @@ def _of_floor(folder: Path, _: Mapping[str, Any]) -> tuple[list[Any], tuple[str,
     path = folder / "world.csv"
     if "cameras" in column_names(path, "places on a floor"):
         return tracks_of(read_table(path)[0]), ()
-    rows = read_named_rows(path, "places on a floor", ("id", *PLACES)).rows
-    ids = np.array([finite_number(path, line, "id", row["id"]) for line, row in rows])
-    values = np.array([[finite_number(path, line, n, row[n]) for n in PLACES] for line, row in rows]).reshape(-1, 7)
+    table = read_named_rows(path, "places on a floor", ("id", *PLACES))
+    ids, values = table.numbers(["id"])[:, 0], table.numbers(PLACES)
     values[:, -1] = np.radians(values[:, -1])
     found = []
     for track in read_tracks(folder / "tracks.txt"):

@@ -12,13 +12,14 @@ import csv
 import json
 import re
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.types import FloatArray, IntArray
@@ -225,6 +226,16 @@ class NamedRows:
                 f"{','.join(self.names)[:80] or 'none'}, separated by {self.separator}"
             )
 
+    def numbers(self, names: Sequence[str]) -> FloatArray:
+        """``(N, C)`` finite numbers in columns; raises RequestError, see `finite_number`."""
+        rows = [[finite_number(self.path, line, name, row.get(name)) for name in names] for line, row in self.rows]
+        return np.array(rows, dtype=np.float64).reshape(-1, len(names))
+
+    def whole_numbers(self, name: str, first: int = -LARGEST_ID, last: int = LARGEST_ID) -> IntArray:
+        """``(N,)`` whole numbers of a column; raises RequestError, see `whole_number`."""
+        rows = [whole_number(self.path, line, name, row.get(name), first, last) for line, row in self.rows]
+        return np.array(rows, dtype=np.int64)
+
 
 def column_names(path: Path, what: str) -> list[str]:
     """The names in a file's heading.
@@ -282,6 +293,15 @@ def write_csv(path: Path, heading: Iterable[str], rows: Iterable[Iterable[Any]])
         writer = csv.writer(file)
         writer.writerow(heading)
         writer.writerows(rows)
+
+
+def write_columns(path: Path, columns: Mapping[str, NDArray[Any]], form: str = ".9g", **forms: str) -> None:
+    """Write columns below their names: floats in a format, or in that of their column; booleans as 0 and 1."""
+    texts = []
+    for name, column in columns.items():
+        values = (column.astype(np.int64) if column.dtype == np.bool_ else column).tolist()
+        texts.append([format(v, forms.get(name, form)) for v in values] if column.dtype.kind == "f" else values)
+    write_csv(path, columns, zip(*texts, strict=True))
 
 
 # A time in nanoseconds since 1970 is below 1e19.

@@ -22,9 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, read_text, write_csv
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, read_text, write_columns
 from tsuiseki.tracking.formats.tracked_video import EMPTY_TRACK
-from tsuiseki.tracking.formats.world_tables import COVARIANCE
 from tsuiseki.tracking.types import IntArray, Position, Track
 from tsuiseki.tracking.types.measurements import SensedTrack
 from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, FloorTrack
@@ -34,7 +33,7 @@ CORNERS = ("x1", "y1", "x2", "y2")
 ROTATED = ("rx", "ry", "rw", "rh", "angle")
 TEXTS = ("status", "class_name", "cameras")
 WHOLE = ("frame", "id", "detection", "class_id", "detection_class")
-TRIANGLE = np.triu_indices(3)
+COVARIANCE, TRIANGLE = ("xx", "xy", "xz", "yy", "yz", "zz"), np.triu_indices(3)
 # Under this key a file has what is known beside the tracks.
 KNOWN = "tsuiseki"
 
@@ -59,7 +58,7 @@ def table_of(tracks: Sequence[Any], names: Sequence[str] = ()) -> Columns:
         names: of the numbers of a body's state, or of the actions; by default they are counted from 1.
     """
     if tracks and isinstance(tracks[0], Position):
-        return _positions(tracks)
+        return positions_table(tracks)
     parts = [_columns(track, names) for track in tracks] or [_boxes(EMPTY_TRACK)]
     table = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     defaults = {"detection": -1, "class_id": -1, "class_name": "", "detection_class": -1}
@@ -99,7 +98,7 @@ def names_in(table: Columns) -> tuple[str, ...]:
 
 def _columns(track: Any, names: Sequence[str]) -> Columns:
     if isinstance(track, SensedTrack):
-        return _of_sensed(track)
+        return sensed_table(track)
     if isinstance(track, BodyTrack):
         named = _named(names, track.states.shape[1])
         state = dict(zip(named, track.states.T, strict=True))
@@ -165,7 +164,8 @@ def _axes(dimensions: int) -> tuple[str, list[str], list[tuple[int, int]]]:
     return axes, state, list(combinations_with_replacement(range(len(state)), 2))
 
 
-def _of_sensed(track: SensedTrack) -> Columns:
+def sensed_table(track: SensedTrack) -> Columns:
+    """The table of one target that a sensor measured."""
     axes, state, triangle = _axes(track.positions.shape[1])
     modes = {f"mode{k + 1}": column for k, column in enumerate(track.modes.T)}
     return {
@@ -189,18 +189,19 @@ def _sensed(part: Columns) -> SensedTrack:
     return SensedTrack(number, part["frame"], times, positions, velocities, covariances, existence, modes.T)
 
 
-def _positions(path: Sequence[Position]) -> Columns:
-    axes, points = "xyz", np.array([p.point for p in path])
-    covariances = np.array([p.covariance[TRIANGLE] for p in path])
-    open_ = np.array([p.open for p in path])
+def positions_table(path: Sequence[Position]) -> Columns:
+    """The table of a ball's positions."""
+    times, scores = (np.array([getattr(p, name) for p in path], dtype=np.float64) for name in ("time", "score"))
+    points, velocities = (np.array([getattr(p, name) for p in path]).reshape(-1, 3) for name in ("point", "velocity"))
+    covariances = np.array([p.covariance[TRIANGLE] for p in path]).reshape(-1, 6)
     return {
-        "time": np.array([p.time for p in path]),
-        **dict(zip(axes, points.T, strict=True)),
+        "time": times,
+        **dict(zip("xyz", points.T, strict=True)),
         **dict(zip(COVARIANCE, covariances.T, strict=True)),
-        "score": np.array([p.score for p in path]),
+        "score": scores,
         "status": np.array([p.status for p in path], dtype="U9"),
-        **dict(zip((f"v{axis}" for axis in axes), np.array([p.velocity for p in path]).T, strict=True)),
-        **{f"open{k + 1}": column for k, column in enumerate(open_.T)},
+        **dict(zip(("vx", "vy", "vz"), velocities.T, strict=True)),
+        **{f"open{k + 1}": column for k, column in enumerate(np.array([p.open for p in path]).T)},
     }
 
 
@@ -237,8 +238,7 @@ def write_table(path: Path, table: Columns, known: Mapping[str, Any]) -> None:
     table = {name: column + 1 if name == "frame" else column for name, column in table.items()}
     ending = path.suffix.lower()
     if ending == ".csv":
-        shown = [_shown(column) for column in table.values()]
-        write_csv(path, table, zip(*shown, strict=True))
+        write_columns(path, table)
     elif ending == ".json":
         columns = ",\n".join(f"{json.dumps(name)}: {json.dumps(column.tolist())}" for name, column in table.items())
         head = json.dumps(known, default=str)
@@ -250,11 +250,6 @@ def write_table(path: Path, table: Columns, known: Mapping[str, Any]) -> None:
 
         written = pyarrow.table(table).replace_schema_metadata({KNOWN: json.dumps(known, default=str)})
         pyarrow.parquet.write_table(written, path)
-
-
-def _shown(column: NDArray[Any]) -> list[Any]:
-    values: list[Any] = (column.astype(np.int64) if column.dtype == np.bool_ else column).tolist()
-    return [f"{value:.9g}" for value in values] if column.dtype.kind == "f" else values
 
 
 def read_table(path: Path) -> tuple[Columns, dict[str, Any]]:

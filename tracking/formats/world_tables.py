@@ -11,13 +11,14 @@ Metres and seconds, z up; pixels with the first one's centre at 0.5. Columns:
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, repeated, whole_number, write_csv
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, repeated, whole_number, write_columns
+from tsuiseki.tracking.formats.track_tables import COVARIANCE, positions_table
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, IntArray, Position
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
@@ -66,14 +67,17 @@ def read_floor_points(path: Path) -> Correspondences:
 
 def _read(path: Path, columns: Sequence[str]) -> list[Correspondences]:
     table = read_named_rows(path, f"a CSV file with columns {', '.join(columns)}", columns)
-    found: dict[str, list[tuple[int, list[float]]]] = {}
-    for line, row in table.rows:
-        values = [finite_number(path, line, n, row[n]) if n in columns else 0.0 for n in COLUMNS]
-        found.setdefault(row.get("camera") or "camera1", []).append((line, values))
-    if not found:
+    if not table.rows:
         raise RequestError(f"{path}: expected rows of points, found none")
-    arrays = {name: np.array([row for _, row in rows]) for name, rows in found.items()}
-    return [Correspondences(n, v[:, :3], v[:, 3:], [line for line, _ in found[n]]) for n, v in arrays.items()]
+    known = dict(zip(columns, table.numbers(columns).T, strict=True))
+    values = np.column_stack([known.get(name, np.zeros(len(table.rows))) for name in COLUMNS])
+    cameras = [row.get("camera") or "camera1" for _, row in table.rows]
+    found = []
+    for camera in dict.fromkeys(cameras):
+        rows = [k for k, name in enumerate(cameras) if name == camera]
+        lines = [table.rows[k][0] for k in rows]
+        found.append(Correspondences(camera, values[rows, :3], values[rows, 3:], lines))
+    return found
 
 
 VISIBLE = ("visibility", "visible", "vis")
@@ -89,20 +93,19 @@ def read_ball_points(path: Path) -> FloatArray:
     table = read_named_rows(path, "a CSV with a ball's pixels", ("frame", "x", "y"))
     visible = next((name for name in table.names if name.lower() in VISIBLE), None)
     first, shift = (1, 0.0) if visible is None else (0, HALF_PIXEL)
-    found: dict[int, tuple[float, float]] = {}
-    for line, row in table.rows:
-        frame = whole_number(path, line, "frame", row["frame"], first, LAST_FRAME + first) - first
-        if frame in found:
-            raise RequestError(f"{path}:{line}: expected each frame once, got {row['frame']} again")
-        hidden = not (row["x"] or row["y"])
-        if visible is not None and not hidden:
-            hidden = finite_number(path, line, visible, row[visible]) == 0
-        place = (np.nan, np.nan) if hidden else tuple(finite_number(path, line, name, row[name]) for name in ("x", "y"))
-        found[frame] = (place[0] + shift, place[1] + shift)
-    if not any(np.isfinite(place[0]) for place in found.values()):
+    frames = table.whole_numbers("frame", first, LAST_FRAME + first) - first
+    if (again := repeated(frames)) is not None:
+        line, row = table.rows[again]
+        raise RequestError(f"{path}:{line}: expected each frame once, got {row['frame']} again")
+    hidden = np.array([
+        not (row["x"] or row["y"]) or (visible is not None and finite_number(path, line, visible, row[visible]) == 0)
+        for line, row in table.rows
+    ], dtype=np.bool_)  # fmt: skip
+    if hidden.all():
         raise RequestError(f"{path}: expected at least one frame that shows the ball, got none")
-    pixels = np.full((max(found) + 1, 2), np.nan)
-    pixels[list(found)] = list(found.values())
+    pixels = np.full((int(frames.max()) + 1, 2), np.nan)
+    shown = replace(table, rows=[row for row, none in zip(table.rows, hidden, strict=True) if not none])
+    pixels[frames[~hidden]] = shown.numbers(("x", "y")) + shift
     return pixels
 
 
@@ -138,17 +141,16 @@ def read_floor_positions(path: Path) -> FloorPositions:
     table = read_named_rows(path, "a CSV of positions", ("time", "x", "y"))
     if not table.rows:
         raise RequestError(f"{path}: expected rows of positions, found none")
-    rows = []
-    for line, row in table.rows:
-        deviation = finite_number(path, line, "sd", row["sd"]) if row.get("sd") else DEVIATION
+    deviations = [
+        finite_number(path, line, "sd", row["sd"]) if row.get("sd") else DEVIATION for line, row in table.rows
+    ]
+    for (line, _), deviation in zip(table.rows, deviations, strict=True):
         if not deviation > 0:
             raise RequestError(f"{path}:{line}: expected an sd above 0 metres, got {deviation:g}")
-        name = whole_number(path, line, "id", row["id"], 1) if row.get("id") else -1
-        rows.append((*(finite_number(path, line, key, row[key]) for key in ("time", "x", "y")), deviation, name))
-    values = np.array([row[:4] for row in rows], dtype=np.float64)
-    names = np.array([row[4] for row in rows], dtype=np.int64)
+    ids = [whole_number(path, line, "id", row["id"], 1) if row.get("id") else -1 for line, row in table.rows]
+    values = np.column_stack([table.numbers(("time", "x", "y")), deviations])
     order = np.argsort(values[:, 0], kind="stable")
-    values, names = values[order], names[order]
+    values, names = values[order], np.array(ids, dtype=np.int64)[order]
     known = names >= 0
     if repeated(values[known, 0], names[known]) is not None:
         raise RequestError(f"{path}: expected each id once at a time, got one twice")
@@ -174,21 +176,18 @@ def check_names(sensors: list[FloorPositions], tolerance: float) -> None:
                         )
 
 
-COVARIANCE = ("xx", "xy", "xz", "yy", "yz", "zz")
 HEADER = ("time", "x", "y", "z", *COVARIANCE, "score", "status")
 
 
 def write_track3d(path: Path, positions: Sequence[Position]) -> None:
     """Write one row a position: seconds, metres, square metres, score and status."""
-    numbers = ([p.time, *p.point, *p.covariance[np.triu_indices(3)], p.score] for p in positions)
-    rows = ([*(f"{v:.9g}" for v in row), p.status] for p, row in zip(positions, numbers, strict=True))
-    write_csv(path, HEADER, rows)
+    table = positions_table(positions)
+    write_columns(path, {name: table[name] for name in HEADER})
 
 
 def write_path3d(path: Path, truth: Path3D) -> None:
     """Write times and points without the rest."""
-    rows = zip(truth.times, truth.points, strict=True)
-    write_csv(path, HEADER[:4], ([f"{value:.9g}" for value in (t, *p)] for t, p in rows))
+    write_columns(path, dict(zip(HEADER, (truth.times, *truth.points.T), strict=False)))
 
 
 def read_path3d(path: Path) -> Path3D:
@@ -200,7 +199,7 @@ def read_path3d(path: Path) -> Path3D:
     table = read_named_rows(path, "a CSV file with columns time, x, y, z", HEADER[:4])
     if not table.rows:
         raise RequestError(f"{path}: expected a header and rows of positions, found none")
-    values = np.array([[finite_number(path, line, name, row[name]) for name in HEADER[:4]] for line, row in table.rows])
+    values = table.numbers(HEADER[:4])
     return Path3D(values[:, 0], values[:, 1:])
 
 
