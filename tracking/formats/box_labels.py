@@ -34,7 +34,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import LabelFile, NothingLabelledError, compare_with_picture, wanted_numbers
 from tsuiseki.tracking.formats.mot_sequence import list_images
-from tsuiseki.tracking.formats.rows import read_rows, read_text, repeated, whole_number
+from tsuiseki.tracking.formats.rows import read_rows, read_text, repeated
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.types.class_choice import PERSON_NAMES
@@ -99,18 +99,14 @@ def read_kitti(path: Path, length: int | None = None, wanted: int | str | None =
             beyond the drive.
     """
     given = read_rows(path, "KITTI tracking labels").without_heading(len(KITTI_ROW.split()))
-    rows, ids = np.empty((len(given.cells), 6)), np.empty(len(given.cells), dtype=np.int64)
-    for k, (line, cells) in enumerate(zip(given.lines, given.cells, strict=True)):
-        try:
-            # Frame, occlusion, and the box.
-            rows[k] = [float(cells[column]) for column in (0, 4, 6, 7, 8, 9)]
-        except (ValueError, IndexError):
-            raise given.error(k, KITTI_ROW) from None
-        if not (0 <= rows[k, 0] < LAST_FRAME and rows[k, 0] == int(rows[k, 0])):
-            raise given.error(k, f"a frame number from 0 to {LAST_FRAME - 1}")
-        if not (rows[k, 4] > rows[k, 2] and rows[k, 5] > rows[k, 3]):
-            raise given.error(k, "right beyond left and bottom below top")
-        ids[k] = whole_number(path, line, "track", cells[1])
+    # Frame, occlusion, and the box.
+    rows = given.numbers(KITTI_ROW, (0, 4, 6, 7, 8, 9))
+    given.refuse(
+        (~((rows[:, 0] >= 0) & (rows[:, 0] < LAST_FRAME) & (rows[:, 0] % 1 == 0)),
+         f"a frame number from 0 to {LAST_FRAME - 1}"),
+        (~(rows[:, 4:] > rows[:, 2:4]).all(axis=1), "right beyond left and bottom below top"),
+    )  # fmt: skip
+    ids = given.whole_numbers("track", 1)
     (number,) = wanted_numbers(wanted, KITTI_NAMES, (0,), path)
     name, kinds = KITTI_NAMES[number], np.array([cells[2] for cells in given.cells], dtype=np.str_)
     frames, counted = rows[:, 0].astype(np.int64), kinds == name
@@ -195,26 +191,24 @@ def read_visdrone(path: Path, length: int | None = None, wanted: int | str | Non
     numbers = wanted_numbers(wanted, VISDRONE_NAMES, (PEDESTRIAN, PEOPLE), path)
     counted = np.isin(rows[:, 7], numbers) & (rows[:, 6] != 0)
     framed = (rows[:, 0] >= 1) & (rows[:, 0] <= LAST_FRAME) & (rows[:, 0] % 1 == 0)
-    for bad, expected in (
+    given.refuse(
         (~framed, f"a frame number from 1 to {LAST_FRAME}"),
         (~np.isin(rows[:, 7], np.arange(MOST + 1)), f"a category of 0-{MOST}"),
         (counted & ~wide, "a positive width and height"),
-    ):
-        if bad.any():
-            raise given.error(int(np.argmax(bad)), expected)
+    )
     if length is not None and len(rows) and rows[:, 0].max() > length:
         raise RequestError(
             f"{path}: labels reach frame {rows[:, 0].max():g}, but the clip has {length} images; "
             "are these the labels of another clip?"
         )
-    ids = [whole_number(path, line, "id", cells[1]) for line, cells in zip(given.lines, given.cells, strict=True)]
+    ids = given.whole_numbers("id", 1)
     if not counted.any():
         what = "pedestrians (1) or people (2)" if wanted is None else f"labels of {wanted}"
         raise NothingLabelledError(f"{path}: no usable box: expected {what} with score 1")
     visible = VISDRONE_VISIBLE[np.clip(rows[:, 9], 0, 2).astype(np.int64)]
     ignored = (rows[:, 7] == IGNORED_REGION) | (rows[:, 6] == 0)
     frames, boxes = rows[:, 0].astype(np.int64) - 1, corners_from_xywh(rows[:, 2:6])
-    truth = GroundTruth(frames, np.array(ids, dtype=np.int64), boxes, counted, ignored, visible)
+    truth = GroundTruth(frames, ids, boxes, counted, ignored, visible)
     return _in_order(path, truth.select(wide))
 
 

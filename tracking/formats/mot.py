@@ -26,7 +26,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
 from tsuiseki.tracking.formats.label_checks import NothingLabelledError, compare_with_picture, wanted_numbers
-from tsuiseki.tracking.formats.rows import Rows, read_rows, repeated, whole_number
+from tsuiseki.tracking.formats.rows import Rows, read_rows, repeated
 from tsuiseki.tracking.formats.track_tables import CORNERS, tracks_of
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
@@ -322,8 +322,7 @@ def _read(path: Path, fewest: int, what: str, detected: bool = False) -> tuple[F
         ) from None
     lines = np.array(rows.lines)
     _refuse_impossible(path, values, lines, detected)
-    ids = [whole_number(path, line, "id", row[1]) for line, row in zip(rows.lines, cells, strict=True)]
-    return values, np.array(ids, dtype=np.int64), lines
+    return values, rows.whole_numbers("id", 1), lines
 
 
 def _check_heading(path: Path, names: list[str]) -> None:

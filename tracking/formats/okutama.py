@@ -20,7 +20,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.label_checks import LabelFile
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, is_sequence, list_images, read_sequence
-from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text, repeated, rows_of, whole_number
+from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text, repeated, rows_of
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import BoolArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME, FrameRange
@@ -50,24 +50,24 @@ def read_okutama(path: str | Path, size: tuple[int, int]) -> ActionLabels:
     rows = read_rows(path, "Okutama-Action labels").without_heading(9)
     if not rows.cells:
         raise RequestError(f"{path} is empty: expected rows of labels")
-    numbers, ids = np.empty((len(rows.cells), 9)), np.empty(len(rows.cells), dtype=np.int64)
-    actions = np.zeros((len(rows.cells), len(OKUTAMA_ACTIONS)), dtype=np.bool_)
-    for k, (line, cells) in enumerate(zip(rows.lines, rows.cells, strict=True)):
+    for k, cells in enumerate(rows.cells):
         if complaint := _complaint(cells, rows.texts[k]):
             raise rows.error(k, complaint)
-        numbers[k] = [float(cell) for cell in cells[:9]]
-        ids[k] = whole_number(path, line, "track_id", cells[0], first=0)
-        whole_number(path, line, "frame", cells[5], first=0, last=LAST_FRAME - 1)
-        for name in cells[10:]:
-            actions[k, _index(name, f"{path}:{line}")] = True
+    numbers = np.array([cells[:9] for cells in rows.cells], dtype=np.float64)
+    ids = rows.whole_numbers("track_id", 0, first=0)
+    frames = rows.whole_numbers("frame", 5, 0, LAST_FRAME - 1)
+    names = [
+        [_known(name, f"{path}:{line}") for name in cells[10:]]
+        for line, cells in zip(rows.lines, rows.cells, strict=True)
+    ]
     labels = ActionLabels(
-        frames=numbers[:, 5].astype(np.int64),
+        frames=frames,
         ids=ids,
         boxes=numbers[:, 1:5] * np.tile(np.array(size) / LABEL_SIZE, 2),
         lost=numbers[:, 6] == 1,
         occluded=numbers[:, 7] == 1,
         generated=numbers[:, 8] == 1,
-        actions=actions,
+        actions=actions_of(names),
         class_names=OKUTAMA_ACTIONS,
     )
     return _checked(labels, rows, size)
@@ -105,11 +105,11 @@ def _complaint(cells: list[str], text: str) -> str:
     return ""
 
 
-def _index(name: str, place: str) -> int:
+def _known(name: str, place: str) -> str:
     known = _SPELLINGS.get(name.replace(" ", "").lower(), name)
     if known not in OKUTAMA_ACTIONS:
         raise RequestError(f"{place}: unknown action {name!r}; known are {', '.join(OKUTAMA_ACTIONS)}")
-    return OKUTAMA_ACTIONS.index(known)
+    return known
 
 
 def write_okutama(path: Path, labels: ActionLabels, size: tuple[int, int]) -> None:

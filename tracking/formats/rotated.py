@@ -20,7 +20,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import read_rows, read_text, whole
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 
-HABBOF_WORDS = 6
+HABBOF_ROW = "person cx cy w h degrees"
 # Between the rectangle (1) and the ellipse (2) in a rotated box: what fits the outline of the two-cylinder person best.
 BODY = 1.5
 
@@ -166,16 +166,9 @@ def _row(entry: Any, where: str) -> _Row:
 
 def _habbof_rows(path: Path) -> list[_Row]:
     table = read_rows(path, "labels of HABBOF")
-    rows: list[_Row] = []
-    for k, (line, cells) in enumerate(zip(table.lines, table.cells, strict=True)):
-        try:
-            _, *values = [float(cell) if column else 0.0 for column, cell in enumerate(cells)]
-        except ValueError:
-            values = []
-        if len(cells) != HABBOF_WORDS or not values:
-            raise table.error(k, "person cx cy w h degrees")
-        rows.append((path.stem, _checked(values, f"{path}:{line}"), -1, 1.0))
-    return rows
+    table.refuse((np.array([len(cells) != 1 + 5 for cells in table.cells]), HABBOF_ROW))
+    rows = zip(table.lines, table.numbers(HABBOF_ROW, range(1, 6)).tolist(), strict=True)
+    return [(path.stem, _checked(values, f"{path}:{line}"), -1, 1.0) for line, values in rows]
 
 
 def _checked(values: Sequence[float], where: str) -> list[float]:

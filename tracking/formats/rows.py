@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
 MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
@@ -102,23 +102,36 @@ class Rows:
             f"{self.texts[row][:80]}"
         )
 
-    def numbers(self, columns: str) -> FloatArray:
+    def numbers(self, columns: str, which: Sequence[int] = ()) -> FloatArray:
         """``(N, C)`` the cells as numbers.
 
         Args:
             columns: names of all, separated by commas.
+            which: columns to read, from 0; by default all, and no row may have more.
 
         Raises:
             RequestError: a cell is none, or a row has another number of them.
         """
-        count = columns.count(",") + 1
+        count = len(which) or columns.count(",") + 1
         values = np.empty((len(self.cells), count))
         for k, cells in enumerate(self.cells):
             try:
-                values[k] = np.array(cells, dtype=np.float64).reshape(count)
-            except ValueError:
+                values[k] = np.array([cells[n] for n in which] or cells, dtype=np.float64).reshape(count)
+            except (ValueError, IndexError):
                 raise self.error(k, columns) from None
         return values
+
+    def whole_numbers(self, name: str, column: int, first: int = -LARGEST_ID, last: int = LARGEST_ID) -> IntArray:
+        """``(N,)`` the cells of a column as whole numbers; raises RequestError, see `whole_number`."""
+        rows = zip(self.lines, self.cells, strict=True)
+        values = [whole_number(self.path, line, name, cells[column], first, last) for line, cells in rows]
+        return np.array(values, dtype=np.int64)
+
+    def refuse(self, *cases: tuple[BoolArray, str]) -> None:
+        """Raise RequestError for the first row of the first case that has one: which rows, and what they should be."""
+        for bad, expected in cases:
+            if bad.any():
+                raise self.error(int(np.argmax(bad)), expected)
 
     def without_heading(self, columns: int) -> Rows:
         """The rows below the first, where that is of words and names ``columns`` or has rows below it."""

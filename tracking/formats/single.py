@@ -63,14 +63,12 @@ class SingleSequence:
         images: ``T`` paths, one a box; empty where only labels are there.
         boxes: ``(T, 4)`` pixels, NaN where the target is out of view.
         attributes: short names of `ATTRIBUTES`.
-        unused_images: how many images have no box.
     """
 
     name: str
     images: tuple[Path, ...]
     boxes: FloatArray
     attributes: frozenset[str] = frozenset()
-    unused_images: int = 0
 
 
 def same_name(name: str) -> str:
@@ -251,7 +249,7 @@ def _paired(
     except RequestError:
         size = None  # reading the picture says so
     compare_with_picture(name, boxes, size)
-    return SingleSequence(name, used, boxes, attributes, len(images) - len(used))
+    return SingleSequence(name, used, boxes, attributes)
 
 
 def _number(path: Path) -> int | None:
