@@ -11,7 +11,6 @@ import os
 import platform
 import secrets
 import shutil
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -28,6 +27,7 @@ except ImportError:  # elsewhere than on Unix nothing is locked
 
 RUN_FILE = "run.json"
 UNFINISHED = ".unfinished"
+BUSY = "another run is writing {} at this moment; choose another name"
 # Columns of ``run.json`` that number frames: from 0 in Python, from 1 in the file.
 SHIFTED = ("frame", "frame_of_each_video")
 WORKING: set[Path] = set()
@@ -52,13 +52,13 @@ def output_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
         made = not folder.exists()
         if made:
             stack.callback(_remove_if_empty, folder)
-        _make(folder)
-        _lock(folder, folder, stack)
+        with writable(folder):
+            folder.mkdir(parents=True, exist_ok=True)
+        hold(folder, BUSY.format(folder), stack)
         check_output_folder(folder, overwrite)
         for left in _unfinished(folder, folder.name):
             shutil.rmtree(left, ignore_errors=True)
-        work = _working_folder(folder.name, folder)
-        stack.callback(_clear, work)
+        work = stack.enter_context(_working_folder(folder.name, folder))
         yield work
         _publish(work, folder)
 
@@ -86,14 +86,14 @@ def output_file(path: Path, overwrite: bool) -> Iterator[Path]:
     check_output_file(path, overwrite)
     with ExitStack() as stack:
         parent = path.resolve().parent
-        _make(parent)
+        with writable(parent):
+            parent.mkdir(parents=True, exist_ok=True)
         for left in _unfinished(parent, path.name):
             with ExitStack() as probe:
-                _lock(left, path, probe)
+                hold(left, BUSY.format(path), probe)
                 shutil.rmtree(left, ignore_errors=True)
-        work = _working_folder(path.name, parent)
-        stack.callback(_clear, work)
-        _lock(work, path, stack)
+        work = stack.enter_context(_working_folder(path.name, parent))
+        hold(work, BUSY.format(path), stack)
         yield work / path.name
         (work / path.name).replace(path)
 
@@ -108,14 +108,13 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     Raises:
         RequestError: the folder of ``path`` cannot be made or written to.
     """
-    beside = path.with_name(f".{path.name}.{secrets.token_hex(4)}{UNFINISHED}")
+    beside = _beside(path.parent, path.name)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with beside.open("wb") as file:
-            yield file
-        beside.replace(path)
-    except OSError as error:
-        raise RequestError(f"cannot write to {path.parent}: {error.strerror}; choose another place") from error
+        with writable(path.parent):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with beside.open("wb") as file:
+                yield file
+            beside.replace(path)
     finally:
         with suppress(OSError):
             beside.unlink(missing_ok=True)
@@ -211,15 +210,13 @@ def versions() -> dict[str, str]:
     return found
 
 
-def _make(folder: Path) -> None:
+@contextmanager
+def writable(folder: Path) -> Iterator[None]:
+    """What the disk refuses within is a RequestError."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        yield
     except OSError as error:
         raise RequestError(f"cannot write to {folder}: {error.strerror}; choose another place") from error
-
-
-def _lock(held: Path, wanted: Path, until: ExitStack) -> None:
-    hold(held, f"another run is writing {wanted} at this moment; choose another name", until)
 
 
 def hold(held: Path, busy: str, until: ExitStack) -> None:
@@ -242,7 +239,7 @@ def hold(held: Path, busy: str, until: ExitStack) -> None:
 def held(folder: Path, until: ExitStack) -> bool:
     """Hold a lock on ``folder``; False where another process does."""
     try:
-        _lock(folder, folder, until)
+        hold(folder, "", until)
     except RequestError:
         return False
     return True
@@ -258,26 +255,21 @@ def _remove_if_empty(folder: Path) -> None:
         folder.rmdir()
 
 
-def _working_folder(name: str, parent: Path) -> Path:
-    try:
-        work = Path(tempfile.mkdtemp(prefix=f".{name}.", suffix=UNFINISHED, dir=parent))
-        # A folder for temporary use is the owner's alone; a result is for everybody whom the umask lets.
-        work.chmod(0o777 & ~_umask())
-    except OSError as error:
-        raise RequestError(f"cannot write to {parent}: {error.strerror}; choose another place") from error
+def _beside(parent: Path, name: str) -> Path:
+    return parent / f".{name}.{secrets.token_hex(4)}{UNFINISHED}"
+
+
+@contextmanager
+def _working_folder(name: str, parent: Path) -> Iterator[Path]:
+    work = _beside(parent, name)
+    with writable(parent):
+        work.mkdir()
     WORKING.add(work)
-    return work
-
-
-def _clear(work: Path) -> None:
-    shutil.rmtree(work, ignore_errors=True)
-    WORKING.discard(work)
-
-
-def _umask() -> int:
-    mask = os.umask(0)
-    os.umask(mask)
-    return mask
+    try:
+        yield work
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+        WORKING.discard(work)
 
 
 def _publish(work: Path, folder: Path) -> None:

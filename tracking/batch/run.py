@@ -17,15 +17,15 @@ from urllib.parse import quote
 from tsuiseki.tracking.batch.continuous import in_order
 from tsuiseki.tracking.batch.executors import Executor, Processes, RayTasks
 from tsuiseki.tracking.batch.jobs import STATE, Job, Place, function_of
-from tsuiseki.tracking.batch.schedule import Journal, Row, Schedule
+from tsuiseki.tracking.batch.schedule import JOURNAL, Row, Schedule, note
 from tsuiseki.tracking.batch.sources import jobs_of
 from tsuiseki.tracking.batch.tasks import TOKEN, Doing
 from tsuiseki.tracking.cli.commands import EVALUATE, TRACK
-from tsuiseki.tracking.cli.parser import Option, arguments_of, documentation, options_of, plain, read
+from tsuiseki.tracking.cli.parser import Option, arguments_of, documentation, options_of, parse, plain, read
 from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.onnx import cores_of
-from tsuiseki.tracking.output import held, whole_file
+from tsuiseki.tracking.output import held, whole_file, writable
 from tsuiseki.tracking.report.page import html_page, html_table, listing, section
 
 SOURCES = (
@@ -96,32 +96,15 @@ class BatchResult(Sequence[Row]):
         return [row for row in self.rows if row.status == "failed"]
 
 
-def batch(
-    command: str,
-    sources: str | Path | Sequence[str | Path],
-    out: str | Path,
-    *,
-    workers: int = 0,
-    ray: str | None = None,
-    gpus: float = 0.0,
-    segment: float = 60.0,
-    continuous: bool = False,
-    overwrite: bool = False,
-    **options: Any,
-) -> BatchResult:
+def batch(command: str, sources: str | Path | Sequence[str | Path], out: str | Path, **options: Any) -> BatchResult:
     """A command on many videos; results that are there stay, and what was interrupted goes on.
 
     Args:
         command: such as ``track people`` or ``count``.
         sources: as on the command line, see ``tsuiseki batch``.
         out: folder for the results.
-        workers: tasks at a time on this machine; 0 takes a process a core.
-        ray: see `BatchOptions`; ``"here"`` starts Ray on this machine.
-        gpus: on Ray, share of a GPU that a task takes.
-        segment: seconds of video in one task of ``track people``.
-        continuous: the files follow each other, see `BatchOptions`.
-        overwrite: replace results of other settings.
-        options: of the command, by their names with underscores.
+        options: of the batch, see `BatchOptions`, and of the command, by their names with underscores. ``ray="here"``
+            starts Ray on this machine.
 
     Returns:
         What became of each video. One that failed is a row that says why; the others go on.
@@ -130,16 +113,15 @@ def batch(
         RequestError: an option, a source or the folder is wrong, or Ray does not answer.
         RunError: the disk is full, or Ray has gone; the same call goes on from there.
     """
-    how = BatchOptions(
-        out=Path(out), overwrite=overwrite, workers=workers, ray=ray, gpus=gpus, segment=segment, continuous=continuous
-    )
-    how.check()
-    given = [sources] if isinstance(sources, str | Path) else sources
-    job = Job(tuple(command.split()), "", "", plain(options))
+    own = [option.name for option in options_of(_how)]
+    theirs = {name: value for name, value in options.items() if name not in own}
+    given = {name: value for name, value in options.items() if name in own} | {"out": out}
+    how: BatchOptions = parse("batch", _how, [], plain(given))["how"]
+    job = Job(tuple(command.split()), "", "", plain(theirs))
     known = [option.name for option in options_of(job.function)]
-    if unknown := [name for name in options if name not in known]:
+    if unknown := [name for name in theirs if name not in known]:
         raise RequestError(f"expected options of `{command}`, got {unknown[0]!r}")
-    return run_batch([str(source) for source in given], job, how)
+    return run_batch([str(one) for one in ([sources] if isinstance(sources, str | Path) else sources)], job, how)
 
 
 def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, emit: Callable[[str], object] = str) -> BatchResult:
@@ -153,19 +135,16 @@ def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, emit: Callabl
         Place.of(how.out, each).refuse_others(each)
     jobs[0].arguments(jobs[0].source, how.out / jobs[0].name)
     state, command = how.out / STATE, " ".join(job.command)
-    try:
+    with writable(how.out):
         state.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RequestError(f"cannot write to {how.out}: {error.strerror}; choose another place") from error
     with ExitStack() as stack:
         if not held(state, stack):
             raise RequestError(f"another batch is writing {how.out} at this moment; choose another name")
         token = secrets.token_hex(8)
         with whole_file(state / TOKEN) as file:
             file.write(token.encode())
-        journal = Journal(how.out)
-        stack.callback(journal.close)
-        journal.note("batch", command=command, sizes={each.name: _size(each) for each in jobs})
+        journal = stack.enter_context((state / JOURNAL).open("a", encoding="utf-8"))
+        note(journal, "batch", command=command, sizes={each.name: _size(each) for each in jobs})
         executor, alone = _executor(how)
         stack.callback(executor.close)
         files = tuple(jobs) if how.continuous else ()

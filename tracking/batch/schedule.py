@@ -51,20 +51,10 @@ class Row:
     parts: list[int] = field(default_factory=lambda: [0, 0])
 
 
-class Journal:
-    """A line an event; whoever reads it passes over a last line that is torn."""
-
-    def __init__(self, batch: Path) -> None:
-        self._file: IO[str] = (batch / STATE / JOURNAL).open("a", encoding="utf-8")
-
-    def note(self, event: str, **values: Any) -> None:
-        """Add an event."""
-        self._file.write(json.dumps({"time": round(time.time(), 3), "event": event, **values}) + "\n")
-        self._file.flush()
-
-    def close(self) -> None:
-        """Nothing follows."""
-        self._file.close()
+def note(journal: IO[str], event: str, **values: Any) -> None:
+    """Add an event, a line; whoever reads them passes over a last line that is torn."""
+    journal.write(json.dumps({"time": round(time.time(), 3), "event": event, **values}) + "\n")
+    journal.flush()
 
 
 class Schedule:
@@ -80,7 +70,7 @@ class Schedule:
         last: name of the one that was finished last.
     """
 
-    def __init__(self, jobs: Sequence[Job], doing: Doing, journal: Journal) -> None:
+    def __init__(self, jobs: Sequence[Job], doing: Doing, journal: IO[str]) -> None:
         self.rows, self.last = [Row(job.name, job.source) for job in jobs], ""
         self._jobs, self._doing, self._journal = jobs, doing, journal
         self._ready: list[BatchTask] = []
@@ -104,7 +94,7 @@ class Schedule:
                 if row.status == "failed":
                     continue
                 row.status = "running"
-                self._journal.note("begin", name=row.name, kind=task.kind, part=task.part)
+                note(self._journal, "begin", name=row.name, kind=task.kind, part=task.part)
                 executor.submit(task)
                 under_way += 1
             for task, outcome in executor.finished(1.0) if under_way else ():
@@ -118,7 +108,7 @@ class Schedule:
         row, facts = self.rows[task.order], outcome.facts
         row.seconds += outcome.seconds
         entry = {"name": row.name, "kind": task.kind, "part": task.part, "seconds": round(outcome.seconds, 3)}
-        self._journal.note(outcome.status, **entry, line=outcome.line, frames=facts.get("frames", 0))
+        note(self._journal, outcome.status, **entry, line=outcome.line, frames=facts.get("frames", 0))
         if outcome.status == "full":
             raise RunError(f"{outcome.line}; free some and give the same command again: it goes on")
         if row.status == "failed":
@@ -209,7 +199,7 @@ class Schedule:
     def _end(self, row: Row, status: Literal["done", "failed", "kept"], line: str) -> None:
         # Short enough for a table.
         row.status, row.line, self.last = status, " ".join(line.split())[:400], row.name
-        self._journal.note("end", name=row.name, status=status, line=row.line, frames=row.frames, tracks=row.tracks)
+        note(self._journal, "end", name=row.name, status=status, line=row.line, frames=row.frames, tracks=row.tracks)
         self._changed()
 
 

@@ -70,7 +70,7 @@ class Observations:
             if known.any():
                 width = max((np.shape(part)[1:] for part in parts if part is not None), default=())
                 values = np.concatenate([part for part in parts if part is not None and len(part)] or [np.empty(0)])
-                arrays[name] = _packed(values.reshape(-1, *width))
+                arrays[name] = values.reshape(-1, *width)
         names = {number: name for each in self.detections for number, name in each.names.items()}
         arrays["about"] = np.array(json.dumps({**self.about, "names": names}))
         with whole_file(path) as file:
@@ -88,21 +88,11 @@ class Observations:
             known = arrays.pop(f"known_{name}")
             parts: list[Any] = [None] * len(counts)
             if known.any():
-                values = arrays.pop(name)
-                values = values.astype(np.float64) if values.dtype == np.float32 else values
-                pieces = np.split(values, np.cumsum(counts * known)[:-1])
+                pieces = np.split(arrays.pop(name), np.cumsum(counts * known)[:-1])
                 parts = [piece if is_known else None for piece, is_known in zip(pieces, known.tolist(), strict=True)]
             columns[name] = parts
         rows = zip(*columns.values(), strict=True)
         return cls([Detections(**dict(zip(COLUMNS, row, strict=True)), names=names) for row in rows], about, arrays)
-
-
-def _packed(values: Any) -> Any:
-    """The same numbers in half the bytes, where that loses none."""
-    if values.dtype != np.float64:
-        return values
-    short = values.astype(np.float32)
-    return short if np.array_equal(short.astype(np.float64), values, equal_nan=True) else values
 
 
 class KnownViewHistory(ViewHistory):

@@ -236,49 +236,47 @@ def write_cvat(path: Path, video: TrackedVideo) -> None:
     """Write the tracks; a track ends with a box outside, unless it lasts to the last frame."""
     width, height = video.pixels
     root = ElementTree.Element("annotations")
-    _text(root, "version", "1.1")
-    task = ElementTree.SubElement(ElementTree.SubElement(root, "meta"), "task")
+    _add(root, "version", "1.1")
+    task = _add(_add(root, "meta"), "task")
     facts = {"name": video.stem, "size": video.frame_count, "mode": "interpolation", "start_frame": 0,
              "stop_frame": max(video.frame_count - 1, 0), "source": video.name}  # fmt: skip
     for name, value in facts.items():
-        _text(task, name, value)
-    labels = ElementTree.SubElement(task, "labels")
+        _add(task, name, value)
+    labels = _add(task, "labels")
     for kind in video.kinds:
-        label = ElementTree.SubElement(labels, "label")
-        _text(label, "name", kind)
-        attributes = ElementTree.SubElement(label, "attributes")
+        label = _add(labels, "label")
+        _add(label, "name", kind)
+        attributes = _add(label, "attributes")
         for key in ("score", "detection"):
-            attribute = ElementTree.SubElement(attributes, "attribute")
+            attribute = _add(attributes, "attribute")
             for name, value in {"name": key, "mutable": "True", "input_type": "text"}.items():
-                _text(attribute, name, value)
-    original = ElementTree.SubElement(task, "original_size")
-    _text(original, "width", width)
-    _text(original, "height", height)
+                _add(attribute, name, value)
+    original = _add(task, "original_size")
+    _add(original, "width", width)
+    _add(original, "height", height)
     for track in video.tracks:
-        names = {"id": str(track.id), "label": video.kind[track.id], "source": "auto"}
-        _write_track(ElementTree.SubElement(root, "track", names), track, video.frame_count)
+        parent = _add(root, "track", id=str(track.id), label=video.kind[track.id], source="auto")
+        for run in runs_of(track.frames):
+            for row in run.tolist():
+                _add_box(parent, track, row, int(track.frames[row]))
+            after = int(track.frames[run[-1]]) + 1
+            if after < video.frame_count:
+                _add_box(parent, track, int(run[-1]), after, outside=True)
     ElementTree.indent(root)
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
 
 
-def _text(parent: ElementTree.Element, name: str, value: object) -> None:
-    ElementTree.SubElement(parent, name).text = str(value)
+def _add(parent: ElementTree.Element, name: str, text: object = None, **attributes: str) -> ElementTree.Element:
+    made = ElementTree.SubElement(parent, name, attributes)
+    made.text = None if text is None else str(text)
+    return made
 
 
-def _write_track(parent: ElementTree.Element, track: Track, frames: int) -> None:
-    for run in runs_of(track.frames):
-        for row in run.tolist():
-            _write_box(parent, track, row, int(track.frames[row]), False)
-        after = int(track.frames[run[-1]]) + 1
-        if after < frames:
-            _write_box(parent, track, int(run[-1]), after, True)
-
-
-def _write_box(parent: ElementTree.Element, track: Track, row: int, frame: int, outside: bool) -> None:
+def _add_box(parent: ElementTree.Element, track: Track, row: int, frame: int, outside: bool = False) -> None:
     corners = dict(zip(CORNERS, (f"{value:.3f}" for value in track.boxes[row].tolist()), strict=True))
     state = {"frame": str(frame), "keyframe": "1", "outside": str(int(outside))}
     hidden = {"occluded": str(int(not track.observed[row])), "z_order": "0"}
-    box = ElementTree.SubElement(parent, "box", state | hidden | corners)
+    box = _add(parent, "box", **state, **hidden, **corners)
     ElementTree.SubElement(box, "attribute", {"name": "score"}).text = f"{track.scores[row]:.4f}"
     if track.detection[row] >= 0:
         ElementTree.SubElement(box, "attribute", {"name": "detection"}).text = str(track.detection[row])

@@ -101,11 +101,12 @@ def read_kitti(path: Path, length: int | None = None, wanted: int | str | None =
     given = read_rows(path, "KITTI tracking labels").without_heading(len(KITTI_ROW.split()))
     # Frame, occlusion, and the box.
     rows = given.numbers(KITTI_ROW, (0, 4, 6, 7, 8, 9))
+    framed = (rows[:, 0] >= 0) & (rows[:, 0] < LAST_FRAME) & (rows[:, 0] % 1 == 0)
+    flat = ~(rows[:, 4:] > rows[:, 2:4])
     given.refuse(
-        (~((rows[:, 0] >= 0) & (rows[:, 0] < LAST_FRAME) & (rows[:, 0] % 1 == 0)),
-         f"a frame number from 0 to {LAST_FRAME - 1}"),
-        (~(rows[:, 4:] > rows[:, 2:4]).all(axis=1), "right beyond left and bottom below top"),
-    )  # fmt: skip
+        (~framed, f"a frame number from 0 to {LAST_FRAME - 1}"),
+        (flat[:, 0] | flat[:, 1], "right beyond left and bottom below top"),
+    )
     ids = given.whole_numbers("track", 1)
     (number,) = wanted_numbers(wanted, KITTI_NAMES, (0,), path)
     name, kinds = KITTI_NAMES[number], np.array([cells[2] for cells in given.cells], dtype=np.str_)

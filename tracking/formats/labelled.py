@@ -239,13 +239,11 @@ def _sequence(sequence: MotSequence) -> LabelledVideo:
 def _ground_truth(path: Path) -> LabelledVideo:
     """Labels with name and length of the sequence that a ``gt/gt.txt`` lies in, where it lies in one."""
     folder = path.resolve().parent.parent
-    if path.name == "gt.txt" and path.resolve().parent.name == "gt" and (folder / "seqinfo.ini").is_file():
-        known = _sequence(read_sequence(folder))
-        return replace(
-            known, files=(), read_people=lambda _, wanted: read_ground_truth(path, wanted), read_actions=None
-        )
     name = folder.name if path.name == "gt.txt" else path.stem
-    return LabelledVideo(name, (), None, lambda _, wanted: read_ground_truth(path, wanted), classes=MOT_NAMES)
+    alone = LabelledVideo(name, (), None, lambda _, wanted: read_ground_truth(path, wanted), classes=MOT_NAMES)
+    if path.name != "gt.txt" or path.resolve().parent.name != "gt" or not (folder / "seqinfo.ini").is_file():
+        return alone
+    return replace(_sequence(read_sequence(folder)), files=(), read_people=alone.read_people, read_actions=None)
 
 
 def _okutama(video: LabelFile) -> LabelledVideo:
@@ -259,21 +257,15 @@ def _of_boxes(layout: BoxLayout, one: LabelFile) -> LabelledVideo:
     return LabelledVideo(one.name, one.images, length, read, classes=layout.names)
 
 
-def _only_people(wanted: Wanted, clip: DroneActionClip, length: int | None) -> GroundTruth:
-    wanted_numbers(wanted, {}, (), clip.source)
-    return read_drone_action_boxes(clip.labelled(), length)
-
-
 def _drone_action(clip: DroneActionClip) -> LabelledVideo:
     images = list_images(clip.source)
     length = len(images) or None
-    return LabelledVideo(
-        clip.name,
-        images or (clip.source,),
-        length,
-        lambda _, wanted: _only_people(wanted, clip, length),
-        lambda _: drone_action_labels(clip, length),
-    )
+
+    def read(_: Size, wanted: Wanted) -> GroundTruth:
+        wanted_numbers(wanted, {}, (), clip.source)
+        return read_drone_action_boxes(clip.labelled(), length)
+
+    return LabelledVideo(clip.name, images or (clip.source,), length, read, lambda _: drone_action_labels(clip, length))
 
 
 def _rotated(path: Path) -> LabelledVideo:

@@ -132,8 +132,12 @@ def read_detections(
         warnings.warn(f"{path}: its rows are not in the order of the frames; sorted", InputWarning, stacklevel=3)
         order = np.argsort(rows[:, 0], kind="stable")
         rows, lines = rows[order], lines[order]
-    if score_range is not None:
-        _refuse_scores_outside(path, rows[:, 6], lines, score_range)
+    low, high = score_range or (-np.inf, np.inf)
+    if (outside := np.flatnonzero((rows[:, 6] < low) | (rows[:, 6] > high))).size:
+        raise RequestError(
+            f"{path}:{lines[outside[0]]}: expected a score in [{low:g}, {high:g}], got {rows[outside[0], 6]:g}; "
+            "give the detector's own range with `score_range`"
+        )
     used = _used(path, rows, lines, length)
     sources = (np.arange(len(rows)) - np.searchsorted(rows[:, 0], rows[:, 0]))[used]
     rows = rows[used]
@@ -157,15 +161,6 @@ def _classes(rows: FloatArray) -> IntArray | None:
     if rows.shape[1] <= 7 or (rows[:, 7] != np.floor(rows[:, 7])).any() or (rows[:, 7] < 0).all():
         return None
     return np.maximum(rows[:, 7].astype(np.int64), -1)
-
-
-def _refuse_scores_outside(path: Path, scores: FloatArray, lines: IntArray, score_range: tuple[float, float]) -> None:
-    outside = np.flatnonzero((scores < score_range[0]) | (scores > score_range[1]))
-    if outside.size:
-        raise RequestError(
-            f"{path}:{lines[outside[0]]}: expected a score in [{score_range[0]:g}, {score_range[1]:g}], got "
-            f"{scores[outside[0]]:g}; give the detector's own range with `score_range`"
-        )
 
 
 def _warn_of_two_scales(path: Path, scores: FloatArray) -> None:

@@ -24,6 +24,7 @@ from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.formats.rows import column_names, read_named_rows
 from tsuiseki.tracking.formats.single import read_boxes
 from tsuiseki.tracking.formats.track_tables import names_in, read_table, tracks_of
+from tsuiseki.tracking.formats.tracked_video import runs_of
 from tsuiseki.tracking.output import RUN_FILE, columns_shifted
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import FloorTrack
@@ -41,7 +42,7 @@ def filled_frames(tracks: Sequence[Any]) -> dict[str, str]:
 
 
 def _spans(frames: IntArray) -> str:
-    runs = np.split(frames + 1, np.flatnonzero(np.diff(frames) != 1) + 1)
+    runs = [frames[run] + 1 for run in runs_of(frames)]
     return ",".join(f"{run[0]}-{run[-1]}" if len(run) > 1 else str(run[0]) for run in runs)
 
 
@@ -64,7 +65,12 @@ def read_folder(folder: Path) -> tuple[list[Any], dict[str, Any]]:
     about = results.get(name, {})
     known: dict[str, Any] = {key: record[key] for key in ("settings", "facts", "seconds") if key in record}
     known["frames"] = columns_shifted(record.get("frames", {}), -1)
-    read = _read_by_name(folder)
+    readers: dict[str, Reader] = dict.fromkeys(TABLES, _of_table)
+    readers["tracks.json"] = lambda place, _: read_acting_tracks(place / "tracks.json", needed=False)
+    readers["world.csv"] = _of_floor
+    readers["tracks.txt"] = lambda place, _: (list(read_tracks(place / "tracks.txt")), ())
+    readers["boxes.txt"] = _of_one
+    read = next((read for name, read in readers.items() if (folder / name).is_file()), None)
     if read is None:
         raise RequestError(f"{folder}: expected a result, such as tracks.txt, found none")
     tracks, names = read(folder, known["frames"])
@@ -92,16 +98,6 @@ def _record(folder: Path) -> tuple[dict[str, Any], str]:
 
 
 Reader = Callable[[Path, Mapping[str, Any]], tuple[list[Any], tuple[str, ...]]]
-
-
-def _read_by_name(folder: Path) -> Reader | None:
-    """What reads the tracks in a folder."""
-    readers: dict[str, Reader] = dict.fromkeys(TABLES, _of_table)
-    readers["tracks.json"] = lambda place, _: read_acting_tracks(place / "tracks.json", needed=False)
-    readers["world.csv"] = _of_floor
-    readers["tracks.txt"] = lambda place, _: (list(read_tracks(place / "tracks.txt")), ())
-    readers["boxes.txt"] = _of_one
-    return next((read for name, read in readers.items() if (folder / name).is_file()), None)
 
 
 def _of_table(folder: Path, _: Mapping[str, Any]) -> tuple[list[Any], tuple[str, ...]]:

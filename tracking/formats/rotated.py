@@ -52,13 +52,10 @@ def is_rotated(path: Path) -> bool:
     except ValueError:
         return False
     entries = content.get("annotations") if isinstance(content, dict) else None
-    return isinstance(entries, list) and not any(_upright(entry) for entry in entries[:1])
-
-
-def _upright(entry: Any) -> bool:
-    """Whether an annotation is COCO's own, of a track or with four numbers."""
-    box = entry.get("bbox") if isinstance(entry, dict) else None
-    return isinstance(box, list) and (len(box) == 4 or "track_id" in entry)
+    first = entries[0] if isinstance(entries, list) and entries and isinstance(entries[0], dict) else {}
+    # COCO's own annotations are of a track, or have four numbers.
+    upright = isinstance(first.get("bbox"), list) and (len(first["bbox"]) == 4 or "track_id" in first)
+    return isinstance(entries, list) and not upright
 
 
 def read_rotated_labels(path: Path) -> dict[str, RotatedBoxes]:

@@ -116,7 +116,9 @@ def read_attributes(path: Path) -> dict[str, frozenset[str]]:
         RequestError: the list is missing, or names an unknown attribute.
     """
     if path.is_dir():
-        return _scored_attributes(path)
+        published = read_published(path)
+        shown = {a: {same_name(name) for name in scores.sequences} for a, scores in published.items()}
+        return {name: frozenset(a for a in ATTRIBUTES if name in shown.get(a, ())) for name in shown["ALL"]}
     result = {}
     for number, line in enumerate(read_text(path, "a list of sequences and attributes").splitlines(), 1):
         if line.strip():
@@ -161,12 +163,6 @@ def read_published(folder: Path) -> dict[str, PublishedScores]:
     return result
 
 
-def _scored_attributes(folder: Path) -> dict[str, frozenset[str]]:
-    published = read_published(folder)
-    shown = {a: {same_name(name) for name in scores.sequences} for a, scores in published.items()}
-    return {name: frozenset(a for a in ATTRIBUTES if name in shown.get(a, ())) for name in shown["ALL"]}
-
-
 def _attribute_set(text: str, where: str) -> frozenset[str]:
     names = frozenset(word for word in re.split(r"[\s,]+", text.strip()) if word)
     if unknown := sorted(names - ATTRIBUTES.keys()):
@@ -182,7 +178,8 @@ def _in_folder(folder: Path) -> list[SingleSequence]:
         parts = _labels_apart(folder) if images else []
         return [_paired(p.stem, images, read_boxes(p), frozenset(), _first_of_part(p)) for p in parts]
     images = next((found for name in IMAGE_FOLDERS if (found := list_images(folder / name))), list_images(folder))
-    attributes = _own_attributes(folder)
+    listed = folder / "attrs.txt"
+    attributes = _attribute_set(read_text(listed, "attributes"), str(listed)) if listed.is_file() else frozenset[str]()
     result = []
     for path in labels:
         number = path.name.split(".")[1]
@@ -217,11 +214,6 @@ def _first_of_part(labels: Path) -> int:
         return 1
     first = starts[int(part) - 2]
     return (first - 1) // 3 + 1 if "10fps" in labels.parent.name else first
-
-
-def _own_attributes(folder: Path) -> frozenset[str]:
-    path = folder / "attrs.txt"
-    return _attribute_set(read_text(path, "attributes"), str(path)) if path.is_file() else frozenset()
 
 
 def _first_number(folder: Path) -> int | None:
@@ -286,7 +278,11 @@ def read_boxes(path: str | Path) -> FloatArray:
         raise table.error(odd, f"{len(rows[0])} numbers as in every line")
     values = np.array(rows)
     boxes = corners_from_xywh(values - [1, 1, 0, 0]) if values.shape[1] == RECTANGLE else polygon_hulls(values)
-    _check_first(boxes, path)
+    if not (np.isfinite(boxes[0]).all() and (boxes[0, 2:] > boxes[0, :2]).all()):
+        raise RequestError(
+            f"{path}: expected a box with an area in the first frame, where tracking starts, "
+            f"got {xywh_from_corners(boxes[0]).tolist()}"
+        )
     compare_with_picture(path, boxes)
     return boxes
 
@@ -302,15 +298,6 @@ def _numbers(table: Rows, row: int) -> list[float]:
     if any(map(math.isinf, values)) or 0 < missing < len(values):
         raise table.error(row, "finite numbers, or NaN in all of them for a hidden target")
     return values
-
-
-def _check_first(boxes: FloatArray, path: Path) -> None:
-    first = boxes[0]
-    if not (np.isfinite(first).all() and first[2] > first[0] and first[3] > first[1]):
-        raise RequestError(
-            f"{path}: expected a box with an area in the first frame, where tracking starts, "
-            f"got {xywh_from_corners(first).tolist()}"
-        )
 
 
 def polygon_hulls(polygons: FloatArray) -> FloatArray:

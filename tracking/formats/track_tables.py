@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, read_text, write_columns
 from tsuiseki.tracking.formats.tracked_video import EMPTY_TRACK
-from tsuiseki.tracking.types import IntArray, Position, Track
+from tsuiseki.tracking.types import Position, Track
 from tsuiseki.tracking.types.measurements import SensedTrack
 from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, FloorTrack
 
@@ -128,13 +128,16 @@ def _boxes(track: Track) -> Columns:
 
 def _boxed(part: Columns) -> Any:
     count = len(part["frame"])
+    none = np.full(count, -1)
+    # A track whose class alone is known has it throughout.
+    origin = part.get("detection", none), part.get("detection_class", part.get("class_id", none))
     track = Track(
         int(part["id"][0]),
         part["frame"],
         np.column_stack([part[name] for name in CORNERS]),
         part.get("score", np.ones(count)),
         np.asarray(part.get("observed", np.ones(count)), dtype=np.bool_),
-        _origin_of(part),
+        np.column_stack(origin).astype(np.int64),
         {int(part["class_id"][0]): str(part["class_name"][0])} if "class_name" in part else {},
     )
     if "rx" in part:
@@ -142,13 +145,6 @@ def _boxed(part: Columns) -> Any:
         return FloorTrack(track, rotated, places)
     actions = [[column for name, column in part.items() if name.startswith(kind)] for kind in ("single_", "multi_")]
     return ActingTrack(track, *map(np.column_stack, actions)) if all(actions) else track
-
-
-def _origin_of(part: Columns) -> IntArray:
-    """Rows and classes of detections; a track whose class alone is known has it throughout."""
-    none = np.full(len(part["frame"]), -1)
-    rows, classes = part.get("detection", none), part.get("detection_class", part.get("class_id", none))
-    return np.column_stack([rows, classes]).astype(np.int64)
 
 
 def _body(part: Columns) -> BodyTrack:

@@ -10,9 +10,9 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-from collections.abc import Callable, Sequence, Set
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from typing import Literal
 
 import numpy as np
 import scipy
@@ -43,17 +43,6 @@ FAR = 5
 WEIGHED, AROUND = 100, 12
 
 
-class ShownBox(NamedTuple):
-    """A box of an alternative: the frame from 0, its place in pixels, and whose it is."""
-
-    frame: int
-    x: float
-    y: float
-    width: float
-    height: float
-    id: int
-
-
 @dataclass(frozen=True)
 class Question:
     """A decision that can be answered with yes (as it was solved) or no (the other way).
@@ -62,7 +51,7 @@ class Question:
         key: the same as long as the question is.
         kind: what is asked.
         frame: to show, from 0.
-        boxes_a: the people as solved.
+        boxes_a: the people as solved, by id.
         boxes_b: the same the other way.
         margin: how much more the other way costs.
         wrong: how likely the answer is no.
@@ -74,8 +63,8 @@ class Question:
     key: str
     kind: QuestionKind
     frame: int
-    boxes_a: tuple[ShownBox, ...]
-    boxes_b: tuple[ShownBox, ...]
+    boxes_a: Mapping[int, tuple[Box, ...]]
+    boxes_b: Mapping[int, tuple[Box, ...]]
     margin: float
     wrong: float
     sentence: str
@@ -271,7 +260,7 @@ class Questioner:
             follower[i] = j
         rows = np.flatnonzero((frames >= frames[about].min() - AROUND) & (frames <= frames[about].max() + AROUND))
         # The other way of a person is a false positive.
-        boxes = self._cut(self._follower, rows, about), self._cut(follower, rows, about) if len(about) > 1 else ()
+        boxes = self._cut(self._follower, rows, about), self._cut(follower, rows, about) if len(about) > 1 else {}
         text = json.dumps([one.written() for one in answers])
         key = f"{kind}-{hashlib.sha1(text.encode(), usedforsecurity=False).hexdigest()[:12]}"
         cost = self.marginals.through if kind in ("link", "end") else self.marginals.cost
@@ -292,20 +281,19 @@ class Questioner:
     def _name(self, n: int) -> str:
         return f"{self.noun} {self.ids[n]}"
 
-    def _cut(self, follower: IntArray, rows: IntArray, about: list[int]) -> tuple[ShownBox, ...]:
-        """Boxes of the tracks that go through some detections, as far as they lie in some rows."""
+    def _cut(self, follower: IntArray, rows: IntArray, about: list[int]) -> dict[int, tuple[Box, ...]]:
+        """Boxes of the tracks that go through some detections, by id, as far as they lie in some rows."""
         place, rows = np.full(len(follower) + 1, -1), rows[np.argsort(self.network.frames[rows], kind="stable")]
         place[rows] = np.arange(len(rows))
         labels = track_labels(FlowSolution(self.flow.used[rows], place[follower[rows]]))
-        shown, taken, fresh = list[ShownBox](), set[int](), int(self.ids.max(initial=0))
+        shown, fresh = dict[int, tuple[Box, ...]](), int(self.ids.max(initial=0))
         for label in sorted({int(labels[place[n]]) for n in about} - {-1}):
             own = rows[labels == label]
             number = int(self.ids[own[0]])
-            if number == 0 or number in taken:
+            if number == 0 or number in shown:
                 number = fresh = fresh + 1
-            taken.add(number)
-            shown += [ShownBox(*box, number) for box in self._boxes(own)]
-        return tuple(shown)
+            shown[number] = self._boxes(own)
+        return shown
 
 
 def probability(margin: FloatArray, logit: FloatArray | float) -> FloatArray:

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.tracked_video import runs_of
 from tsuiseki.tracking.review.corrected_tracks import rows_of
 from tsuiseki.tracking.review.correction_log import Box, Correction
-from tsuiseki.tracking.review.questions import Question, ShownBox
+from tsuiseki.tracking.review.questions import Question
 from tsuiseki.tracking.review.session import Session
 from tsuiseki.tracking.types import Track
 
@@ -138,8 +139,7 @@ class Reviewed:
 
 def _spans(track: Track) -> list[list[int]]:
     """The segments of a track without a gap, first and last frame."""
-    breaks = np.flatnonzero(np.diff(track.frames) != 1)
-    return np.column_stack([track.frames[np.r_[0, breaks + 1]], track.frames[np.r_[breaks, -1]]]).tolist()  # type: ignore[no-any-return]
+    return [track.frames[run[[0, -1]]].tolist() for run in runs_of(track.frames)]
 
 
 def _version() -> str:
@@ -152,13 +152,17 @@ def _sentence(*texts: str) -> str:
 
 def _shown(question: Question) -> dict[str, Any]:
     """A question as the page has it; boxes as rows of frame, id and corners, id 0 for those that it is ``about``."""
-    sides = [[_row(box, box.id) for box in side] for side in (question.boxes_a, question.boxes_b)]
-    ids = dict.fromkeys(row[1] for side in sides for row in side)
+    yes, no = (
+        [_row(box, number) for number, boxes in side.items() for box in boxes]
+        for side in (question.boxes_a, question.boxes_b)
+    )
+    about = dict.fromkeys(
+        box for one in (question.yes, question.no) for part in (one, *one.parts) for box in part.there
+    )
     about_it = {name: getattr(question, name) for name in ("key", "sentence", "frame")}
-    message = [part for one in (question.yes, question.no) for part in (one, *one.parts)]
-    about = [_row(box, 0) for box in dict.fromkeys(box for part in message for box in part.there)]
-    return {**about_it, "ids": [*ids], "yes": sides[0], "no": sides[1], "about": about}
+    ids = [*dict.fromkeys([*question.boxes_a, *question.boxes_b])]
+    return {**about_it, "ids": ids, "yes": yes, "no": no, "about": [_row(box, 0) for box in about]}
 
 
-def _row(box: Box | ShownBox, number: int) -> tuple[float, ...]:
+def _row(box: Box, number: int) -> tuple[float, ...]:
     return box.frame, number, box.x, box.y, box.x + box.width, box.y + box.height

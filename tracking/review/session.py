@@ -37,8 +37,7 @@ from tsuiseki.tracking.review.correction_log import (
 )
 from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
-from tsuiseki.tracking.review.refit import EVERY, refitted
-from tsuiseki.tracking.review.solving import CorrectedFlow
+from tsuiseki.tracking.review.solving import EVERY, CorrectedFlow, refitted
 from tsuiseki.tracking.types import IntArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, boxes_about
 from tsuiseki.tracking.video.source import open_source

@@ -1,12 +1,14 @@
-"""Tracks solved again under what a person decided: the cheapest flow that does all of it."""
+"""Tracks solved again under what a person decided, at costs fitted to it: the cheapest flow that does all of it."""
 
 from __future__ import annotations
 
 import bisect
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import scipy
 
 from tsuiseki.tracking.association.network_flow import FlowGraph, track_labels
 from tsuiseki.tracking.association.pair_constraints import Pair, holds, satisfy
@@ -16,8 +18,8 @@ from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.review.correction_log import Box, Correction
-from tsuiseki.tracking.review.demands import NOTHING, Demands, corners, demands_of, unmet_boxes
-from tsuiseki.tracking.types import FloatArray, IntArray
+from tsuiseki.tracking.review.demands import NOTHING, Demands, Finder, corners, demands_of, unmet_boxes
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Deviation of the place of a box that a person drew from where its track leads, heights: at once, and a frame.
 DRAWN, DRIFT = 0.1, 0.03
@@ -186,12 +188,24 @@ class CorrectedFlow:
 
     def _grow_detections(self, boxes: Sequence[Box]) -> None:
         """Add a detection for each box, with links by how far it is from others."""
-        if boxes:
-            old, graph = self.network, self.network.graph
-            frames = np.append(old.frames, [box.frame for box in boxes])
-            every = np.concatenate([old.boxes, [corners(box) for box in boxes]])
-            most = sum(_usual(c) for c in (graph.entry, graph.exit))
-            self._grow(*_links_near(frames, every, len(boxes), max(old.fill, 1) + 1, most), boxes)
+        if not boxes:
+            return
+        old, graph = self.network, self.network.graph
+        frames = np.append(old.frames, [box.frame for box in boxes])
+        every = np.concatenate([old.boxes, [corners(box) for box in boxes]])
+        place, height = centres(every), every[:, 3] - every[:, 1]
+        # A pair of drawn boxes stands once, with the later number.
+        n, others = np.nonzero(np.tri(len(boxes), len(every), len(old) - 1, dtype=np.bool_))
+        n += len(old)
+        gap = np.abs(frames[others] - frames[n])
+        near = (gap > 0) & (gap <= max(old.fill, 1) + 1)
+        n, others, gap = n[near], others[near], gap[near]
+        far = np.hypot(*(place[others] - place[n]).T) / (height[n] * (DRAWN + DRIFT * gap))
+        cost = (far**2 + (np.log(height[others] / height[n]) / DRAWN) ** 2) / 2
+        likely = cost < _usual(graph.entry) + _usual(graph.exit)
+        n, others, cost = n[likely], others[likely], cost[likely]
+        later = frames[others] > frames[n]
+        self._grow(np.where(later, n, others), np.where(later, others, n), cost, boxes)
 
     def _grow_links(self, links: Sequence[tuple[int, int]]) -> None:
         """Add the links that are not there: for all that is known they cost what one track's end and start do."""
@@ -283,19 +297,65 @@ def returns(network: SolvedNetwork, labels: IntArray, parted: IntArray) -> tuple
     return i, j, graph.exit[i] + graph.entry[j] + more[likely]
 
 
-def _links_near(
-    frames: IntArray, boxes: FloatArray, drawn: int, longest: int, most: float
-) -> tuple[IntArray, IntArray, FloatArray]:
-    """Tails, heads and costs of links between the last boxes and others, up to so many frames and so much."""
-    place, height = centres(boxes), boxes[:, 3] - boxes[:, 1]
-    # A pair of drawn boxes stands once, with the later number.
-    n, others = np.nonzero(np.tri(drawn, len(boxes), len(boxes) - drawn - 1, dtype=np.bool_))
-    n += len(boxes) - drawn
-    gap = np.abs(frames[others] - frames[n])
-    near = (gap > 0) & (gap <= longest)
-    n, others, gap = n[near], others[near], gap[near]
-    far = np.hypot(*(place[others] - place[n]).T) / (height[n] * (DRAWN + DRIFT * gap))
-    cost = (far**2 + (np.log(height[others] / height[n]) / DRAWN) ** 2) / 2
-    n, others, cost = n[cost < most], others[cost < most], cost[cost < most]
-    later = frames[others] > frames[n]
-    return np.where(later, n, others), np.where(later, others, n), cost
+# After so many corrections, and every time as many more, costs are fitted anew.
+EVERY = 20
+# Parts of the answers that are held out in turn, how strongly the fit holds to the costs as they were, and how likely
+# chance alone may decide so many more of the held-out answers better than worse (sign test).
+PARTS, PRIOR, CHANCE = 4, 2.0, 0.01
+
+
+def refitted(network: SolvedNetwork, given: Sequence[Correction]) -> SolvedNetwork:
+    """The network with costs fitted to corrections; the same one where held-out corrections do not agree.
+
+    That two detections follow each other has the logit of what ending one track and starting another costs more than
+    their link (eq. 2.14). The fit adds a constant, a share of that, and a share of the doublings of the gap.
+
+    Args:
+        network: as it was solved.
+        given: corrections.
+    """
+    arcs, right, answer = _answers(network, given)
+    if min(right.sum(), (~right).sum()) < PARTS:
+        return network
+    graph = network.graph
+    gap = np.log2(np.maximum(network.frames[graph.head] - network.frames[graph.tail], 1))
+    usual = graph.exit[graph.tail] + graph.entry[graph.head] - graph.transition
+    evidence = np.column_stack([np.ones(len(gap)), usual / 10, gap / 3])
+    logit, part = usual[arcs], answer % PARTS
+    for held in (part == number for number in range(PARTS)):
+        logit[held] += evidence[arcs[held]] @ _fit(evidence[arcs[~held]], usual[arcs[~held]], right[~held])
+    # An answer about several links is right where all are.
+    before, after = (np.bincount(answer, (some > 0) != right) > 0 for some in (usual[arcs], logit))
+    better, worse = int((before & ~after).sum()), int((after & ~before).sum())
+    if better == 0 or scipy.special.bdtrc(better - 1, better + worse, 0.5) > CHANCE:
+        return network
+    # No question was asked about links that are surer than these.
+    change = np.where(usual <= usual[arcs].max(), evidence @ _fit(evidence[arcs], usual[arcs], right), 0.0)
+    return replace(network, graph=replace(graph, transition=graph.transition - change))
+
+
+def _answers(network: SolvedNetwork, given: Sequence[Correction]) -> tuple[IntArray, BoolArray, IntArray]:
+    """Links that corrections decide, whether they are right, and the number of the correction of each."""
+    find, rows = Finder(network.frames, network.boxes), list[tuple[int, int, bool, int]]()
+    for number, one in ((number, part) for number, each in enumerate(given) for part in each.parts or (each,)):
+        nodes = [find(box) for box in one.there]
+        if NOTHING not in nodes and one.kind in ("next", "right"):
+            rows += [(a, b, True, number) for a, b in itertools.pairwise(nodes)]
+        elif NOTHING not in nodes and one.kind == "not_same":
+            rows.append((min(nodes), max(nodes), False, number))
+    tail, head, right, answer = np.array(rows, dtype=np.int64).reshape(-1, 4).T
+    links, count = network.graph.tail * len(network) + network.graph.head, len(network.graph.tail)
+    order, wanted = np.argsort(links), tail * len(network) + head
+    place = np.append(order, count)[np.searchsorted(links, wanted, sorter=order)]
+    known = np.append(links, -1)[place] == wanted
+    return place[known], right[known].astype(np.bool_), answer[known]
+
+
+def _fit(evidence: FloatArray, usual: FloatArray, right: BoolArray) -> FloatArray:
+    """Weights of the evidence by which answers are most likely, near 0."""
+
+    def loss(weights: FloatArray) -> float:
+        logit = usual + evidence @ weights
+        return float(np.logaddexp(0, np.where(right, -logit, logit)).sum() + PRIOR * (weights**2).sum() / 2)
+
+    return np.asarray(scipy.optimize.minimize(loss, np.zeros(evidence.shape[1])).x)

@@ -27,23 +27,6 @@ class UnfitIndexError(RunError):
     """Frames do not come as the packets say: this file has to be read from its beginning."""
 
 
-def index_of(video: VideoFile) -> FloatArray | None:
-    """``(F,)`` milliseconds of all frames in order, by undecoded packets; None where these do not tell.
-
-    Raises:
-        RunError: the coded size changes.
-    """
-    coded, stamps, size = CodedFrames(video.path), list[float](), None
-    try:
-        while coded.there and coded.capture.grab():
-            size = video.same_size(len(stamps), size, coded.size())
-            stamps.append(coded.capture.get(cv2.CAP_PROP_POS_MSEC))
-    finally:
-        coded.capture.release()
-    found = np.sort(np.array(stamps, dtype=np.float64))
-    return found if len(found) > 1 and (np.diff(found) > 0).all() else None
-
-
 @dataclass(frozen=True)
 class SeekableVideo:
     """A video whose frames can be read from any number on.
@@ -65,13 +48,22 @@ class SeekableVideo:
         """None where it can only be read from the beginning.
 
         Raises:
-            RunError: see `index_of`.
+            RunError: the coded size changes.
         """
         if isinstance(video, ImageFolder) and video.images:
             return cls(video, len(video.images), np.empty(0), np.empty(0))
-        if not isinstance(video, VideoFile) or (stamps := index_of(video)) is None:
+        if not isinstance(video, VideoFile):
             return None
-        times: list[float] = []
+        coded, stamped, size = CodedFrames(video.path), list[float](), None
+        try:
+            while coded.there and coded.capture.grab():
+                size = video.same_size(len(stamped), size, coded.size())
+                stamped.append(coded.capture.get(cv2.CAP_PROP_POS_MSEC))
+        finally:
+            coded.capture.release()
+        stamps, times = np.sort(np.array(stamped, dtype=np.float64)), list[float]()
+        if len(stamps) < 2 or not (np.diff(stamps) > 0).all():
+            return None
         for stamp in (stamps / 1000).tolist():
             times.append(video.time_of(stamp - float(stamps[0]) / 1000, times))
         return cls(video, len(stamps), stamps, np.array(times))

@@ -18,7 +18,7 @@ from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import IGNORED, UNMATCHED, owners_of
 from tsuiseki.tracking.review.corrected_tracks import Reporter, track_ids
-from tsuiseki.tracking.review.correction_log import Box, Correction, boxes_of
+from tsuiseki.tracking.review.correction_log import Correction, boxes_of
 from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
 from tsuiseki.tracking.review.solving import CorrectedFlow
@@ -164,9 +164,9 @@ def _parted(
 
 def _seen(question: Question, n: int, find: Finder, owners: IntArray, *, before: bool) -> int:
     """Whose most of the boxes are that are shown on one side of a detection of a track."""
-    nodes = [(find(Box(b.frame, b.x, b.y, b.width, b.height)), b) for b in question.boxes_a]
-    mine, frame = next((box.id, box.frame) for node, box in nodes if node == n)
-    side = [int(owners[m]) for m, b in nodes if b.id == mine and (b.frame <= frame if before else b.frame >= frame)]
+    tracks = ([(find(box), box.frame) for box in boxes] for boxes in question.boxes_a.values())
+    nodes, at = next((nodes, frame) for nodes in tracks for node, frame in nodes if node == n)
+    side = [int(owners[m]) for m, frame in nodes if (frame <= at if before else frame >= at)]
     shown = side[-7:] if before else side[:7]
     known = [owner for owner in shown if owner >= 0]
     return max(set(known), key=known.count) if known else min(shown)

@@ -7,7 +7,7 @@ import numpy as np
 from tsuiseki.tracking.association.network_flow import FlowGraph
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.review.correction_log import Correction, boxes_of
-from tsuiseki.tracking.review.refit import refitted
+from tsuiseki.tracking.review.solving import refitted
 
 COUNT = 40
 
