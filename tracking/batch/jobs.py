@@ -10,10 +10,10 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 from tsuiseki.tracking.arguments import is_several
 from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group
@@ -51,11 +51,6 @@ class Job:
     start: float | None = None
 
     @property
-    def is_address(self) -> bool:
-        """Whether it has to be fetched."""
-        return "://" in self.source
-
-    @property
     def function(self) -> Callable[..., Any]:
         """That does the work."""
         return function_of(self.command)
@@ -89,11 +84,7 @@ class Job:
 
 
 def function_of(words: tuple[str, ...]) -> Callable[..., Any]:
-    """The function of a command.
-
-    Raises:
-        RequestError: there is none.
-    """
+    """The function of a command; raises RequestError where there is none."""
     entry: Any = COMMANDS.get(words[0])
     for word in words[1:]:
         entry = entry.commands.get(word) if isinstance(entry, Group) else None
@@ -102,18 +93,11 @@ def function_of(words: tuple[str, ...]) -> Callable[..., Any]:
     return entry.load(words)
 
 
-def blocks_of(file: IO[bytes], size: int, most: int = BLOCKS) -> Iterator[bytes]:
-    """Length and bytes of a file: all, or ``most`` blocks of a larger one."""
-    yield str(size).encode()
-    every, place = max((size - BLOCK) / max(most - 1, 1), BLOCK), 0.0
-    while place < size:
-        file.seek(round(place))
-        yield file.read(BLOCK)
-        place += every
-
-
 def content_of(source: str) -> str:
-    """A sum over a file, over what lies at an address, or over the files in a folder by their names."""
+    """A sum over a file, over what lies at an address, or over the files in a folder by their names.
+
+    Of each file length and bytes count: all, or `BLOCKS` of a larger one, shared among the files of a folder.
+    """
     from tsuiseki.tracking.batch.sources import opened
 
     found, path = hashlib.sha256(), Path(source)
@@ -121,9 +105,14 @@ def content_of(source: str) -> str:
     for name in [str(each) for each in inside] or [source]:
         if inside:
             found.update(Path(name).relative_to(path).as_posix().encode())
+        most = max(BLOCKS // max(len(inside), 1), 1)
         with opened(name) as (file, size):
-            for block in blocks_of(file, size, max(BLOCKS // max(len(inside), 1), 1)):
-                found.update(block)
+            found.update(str(size).encode())
+            every, place = max((size - BLOCK) / max(most - 1, 1), BLOCK), 0.0
+            while place < size:
+                file.seek(round(place))
+                found.update(file.read(BLOCK))
+                place += every
     return found.hexdigest()
 
 
@@ -194,11 +183,7 @@ class Place:
         return (record.is_file() and not is_partial(self.folder)) or (self.folder / SCORES).is_file()
 
     def refuse_others(self, job: Job) -> None:
-        """Refuse a result of other settings.
-
-        Raises:
-            RequestError: one is there.
-        """
+        """Refuse a result of other settings; raises RequestError where one is there."""
         settings = settings_of(job, job.source) if self.there else {}
         if self.there and (not self.made or self.made["settings"] != json.loads(json.dumps(settings, default=str))):
             self._refuse(settings)

@@ -221,7 +221,7 @@ def _crossings(batch: Path, rows: Sequence[Row]) -> dict[str, str]:
 def _size(job: Job) -> float:
     """What a video is likely to take, beside the others: its bytes."""
     path = Path(job.source)
-    if job.is_address:
+    if "://" in job.source:
         return 1.0
     files = [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]
     return max(float(sum(file.stat().st_size for file in files)), 1.0)

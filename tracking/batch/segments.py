@@ -155,7 +155,11 @@ class SegmentPlan:
         inputs, network = opened.inputs, inner_detector(opened.inputs.detect)
         if isinstance(inputs.detect, ViewedDetector):
             for size, changes in self.views:
-                choices = [(frame, _choice(values)) for frame, values in changes]
+                choices = []
+                for frame, values in changes:
+                    view = TileView(values["columns"], np.array(values["tiles"], dtype=np.int64))
+                    people = {int(columns): count for columns, count in values["people"].items()}
+                    choices.append((frame, ViewChoice(view, values["milliseconds"], people)))
                 rate, count = inputs.detect.frame_rate, self.seen + max(first - self.begins, 0)
                 inputs.detect.histories[tuple(size)] = KnownViewHistory(
                     rate, choices[-1][1], changes=choices, frames=count, due=None
@@ -167,12 +171,6 @@ class SegmentPlan:
             inputs.choice.floor, network.score_threshold = self.floor, self.threshold
             if inputs.ground is not None:
                 inputs.ground.score_threshold = self.threshold
-
-
-def _choice(values: dict[str, Any]) -> ViewChoice:
-    view = TileView(values["columns"], np.array(values["tiles"], dtype=np.int64))
-    people = {int(columns): count for columns, count in values["people"].items()}
-    return ViewChoice(view, values["milliseconds"], people)
 
 
 def _values(choice: ViewChoice) -> dict[str, Any]:
@@ -249,11 +247,7 @@ def _choose_views(detect: ViewedDetector, seekable: SeekableVideo, first: int, l
 def detect_segment(
     plan: SegmentPlan, part: int, source: Source, finding: PeopleFinding, linking: Linking
 ) -> Observations:
-    """The observations of a segment.
-
-    Raises:
-        RunError: see `SeekableVideo.frames`.
-    """
+    """The observations of a segment; raises RunError, see `SeekableVideo.frames`."""
     opened = open_people(source, replace(finding, threads=1), linking, 0)
     seekable, inputs = plan.seekable(source), opened.inputs
     first, last = plan.parts[part]

@@ -87,7 +87,7 @@ class BatchTask:
 
     def source(self) -> str:
         """Path of the video, which is fetched where it is elsewhere."""
-        return str(fetch(self.job.source, self.place.state)) if self.job.is_address else self.job.source
+        return str(fetch(self.job.source, self.place.state)) if "://" in self.job.source else self.job.source
 
     def file(self, part: int) -> Path:
         """The observations of a segment."""

@@ -62,11 +62,7 @@ BDD_IGNORED = ("other person", "other vehicle", "trailer")
 
 
 def find_kitti(folder: Path) -> list[LabelFile]:
-    """The drives of ``folder`` by name.
-
-    Raises:
-        RequestError: there is no label file.
-    """
+    """The drives of ``folder`` by name; raises RequestError where there is no label file."""
     labels = sorted((folder / LABELS).glob("*.txt"))
     if not labels:
         raise RequestError(f"expected label files 0000.txt of KITTI tracking in {folder / LABELS}, found none")

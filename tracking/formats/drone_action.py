@@ -61,11 +61,7 @@ class DroneActionClip:
     labels: Path | None
 
     def labelled(self) -> Path:
-        """The file of boxes.
-
-        Raises:
-            RequestError: there is none.
-        """
+        """The file of boxes; raises RequestError where there is none."""
         if self.labels is None:
             place = self.source.with_name(f"{self.name}.txt")
             raise RequestError(f"{self.source}: expected its boxes in {place}, found none")

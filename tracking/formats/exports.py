@@ -43,11 +43,7 @@ BOX_SIDES = ("x1", "y1", "x2", "y2")
 
 
 def write_geff(folder: Path, video: TrackedVideo) -> None:
-    """Write the graph of the tracks.
-
-    Raises:
-        RequestError: they have no places in a plane.
-    """
+    """Write the graph of the tracks; raises RequestError where they have no places in a plane."""
     nodes = _nodes(video)
     ids, frames = nodes["track_id"], nodes["t"]
     order = np.lexsort([frames, ids])
@@ -193,11 +189,7 @@ for _name, _one in FORMATS.items():
 
 
 def format_named(name: str) -> ExportFormat:
-    """The format of a name.
-
-    Raises:
-        RequestError: there is none.
-    """
+    """The format of a name; raises RequestError where there is none."""
     if name not in FORMATS:
         raise RequestError(f"`to`: expected one of {', '.join(FORMATS)}, got {name}")
     return FORMATS[name]

@@ -169,11 +169,7 @@ class BoxCheck:
     _boxes: list[FloatArray] | None = field(default_factory=list)
 
     def add(self, boxes: FloatArray) -> None:
-        """Take the ``(N, 4)`` boxes of the next frame.
-
-        Raises:
-            RequestError: see `tell`.
-        """
+        """Take the ``(N, 4)`` boxes of the next frame; raises RequestError, see `tell`."""
         if self._boxes is None:
             return
         self._boxes.append(boxes)
@@ -181,10 +177,6 @@ class BoxCheck:
             self.tell()
 
     def tell(self) -> None:
-        """Compare them, where that was not done before.
-
-        Raises:
-            RequestError: see `compare_with_picture`.
-        """
+        """Compare them, where that was not done before; raises RequestError, see `compare_with_picture`."""
         boxes, self._boxes = np.concatenate([np.empty((0, 4)), *(self._boxes or [])]), None
         compare_with_picture(self.what, boxes, self.size)

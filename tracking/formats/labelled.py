@@ -42,7 +42,6 @@ from tsuiseki.tracking.formats.mot_sequence import MotSequence, is_sequence, lis
 from tsuiseki.tracking.formats.okutama import (
     ACTIONS_FILE,
     Protocol,
-    clip_labelled_by,
     counted_from,
     find_okutama,
     is_okutama,
@@ -53,7 +52,7 @@ from tsuiseki.tracking.formats.okutama import (
 )
 from tsuiseki.tracking.formats.result_folder import read_folder
 from tsuiseki.tracking.formats.rotated import about_bodies, is_rotated, read_rotated_labels
-from tsuiseki.tracking.formats.tracked_video import inside
+from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks, inside
 from tsuiseki.tracking.formats.yolo import ABOUT, picture_places
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
@@ -128,11 +127,7 @@ class LabelledVideo:
         return truth
 
     def actions(self, size: Size = None) -> ActionLabels:
-        """Who does what.
-
-        Raises:
-            RequestError: actions are not labelled, or labels are broken.
-        """
+        """Who does what; raises RequestError where actions are not labelled, or labels are broken."""
         if self.read_actions is None:
             raise RequestError(f"{self.name}: expected people labelled with actions, found labels of boxes alone")
         return self.read_actions(size)
@@ -171,8 +166,10 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
         raise RequestError(f"expected a ground truth, a sequence folder or a folder of sequences, found no {path}")
     if format_at(path):
         return [_exported(path)]
-    if (clip := clip_labelled_by(path)) is not None:
-        # The rows with actions say who is where.
+    folder = path.absolute().parent.parent
+    if path.absolute().match(f"*/{ACTIONS_FILE}") and is_sequence(folder):
+        # The rows with actions of a generated clip say who is where.
+        clip = read_sequence(folder)
         return [LabelledVideo(clip.name, clip.images, clip.length or None, None, partial(read_clip_labels, clip))]
     if is_okutama_file(path):
         return [_okutama(LabelFile(path.stem, (), path))]
@@ -212,12 +209,9 @@ def _reviewed(folder: Path) -> LabelledVideo:
 
     def read(_: Size, wanted: Wanted) -> GroundTruth:
         wanted_numbers(wanted, {}, (), folder)
-        frames, boxes, observed = (
-            np.concatenate([getattr(track, name) for track in tracks]) for name in ("frames", "boxes", "observed")
-        )
-        ids = np.repeat([track.id for track in tracks], [len(track) for track in tracks])
-        truth = GroundTruth(frames - first, ids, boxes, observed, ~observed, np.ones(len(ids)))
-        return truth.select(np.argsort(frames, kind="stable"))
+        rows = boxes_of_tracks(tracks)
+        everyone = np.ones(len(rows.ids))
+        return GroundTruth(rows.frames - first, rows.ids, rows.boxes, rows.observed, ~rows.observed, everyone)
 
     files = images[first : last + 1] or ((source,) if source.is_file() else ())
     video = LabelledVideo(folder.name, files, last + 1 - first, read, size=known.get("size"), first=first)

@@ -160,11 +160,7 @@ PLAIN = ("switching", "detection", "survival", "clutter")
 
 
 def read_sensing_model(path: Path) -> SensingModel:
-    """The model in a YAML file.
-
-    Raises:
-        RequestError: it is no YAML, or a key or value is not as expected.
-    """
+    """The model in a YAML file; raises RequestError where it is no YAML, or a key or value is not as expected."""
     try:
         content = yaml.safe_load(read_text(path, "a YAML file with the model of the sensor"))
     except yaml.YAMLError as error:
@@ -176,11 +172,7 @@ def read_sensing_model(path: Path) -> SensingModel:
 
 
 def sensing_model(content: Mapping[str, Any]) -> SensingModel:
-    """The model of such a mapping.
-
-    Raises:
-        RequestError: a key or value is not as expected.
-    """
+    """The model of such a mapping; raises RequestError where a key or value is not as expected."""
     known = ("sensor", "motion", "region", "leave", "births", *PLAIN)
     _check_keys("the model", content, known)
     motions = content.get("motion", {})

@@ -181,11 +181,7 @@ def _frame_rate(info: dict[str, str], folder: Path) -> float:
 
 
 def image_size(image: Path) -> tuple[int, int]:
-    """Width and height of an image, of which no more than that is read.
-
-    Raises:
-        RequestError: it is no image.
-    """
+    """Width and height of an image, of which no more than that is read; raises RequestError where it is no image."""
     try:
         from PIL import Image  # Here, since few runs need it.
 

@@ -19,7 +19,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.label_checks import LabelFile
-from tsuiseki.tracking.formats.mot_sequence import MotSequence, is_sequence, list_images, read_sequence
+from tsuiseki.tracking.formats.mot_sequence import MotSequence, list_images
 from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text, repeated, rows_of
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import BoolArray
@@ -180,17 +180,6 @@ def is_okutama_file(path: Path) -> bool:
     """Whether ``path`` is a label file: what stands in the tenth column is a word, as in no other format here."""
     (cells, *_) = rows_of(read_text(path, "labels")[:4000], path).cells or [[]]
     return len(cells) > 9 and cells[9][:1].isalpha()
-
-
-def clip_labelled_by(path: Path) -> MotSequence | None:
-    """The generated clip that has its labels at ``path``, as ``gt/actions.txt``; None where that is another file.
-
-    Raises:
-        RequestError: the clip is broken, see `read_sequence`.
-    """
-    path = path.absolute()
-    clip = path.parent.parent
-    return read_sequence(clip) if path.match(f"*/{ACTIONS_FILE}") and is_sequence(clip) else None
 
 
 def read_clip_labels(clip: MotSequence, size: tuple[int, int] | None = None) -> ActionLabels:

@@ -64,11 +64,7 @@ def read_text(path: Path, what: str) -> str:
 
 
 def read_json(path: Path, what: str) -> Any:
-    """The content of a JSON file.
-
-    Raises:
-        RequestError: there is none, or it is something else.
-    """
+    """The content of a JSON file; raises RequestError where there is none, or it is something else."""
     try:
         return json.loads(read_text(path, what))
     except (ValueError, RecursionError) as error:
@@ -144,20 +140,12 @@ class Rows:
 
 
 def read_rows(path: Path, what: str) -> Rows:
-    """The rows of a file.
-
-    Raises:
-        RequestError: see `read_text`.
-    """
+    """The rows of a file; raises RequestError, see `read_text`."""
     return rows_of(read_text(path, what), path)
 
 
 def rows_of(text: str, path: Path) -> Rows:
-    """The rows of a text that stands at ``path``.
-
-    Raises:
-        RequestError: a cell never ends.
-    """
+    """The rows of a text that stands at ``path``; raises RequestError where a cell never ends."""
     if "\r" in text:
         text = _END_OF_LINE.sub("\n", text)
     filled = [(n, line) for n, line in enumerate(text.split("\n"), start=1) if line.strip(_EMPTY)]
@@ -227,11 +215,7 @@ class NamedRows:
     separator: str
 
     def need(self, columns: Sequence[str]) -> None:
-        """Refuse the file where one of the columns is missing.
-
-        Raises:
-            RequestError: it is.
-        """
+        """Refuse the file where one of the columns is missing; raises RequestError where it is."""
         missing = [column for column in columns if column not in self.names]
         if missing:
             raise RequestError(
@@ -251,11 +235,7 @@ class NamedRows:
 
 
 def column_names(path: Path, what: str) -> list[str]:
-    """The names in a file's heading.
-
-    Raises:
-        RequestError: see `read_text`.
-    """
+    """The names in a file's heading; raises RequestError, see `read_text`."""
     return _headed(read_rows(path, what))[0]
 
 

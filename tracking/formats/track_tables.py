@@ -39,11 +39,7 @@ KNOWN = "tsuiseki"
 
 
 def needed(module: str, what: str) -> ModuleType:
-    """A module of a package that not everybody has.
-
-    Raises:
-        RequestError: it is not installed.
-    """
+    """A module of a package that not everybody has; raises RequestError where it is not installed."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

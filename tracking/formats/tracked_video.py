@@ -94,11 +94,7 @@ class TrackedVideo:
 
     @property
     def pixels(self) -> tuple[int, int]:
-        """`size`, where a format needs it.
-
-        Raises:
-            RequestError: it is not known.
-        """
+        """`size`, where a format needs it; raises RequestError where it is not known."""
         if self.size is None:
             raise RequestError("expected the size of the frames, which this result does not tell; give its `video`")
         return self.size

@@ -44,28 +44,28 @@ class Correspondences:
     lines: list[int]
 
 
-def read_correspondences(path: Path) -> list[Correspondences]:
-    """The points of each camera, cameras in the order of their first rows.
-
-    Raises:
-        RequestError: the file is missing or lacks a column, or a value is no finite number; the message says where.
-    """
-    return _read(path, COLUMNS)
-
-
 def read_floor_points(path: Path) -> Correspondences:
     """The points of one camera on the floor: as `read_correspondences`, without the column ``z``, which is 0.
 
     Raises:
         RequestError: as `read_correspondences`, or there are several cameras.
     """
-    groups = _read(path, [name for name in COLUMNS if name != "z"])
+    groups = read_correspondences(path, [name for name in COLUMNS if name != "z"])
     if len(groups) > 1:
         raise RequestError(f"{path}: expected the points of one camera, got {len(groups)}; give a file for each")
     return groups[0]
 
 
-def _read(path: Path, columns: Sequence[str]) -> list[Correspondences]:
+def read_correspondences(path: Path, columns: Sequence[str] = COLUMNS) -> list[Correspondences]:
+    """The points of each camera, cameras in the order of their first rows.
+
+    Args:
+        path: of the file.
+        columns: that it has; one of `COLUMNS` that is left out is 0.
+
+    Raises:
+        RequestError: the file is missing or lacks a column, or a value is no finite number; the message says where.
+    """
     table = read_named_rows(path, f"a CSV file with columns {', '.join(columns)}", columns)
     if not table.rows:
         raise RequestError(f"{path}: expected rows of points, found none")

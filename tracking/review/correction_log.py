@@ -114,11 +114,7 @@ class Correction:
 
     @classmethod
     def parse(cls, row: Any) -> Correction:
-        """What `written` gave.
-
-        Raises:
-            RequestError: it is something else.
-        """
+        """What `written` gave; raises RequestError where it is something else."""
         try:
             given = [None if b is None else [float(v) for v in b] for b in row.get("boxes", [])]
             boxes = tuple(None if b is None else Box(int(b[0]) - 1, *b[1:]) for b in given)

@@ -196,7 +196,11 @@ def application(reviewed: Reviewed, pictures: JpegFrames | None, token: str, por
     return Starlette(
         routes=[Mount(f"/{token}", routes=routes)],
         middleware=[Middleware(BaseHTTPMiddleware, dispatch=guarded)],
-        exception_handlers={404: _missing, RequestError: _wrong, RunError: _wrong},
+        exception_handlers={
+            404: lambda *_: PlainTextResponse("There is nothing at this address.", 404),
+            RequestError: lambda _, error: PlainTextResponse(str(error), 400),
+            RunError: lambda _, error: PlainTextResponse(str(error), 500),
+        },
     )
 
 
@@ -211,14 +215,6 @@ def refusal(request: Request, token: str, port: int) -> str:
     if not secrets.compare_digest(request.url.path.split("/")[1].encode(), token.encode()):
         return "This address lacks its token. Open the whole address that tsuiseki review printed."
     return ""
-
-
-def _missing(*_: object) -> Response:
-    return PlainTextResponse("There is nothing at this address.", 404)
-
-
-def _wrong(_: Request, error: Exception) -> Response:
-    return PlainTextResponse(str(error), 400 if isinstance(error, RequestError) else 500)
 
 
 def listening(port: int) -> socket.socket:

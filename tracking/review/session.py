@@ -39,7 +39,7 @@ from tsuiseki.tracking.review.demands import Finder
 from tsuiseki.tracking.review.questions import Question, Questioner
 from tsuiseki.tracking.review.solving import EVERY, CorrectedFlow, refitted
 from tsuiseki.tracking.types import IntArray, Track
-from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, boxes_about
+from tsuiseki.tracking.types.tracks import BodyTrack, boxes_about
 from tsuiseki.tracking.video.source import open_source
 
 # The tracks as the tracker left them, kept as soon as they are corrected.
@@ -304,7 +304,7 @@ class Session:
                 boxes[track.frames] = track.boxes
             for name, write in (
                 ("tracks.csv", lambda file: write_table(file, table_of(tracks), {})),
-                (ACTIONS_FILE, lambda file: write_acting_tracks(file, *self._acting(tracks))),
+                (ACTIONS_FILE, lambda file: self._write_acting(file, tracks)),
                 (STATES_FILE, lambda file: self._write_states(file, tracks)),
                 ("boxes.txt", lambda file: write_boxes(file, boxes)),
             ):
@@ -312,13 +312,13 @@ class Session:
                     self._replaced(name, write)
             self._replaced("tracks.txt", lambda file: write_tracks(file, tracks))
 
-    def _acting(self, tracks: Sequence[Track]) -> tuple[list[ActingTrack], tuple[str, ...]]:
-        """Tracks with actions, and the names of these; what the tracker left is kept beside."""
+    def _write_acting(self, file: Path, tracks: Sequence[Track]) -> None:
+        """Tracks with actions; what the tracker left is kept beside."""
         kept = self.folder / SOLVED_ACTIONS
         if not kept.is_file():
-            self._replaced(SOLVED_ACTIONS, lambda file: file.write_bytes((self.folder / ACTIONS_FILE).read_bytes()))
+            self._replaced(SOLVED_ACTIONS, lambda copy: copy.write_bytes((self.folder / ACTIONS_FILE).read_bytes()))
         solved, names = read_acting_tracks(kept, needed=False)
-        return acting(tracks, solved), names
+        write_acting_tracks(file, acting(tracks, solved), names)
 
     def _write_states(self, file: Path, tracks: Sequence[Track]) -> None:
         """Animals under corrections; what the tracker left is kept beside."""

@@ -81,11 +81,7 @@ class ImageFolder(Source):
         yield from self.at(range(wanted.first, wanted.last + 1))
 
     def at(self, numbers: Iterable[int]) -> Iterator[Frame]:
-        """The frames of these 0-based numbers.
-
-        Raises:
-            RunError: see `read_image`.
-        """
+        """The frames of these 0-based numbers; raises RunError, see `read_image`."""
         for number in numbers:
             yield Frame(number, number / self.frame_rate, read_image(self.images[number], self.size))
 

@@ -7,7 +7,7 @@ import threading
 import time
 import warnings
 from collections.abc import Generator, Iterator
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
@@ -70,17 +70,12 @@ class LiveSource(Source):
     def frames(self) -> Iterator[Frame]:
         """See `Source.frames`."""
         start = time.monotonic()
-        pictures, index = self._pictures(), 0
-        try:
-            while self.frames_wanted.last is None or index <= self.frames_wanted.last:
-                picture = next(pictures, None)
-                if picture is None:
+        with closing(self._pictures()) as pictures:
+            for index, (came, image) in enumerate(pictures):
+                if index in self.frames_wanted:
+                    yield self.times.note(Frame(index, came - start, image))
+                if index == self.frames_wanted.last:
                     return
-                if index >= self.frames_wanted.first:
-                    yield self.times.note(Frame(index, picture[0] - start, picture[1]))
-                index += 1
-        finally:
-            pictures.close()
 
     def _pictures(self) -> Generator[Picture]:
         """Each picture, through losses of the connection."""

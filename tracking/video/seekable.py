@@ -45,11 +45,7 @@ class SeekableVideo:
 
     @classmethod
     def of(cls, video: object) -> SeekableVideo | None:
-        """None where it can only be read from the beginning.
-
-        Raises:
-            RunError: the coded size changes.
-        """
+        """None where it can only be read from the beginning; raises RunError where the coded size changes."""
         if isinstance(video, ImageFolder) and video.images:
             return cls(video, len(video.images), np.empty(0), np.empty(0))
         if not isinstance(video, VideoFile):
