@@ -12,12 +12,12 @@ import signal
 import socket
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from io import StringIO
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
-from typing import Any, Protocol
+from typing import Any
 
 from tsuiseki.tracking.batch.tasks import BatchTask, TaskOutcome, do
 from tsuiseki.tracking.errors import RequestError, RunError
@@ -30,22 +30,6 @@ HERE, STORE = "here", 100_000_000
 PATIENCE = 10.0
 # Tasks that wait on Ray beside those that are under way, so that no worker waits for the next.
 AHEAD = 2
-
-
-class Executor(Protocol):
-    """Does several tasks at a time."""
-
-    def free(self) -> bool:
-        """Whether another task would soon be begun."""
-
-    def submit(self, task: BatchTask) -> None:
-        """Take a task."""
-
-    def finished(self, seconds: float) -> Iterable[tuple[BatchTask, TaskOutcome]]:
-        """What was finished, after so many seconds at most."""
-
-    def close(self) -> None:
-        """End what is under way."""
 
 
 def _do(task: BatchTask) -> TaskOutcome:
@@ -108,11 +92,11 @@ class Processes:
         self._workers: list[_Worker] = []
 
     def free(self) -> bool:
-        """See `Executor.free`."""
+        """Whether another task would soon be begun."""
         return len(self._workers) < self.count or any(worker.task is None for worker in self._workers)
 
     def submit(self, task: BatchTask) -> None:
-        """See `Executor.submit`."""
+        """Take a task."""
         worker = next((worker for worker in self._workers if worker.task is None), None)
         if worker is None:
             worker = _Worker()
@@ -122,7 +106,7 @@ class Processes:
             worker.pipe.send(task)
 
     def finished(self, seconds: float) -> list[tuple[BatchTask, TaskOutcome]]:
-        """See `Executor.finished`."""
+        """What was finished, after so many seconds at most."""
         busy = [worker for worker in self._workers if worker.task is not None]
         wait([each for worker in busy for each in (worker.pipe, worker.process.sentinel)], seconds)
         found: list[tuple[BatchTask, TaskOutcome]] = []
@@ -141,7 +125,7 @@ class Processes:
         return found
 
     def close(self) -> None:
-        """See `Executor.close`."""
+        """End what is under way."""
         for worker in self._workers:
             worker.end()
         self._workers = []
@@ -185,15 +169,15 @@ class RayTasks:
         self._remote: Any = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=0, retry_exceptions=False)(_do)
 
     def free(self) -> bool:
-        """See `Executor.free`."""
+        """See `Processes.free`."""
         return len(self._waiting) < int(self._asked(self._ray.cluster_resources).get("CPU", 1)) + AHEAD
 
     def submit(self, task: BatchTask) -> None:
-        """See `Executor.submit`."""
+        """See `Processes.submit`."""
         self._waiting[self._asked(self._remote.remote, task)] = task
 
     def finished(self, seconds: float) -> list[tuple[BatchTask, TaskOutcome]]:
-        """See `Executor.finished`."""
+        """See `Processes.finished`."""
         ready, _ = self._asked(self._ray.wait, [*self._waiting], num_returns=1, timeout=seconds)
         found = []
         for reference in ready:
@@ -211,7 +195,7 @@ class RayTasks:
         return found
 
     def close(self) -> None:
-        """See `Executor.close`."""
+        """See `Processes.close`."""
         with _quiet():
             for reference in self._waiting:
                 self._ray.cancel(reference, force=True)

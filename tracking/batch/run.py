@@ -15,7 +15,7 @@ from typing import Any, get_args
 from urllib.parse import quote
 
 from tsuiseki.tracking.batch.continuous import in_order
-from tsuiseki.tracking.batch.executors import Executor, Processes, RayTasks
+from tsuiseki.tracking.batch.executors import Processes, RayTasks
 from tsuiseki.tracking.batch.jobs import STATE, Job, Place, function_of
 from tsuiseki.tracking.batch.schedule import JOURNAL, Row, Schedule, note
 from tsuiseki.tracking.batch.sources import jobs_of
@@ -166,7 +166,7 @@ def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, emit: Callabl
     return BatchResult(schedule.rows, how.out)
 
 
-def _executor(how: BatchOptions) -> tuple[Executor, bool]:
+def _executor(how: BatchOptions) -> tuple[Processes | RayTasks, bool]:
     count = cores_of(how.workers)
     return (Processes(count), count == 1) if how.ray is None else (RayTasks(how.ray, count, how.gpus), False)
 

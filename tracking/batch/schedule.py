@@ -7,12 +7,12 @@ import json
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO, Any, Literal
 
-from tsuiseki.tracking.batch.executors import Executor
+from tsuiseki.tracking.batch.executors import Processes, RayTasks
 from tsuiseki.tracking.batch.jobs import STATE, Job
 from tsuiseki.tracking.batch.tasks import BatchTask, Doing, Kind, TaskOutcome
 from tsuiseki.tracking.errors import RequestError, RunError
@@ -80,7 +80,7 @@ class Schedule:
         for order in range(len(jobs)):
             self._add(order, "begin")
 
-    def run(self, executor: Executor, changed: Callable[[], None]) -> None:
+    def run(self, executor: Processes | RayTasks, changed: Callable[[], None]) -> None:
         """Do all of it; ``changed`` is called whenever a video is finished.
 
         Raises:
@@ -214,15 +214,13 @@ def status(folder: Path, /) -> None:
         raise RequestError(f"{folder}: expected the folder of a batch, found no {STATE}/{JOURNAL} in it")
     events = list[dict[str, Any]]()
     for line in path.read_text(encoding="utf-8").splitlines():
-        try:
+        with suppress(ValueError):  # torn where the disk was full or the process killed
             event = json.loads(line)
-        except ValueError:
-            continue  # torn where the disk was full or the process killed
-        if isinstance(event, dict) and {"event", "time"} <= event.keys():
-            if event["event"] == "batch":
-                events.clear()
-            if events or event["event"] == "batch":
-                events.append(event)
+            if isinstance(event, dict) and {"event", "time"} <= event.keys():
+                if event["event"] == "batch":
+                    events.clear()
+                if events or event["event"] == "batch":
+                    events.append(event)
     if not events:
         raise RequestError(f"{path}: expected the beginning of a batch, found none; is it still starting?")
     with ExitStack() as stack:

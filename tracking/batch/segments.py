@@ -148,7 +148,7 @@ class SegmentPlan:
     def seekable(self, source: Source) -> SeekableVideo:
         """Of the video, which is opened anew."""
         assert isinstance(source, VideoFile | ImageFolder)
-        return SeekableVideo(source, len(self.stamps) or source.length or 0, self.stamps, self.times)
+        return SeekableVideo(source, self.stamps, self.times)
 
     def prepare(self, opened: OpenedPeople, first: int) -> None:
         """Let what was opened detect as planned, from frame ``first`` on."""
@@ -339,7 +339,7 @@ class Again:
                 self._seconds[stage] = self._seconds.get(stage, 0.0) + seconds
             blank = np.broadcast_to(np.zeros(1, dtype=np.uint8), (*seen.about["size"], 3))
             for number, self.detections in enumerate(seen.detections, start):
-                frame = Frame(number, seekable.time(number), blank) if images is None else next(images)
+                frame = Frame(number, float(seekable.times[number]), blank) if images is None else next(images)
                 yield self.source.times.note(frame)
         seekable.check_end(last)
 

@@ -56,10 +56,7 @@ def write_coco(path: Path, video: TrackedVideo) -> None:
     # Categories count from 1.
     first = min(video.kinds.values())
     rows, kinds = video.boxes, {kind: number + max(1 - first, 0) for kind, number in video.kinds.items()}
-    columns = zip(
-        rows.frames.tolist(), rows.ids.tolist(), xywh_from_corners(rows.boxes).round(3).tolist(),
-        rows.scores.round(4).tolist(), rows.observed.tolist(), rows.detection.tolist(), strict=True,
-    )  # fmt: skip
+    columns = rows.listed(boxes=xywh_from_corners(rows.boxes).round(3), scores=rows.scores.round(4))
     content = {
         "info": {"description": video.name, "frame_rate": video.frame_rate},
         "licenses": [],

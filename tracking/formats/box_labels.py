@@ -71,10 +71,8 @@ def find_kitti(folder: Path) -> list[LabelFile]:
 
 def write_kitti(path: Path, video: TrackedVideo) -> None:
     """Write tracks as results; people are of the type ``Pedestrian``, and what is not known has KITTI's numbers."""
-    rows, text = video.boxes, []
-    for frame, number, box, score in zip(
-        rows.frames.tolist(), rows.ids.tolist(), rows.boxes.tolist(), rows.scores.tolist(), strict=True
-    ):
+    text = []
+    for frame, number, box, score, *_ in video.boxes.listed():
         kind = video.kind[number]
         name = COUNTED if kind.lower() in PERSON_NAMES else kind.title().replace(" ", "_")
         place = " ".join(f"{value:.2f}" for value in box)

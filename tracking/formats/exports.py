@@ -105,12 +105,9 @@ HEADING = ("filename", "file_size", "file_attributes", "region_count", "region_i
 def write_via_tracks(path: Path, video: TrackedVideo) -> None:
     """Write the boxes, by frame, then by id."""
     rows = video.boxes
-    columns = zip(
-        rows.frames.tolist(), rows.ids.tolist(), xywh_from_corners(rows.boxes).round(3).tolist(),
-        rows.scores.round(4).tolist(), strict=True,
-    )  # fmt: skip
+    columns = rows.listed(boxes=xywh_from_corners(rows.boxes).round(3), scores=rows.scores.round(4))
     lines = []
-    for frame, number, box, score in columns:
+    for frame, number, box, score, *_ in columns:
         shape = {"name": "rect", **dict(zip(("x", "y", "width", "height"), box, strict=True))}
         about = {"track": str(number), "confidence": str(score), "class": video.kind[number]}
         image = f"{video.stem}_{frame:08d}.jpg"

@@ -272,7 +272,7 @@ def write_tracks(path: str | Path, tracks: Iterable[Track]) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
     every = [*tracks]
     rows, kinds = boxes_of_tracks(every), {track.id: track.class_id for track in every}
-    columns = zip((rows.frames + 1).tolist(), rows.ids.tolist(), boxes_as_text(rows.boxes), rows.scores, strict=True)
+    columns = zip(rows.frames + 1, rows.ids.tolist(), boxes_as_text(rows.boxes), rows.scores, strict=True)
     path.write_text("".join(f"{f},{i},{b},{s:.4f},{kinds[i]},-1,-1\n" for f, i, b, s in columns), encoding="utf-8")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path, PurePosixPath
@@ -43,6 +43,10 @@ class TrackedBoxes(NamedTuple):
     scores: FloatArray
     observed: BoolArray
     detection: IntArray
+
+    def listed(self, **others: Any) -> Iterator[tuple[Any, ...]]:
+        """The rows as plain values, with ``others`` in the place of columns."""
+        return zip(*(column.tolist() for column in self._replace(**others)), strict=True)
 
 
 def boxes_of_tracks(tracks: Iterable[Track]) -> TrackedBoxes:

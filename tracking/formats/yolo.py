@@ -54,9 +54,7 @@ def write_yolo(folder: Path, video: TrackedVideo) -> None:
     middle = centres(rows.boxes)
     shares = np.concatenate([middle, rows.boxes[:, 2:] - rows.boxes[:, :2]], axis=1) / size
     texts: dict[int, list[str]] = {}
-    for frame, number, box, score in zip(
-        rows.frames.tolist(), rows.ids.tolist(), shares.tolist(), rows.scores.tolist(), strict=True
-    ):
+    for frame, number, box, score, *_ in rows.listed(boxes=shares):
         place = " ".join(f"{value:.6f}" for value in box)
         texts.setdefault(frame, []).append(f"{video.kinds[video.kind[number]]} {place} {score:.4f} {number}\n")
     for frame, lines in texts.items():

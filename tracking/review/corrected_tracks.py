@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.review.correction_log import CorrectedVideo, Correction, append, read_corrections
 from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
@@ -173,13 +174,11 @@ def track_ids(before: IntArray, labels: IntArray, most: int) -> IntArray:
 
 def rows_of(tracks: Iterable[Track]) -> Rows:
     """All boxes of tracks as rows (`ROW`), by frame, then by id."""
-    parts = [np.empty(0, ROW)]
-    for track in tracks:
-        parts.append(np.empty(len(track), ROW))
-        for name, column in zip(ROW.names or (), (track.frames, track.id, track.boxes, ~track.observed), strict=True):
-            parts[-1][name] = column
-    rows = np.concatenate(parts)
-    return rows[np.lexsort((rows["id"], rows["frame"]))]
+    every = boxes_of_tracks(tracks)
+    rows = np.empty(len(every.ids), ROW)
+    for name, column in zip(ROW.names or (), (every.frames, every.ids, every.boxes, ~every.observed), strict=True):
+        rows[name] = column
+    return rows
 
 
 def changes(before: Iterable[Track], after: Iterable[Track]) -> list[tuple[int, int, int]]:

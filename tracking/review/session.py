@@ -88,42 +88,36 @@ class Session:
         self.folder = Path(result)
         if not self.folder.is_dir():
             raise RequestError(f"expected the folder of a result to review, got {result}")
-        self._open, self._saving = ExitStack(), Lock()
-        try:
-            hold(
-                self.folder,
-                f"somebody reviews {result} at this moment, or a run writes it; wait or end that",
-                self._open,
+        self._saving = Lock()
+        with ExitStack() as stack:
+            busy = f"somebody reviews {result} at this moment, or a run writes it; wait or end that"
+            hold(self.folder, busy, stack)
+            self._result: Result[Any] = Result.load(self.folder)
+            solved = self._solved_tracks()
+            self.frame_rate = self._result.frame_rate or 25.0
+            last = max((int(track.frames[-1]) for track in solved), default=-1)
+            self.n_frames = max([last, *self._result.frames.get("frame", ())]) + 1
+            self.size = self._result.size
+            record = self._record()
+            chosen = self._result.settings.get("classes")
+            self.noun = "target" if chosen else NOUNS.get(record.get("command", ["people"])[-1], "target")
+            self._find_video(source)
+            self._video = CorrectedVideo(self._result.name if self._result.source else "", self.size, self.n_frames)
+            path, fill = self.folder / NETWORK_FILE, round(FILL * self.frame_rate)
+            self._network = (
+                SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, fill, self.frame_rate)
             )
-            self._load(source)
-        except BaseException:
-            self._open.close()
-            raise
-
-    def _load(self, source: str | Path | None) -> None:
-        self._result: Result[Any] = Result.load(self.folder)
-        solved = self._solved_tracks()
-        self.frame_rate = self._result.frame_rate or 25.0
-        last = max((int(track.frames[-1]) for track in solved), default=-1)
-        self.n_frames = max([last, *self._result.frames.get("frame", ())]) + 1
-        self.size = self._result.size
-        record = self._record()
-        chosen = self._result.settings.get("classes")
-        self.noun = "target" if chosen else NOUNS.get(record.get("command", ["people"])[-1], "target")
-        self._find_video(source)
-        self._video = CorrectedVideo(self._result.name if self._result.source else "", self.size, self.n_frames)
-        path, fill = self.folder / NETWORK_FILE, round(FILL * self.frame_rate)
-        self._network = SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, fill, self.frame_rate)
-        self.corrections_file = self.folder / CORRECTIONS_FILE
-        there = self.corrections_file.is_file()
-        self._log = read_corrections(self.corrections_file, self._video) if there else CorrectionLog()
-        self._reporter, self._flow, self._fitted = Reporter(solved), CorrectedFlow(self._network), 0
-        self._costs, self._tracks = self._network, list[Track]()
-        self._asked: list[Question] | None = None
-        self._solve(self._log)
-        self._refresh()
-        # Of a review that was killed, the last corrections may not be in the tracks yet.
-        self.saved = self._result.facts.get("corrections", 0) == len(self._log.given)
+            self.corrections_file = self.folder / CORRECTIONS_FILE
+            there = self.corrections_file.is_file()
+            self._log = read_corrections(self.corrections_file, self._video) if there else CorrectionLog()
+            self._reporter, self._flow, self._fitted = Reporter(solved), CorrectedFlow(self._network), 0
+            self._costs, self._tracks = self._network, list[Track]()
+            self._asked: list[Question] | None = None
+            self._solve(self._log)
+            self._refresh()
+            # Of a review that was killed, the last corrections may not be in the tracks yet.
+            self.saved = self._result.facts.get("corrections", 0) == len(self._log.given)
+            self._open = stack.pop_all()
 
     def _solved_tracks(self) -> list[Track]:
         kept, bodies = self.folder / SOLVED_FILE, self.folder / SOLVED_STATES

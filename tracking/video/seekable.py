@@ -33,13 +33,11 @@ class SeekableVideo:
 
     Attributes:
         video: the file, or images.
-        length: frames up to the end.
-        stamps: ``(F,)`` milliseconds of a file's frames.
-        times: ``(F,)`` seconds of them.
+        stamps: ``(F,)`` milliseconds of a file's frames; none of images.
+        times: ``(F,)`` seconds of the frames up to the end.
     """
 
     video: VideoFile | ImageFolder
-    length: int
     stamps: FloatArray
     times: FloatArray
 
@@ -47,7 +45,7 @@ class SeekableVideo:
     def of(cls, video: object) -> SeekableVideo | None:
         """None where it can only be read from the beginning; raises RunError where the coded size changes."""
         if isinstance(video, ImageFolder) and video.images:
-            return cls(video, len(video.images), np.empty(0), np.empty(0))
+            return cls(video, np.empty(0), np.arange(len(video.images)) / video.frame_rate)
         if not isinstance(video, VideoFile):
             return None
         coded, stamped, size = CodedFrames(video.path), list[float](), None
@@ -62,17 +60,13 @@ class SeekableVideo:
             return None
         for stamp in (stamps / 1000).tolist():
             times.append(video.time_of(stamp - float(stamps[0]) / 1000, times))
-        return cls(video, len(stamps), stamps, np.array(times))
+        return cls(video, stamps, np.array(times))
 
     @property
     def wanted(self) -> FrameRange:
         """The frames that the video is to give, up to its end where it is shorter."""
-        wanted = self.video.frames_wanted
-        return FrameRange(wanted.first, min(self.length - 1, wanted.last if wanted.last is not None else self.length))
-
-    def time(self, number: int) -> float:
-        """Seconds of a frame."""
-        return number / self.video.frame_rate if isinstance(self.video, ImageFolder) else float(self.times[number])
+        wanted, length = self.video.frames_wanted, len(self.times)
+        return FrameRange(wanted.first, min(length - 1, length if wanted.last is None else wanted.last))
 
     def frames(self, first: int, last: int) -> Iterator[Frame]:
         """Frames ``first`` to ``last``, 0-based, both included.
@@ -89,7 +83,7 @@ class SeekableVideo:
                 if not capture.grab() or capture.get(cv2.CAP_PROP_POS_MSEC) != self.stamps[number]:
                     raise UnfitIndexError(f"{self.video.path}: frame {number + 1} does not come as its packets say")
                 image = retrieved(capture, f"{self.video.path}: frame {number + 1}")
-                yield Frame(number, self.time(number), image)
+                yield Frame(number, float(self.times[number]), image)
         finally:
             capture.release()
 
