@@ -152,12 +152,7 @@ def settings_of(job: Job, source: str) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Place:
-    """Where a job leaves things.
-
-    Attributes:
-        folder: of its result.
-        state: folder of what it keeps on its way.
-    """
+    """Where a job leaves things: the folder of its result, and that of what it keeps on its way."""
 
     folder: Path
     state: Path

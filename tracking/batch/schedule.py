@@ -230,12 +230,7 @@ def status(folder: Path, /) -> None:
 
 
 def lines_of(events: list[dict[str, Any]], runs: bool) -> Iterator[str]:
-    """What there is to say.
-
-    Args:
-        events: of one batch, the first of which says what is to be done.
-        runs: whether it does at this moment.
-    """
+    """What there is to say of the events of a batch, the first of which says what is to be done."""
     sizes: dict[str, float] = events[0]["sizes"]
     ends = {event["name"]: event for event in events if event["event"] == "end"}
     begun = {event["name"] for event in events if event["event"] == "begin"} - ends.keys()

@@ -57,16 +57,9 @@ class Doing:
 
 @dataclass(frozen=True, order=True)
 class BatchTask:
-    """A piece of work; of several the smallest comes first.
+    """A piece of work on a video, or on one of its segments; of several the smallest comes first.
 
-    Attributes:
-        order: of its video.
-        turn: of the kind within it, the later the sooner done.
-        part: number of the segment.
-        kind: what is to be done.
-        job: the video.
-        doing: how.
-        redo: do it again although the result is there.
+    Later kinds have the smaller ``turn``: what was begun is finished first. ``redo`` does again what is there.
     """
 
     order: int

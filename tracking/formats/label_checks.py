@@ -157,12 +157,7 @@ ENOUGH = 20
 
 @dataclass
 class BoxCheck:
-    """Takes the boxes of a video until there are enough, and says once what does not fit.
-
-    Attributes:
-        what: where they come from, for people to read.
-        size: width and height of the pictures; None where not known.
-    """
+    """Takes the boxes of ``what``, in pictures of a size, until there are enough, and says once what does not fit."""
 
     what: str
     size: tuple[int, int] | None = None

@@ -183,11 +183,7 @@ def is_okutama_file(path: Path) -> bool:
 
 
 def read_clip_labels(clip: MotSequence, size: tuple[int, int] | None = None) -> ActionLabels:
-    """The labels in ``gt/actions.txt`` of a generated clip, in pixels of its frames.
-
-    Args:
-        clip: the clip.
-        size: width and height of the frames, where the clip does not say.
+    """The labels in ``gt/actions.txt`` of a generated clip, in pixels of its frames; of ``size`` where it does not say.
 
     Raises:
         RequestError: labels are missing or broken (see `read_okutama`), or nothing says how large the frames are.

@@ -49,9 +49,6 @@ def is_mars(folder: Path) -> bool:
 def read_mars(folder: str | Path) -> list[PersonCrop]:
     """The crops of ``bbox_train`` or ``bbox_test``, or of the ``bbox_train`` in ``folder``, by name, without junk.
 
-    Args:
-        folder: of the data set or of one part of it.
-
     Raises:
         RequestError: there is no crop, or a name does not say what it shows.
     """

@@ -36,11 +36,7 @@ _DECIMAL_COMMA = re.compile(r"([-+]?\d*),(\d+(?:[eE][-+]?\d+)?)")
 
 
 def read_text(path: Path, what: str) -> str:
-    """The text of a file without the mark that some editors put before the first character.
-
-    Args:
-        path: of the file.
-        what: it holds, for the message.
+    """The text of a file of ``what``, without the mark that some editors put before the first character.
 
     Raises:
         RequestError: there is no such file, or it is binary.

@@ -286,12 +286,7 @@ def tracks_of_rows(
 def tracks_without_ids(path: Path, rows: Iterable[BoxOfPicture]) -> TrackedVideo:
     """Boxes of pictures that were labelled one by one: an id is the place of a box among those of its class there.
 
-    Args:
-        path: of the file, for messages.
-        rows: the boxes.
-
-    Raises:
-        RequestError: see `tracks_of_rows`.
+    See `tracks_of_rows` for the path and for what is refused.
     """
     ids: dict[tuple[tuple[int, str], bool, int], int] = {}
     counts = Counter[tuple[int, tuple[int, str], bool]]()

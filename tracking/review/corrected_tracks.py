@@ -85,12 +85,7 @@ class Reporter:
 
 
 def acting(tracks: Sequence[Track], solved: Sequence[ActingTrack]) -> list[ActingTrack]:
-    """Tracks with what people do there: of the solved track that had the box, and in between on straight lines.
-
-    Args:
-        tracks: corrected.
-        solved: with actions.
-    """
+    """Corrected tracks with what people do: as the ``solved`` track that had the box, in between on straight lines."""
     known = {
         place: (person.single[n], person.multi[n])
         for person in solved

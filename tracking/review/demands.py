@@ -183,12 +183,7 @@ def corners(box: Box) -> FloatArray:
 
 
 class Finder:
-    """Finds detections by boxes.
-
-    Args:
-        frames: ``(N,)``.
-        boxes: ``(N, 4)`` pixels.
-    """
+    """Finds detections, of ``(N,)`` frames and ``(N, 4)`` boxes in pixels, by boxes that were spoken of."""
 
     def __init__(self, frames: IntArray, boxes: FloatArray) -> None:
         self._boxes = boxes

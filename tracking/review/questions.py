@@ -107,12 +107,7 @@ class Questioner:
         self._before[self._follower[linked]] = linked
 
     def ranked(self, limit: int, without: Set[str] = frozenset()) -> list[Question]:
-        """Questions, first those whose wrong answer probably spoils most.
-
-        Args:
-            limit: how many at most.
-            without: keys of what is not to be asked.
-        """
+        """As many questions, first those whose wrong answer probably spoils most, without those of some keys."""
         found: dict[str, tuple[float, Question]] = {}
         for wrong, spoilt, arcs, ask in (self._links(), self._joins(), self._exchanges(), self._tracks()):
             weight, taken, asked = wrong * spoilt, set[int](), 0

@@ -22,11 +22,9 @@ _HEADER_BYTES = 4096  # headers stand before the picture
 
 
 class CodedFrames:
-    """A video file's coded frames one by one, undecoded, beside the capture that decodes them.
+    """A file's coded frames, which ``capture`` grabs one by one, beside the capture that decodes them.
 
-    Attributes:
-        capture: grabs them; what it says of each holds for the coded frame.
-        there: the file gives its frames undecoded.
+    They are ``there`` where the file gives its frames undecoded.
     """
 
     def __init__(self, path: Path) -> None:

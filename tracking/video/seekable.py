@@ -106,10 +106,7 @@ class SeekableVideo:
         return capture
 
     def check_end(self, last: int) -> None:
-        """Say at the end what `VideoFile.frames` says there: it breaks off early, or its frames lie unevenly.
-
-        Args:
-            last: number of the last frame that came.
+        """Say after the last frame what `VideoFile.frames` says there: it breaks off early, or its frames lie unevenly.
 
         Raises:
             RunError: see `VideoFile.refuse_early_end`.
