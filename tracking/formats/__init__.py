@@ -8,7 +8,7 @@ The contract of all files here:
   pixels; it raises `RequestError`, with file and line, where the content is not what it should be;
 * ``write_X(path, …)`` writes what ``read_X`` gives back.
 
-Each file is one format, or one family of them: `measurements` and `sensed_points` are of a sensor, `body_states`,
-`body_points`, `silhouettes` and `sleap_hdf5` of bodies that bend, `track3d` and `correspondences` of places in space.
+Each file is one format, or one family of them: `measurement_tables` are of a sensor, `body_states`, `body_points` and
+`sleap_hdf5` of bodies that bend, `world_tables` of places in space.
 `labelled.open_labelled` opens labelled video of any layout. What is read is defined in `tsuiseki.tracking.types`.
 """

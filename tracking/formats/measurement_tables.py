@@ -13,7 +13,7 @@ Further columns are allowed and passed over. Positions are in the unit of the fi
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields
+from dataclasses import fields, replace
 from itertools import combinations_with_replacement, pairwise
 from pathlib import Path
 from typing import Any, TypeVar
@@ -66,38 +66,24 @@ def read_scans(path: Path, names: Sequence[str], period: float = 1.0) -> list[Sc
     errors = _error_columns(table, names)
     if not table.rows:
         raise RequestError(f"{path}: expected at least one row of measurements, got none")
-    times: list[float] = []
-    found: list[FloatArray] = []
-    spreads: list[FloatArray] = []
-    for line, row in table.rows:
-        time = finite_number(path, line, clock, row.get(clock))
-        if times and time < times[-1]:
-            raise RequestError(
-                f"{path}:{line}: expected rows in order of {clock}, got {time:g} after {times[-1]:g}; sort it"
-            )
-        times.append(time)
-        if all(not row[name] for name in names):
-            found.append(np.full(len(names), np.nan))
-            spreads.append(np.eye(len(names)))
-            continue
-        found.append(np.array([finite_number(path, line, name, row.get(name)) for name in names]))
-        spreads.append(_covariance(path, line, row, names, errors))
-    scans = _scans(np.array(times), np.array(found).reshape(-1, len(names)), np.array(spreads), bool(errors))
+    times = table.numbers([clock])[:, 0]
+    if len(early := np.flatnonzero(np.diff(times) < 0)):
+        before, after = times[early[0] : early[0] + 2]
+        line = table.rows[early[0] + 1][0]
+        raise RequestError(f"{path}:{line}: expected rows in order of {clock}, got {after:g} after {before:g}; sort it")
+    filled = replace(table, rows=[one for one in table.rows if any(one[1][name] for name in names)])
+    measured = [any(row[name] for name in names) for _, row in table.rows]
+    values, spreads = filled.numbers(names), [_covariance(path, *row, names, errors) for row in filled.rows]
+    covariances = np.array(spreads).reshape(-1, len(names), len(names))
+    # Rows of one time are one scan; of them those count that have a measurement.
+    starts, counts = np.flatnonzero(np.diff(times, prepend=-np.inf) > 0), np.cumsum([0, *measured])
+    scans = []
+    for first, last in pairwise([*starts.tolist(), len(times)]):
+        rows = slice(counts[first], counts[last])
+        scans.append(Scan(float(times[first]), values[rows], covariances[rows] if errors else None))
     if clock == "time":
         return scans
     return _filled(path, scans, period, len(names))
-
-
-def _scans(times: FloatArray, found: FloatArray, spreads: FloatArray, own: bool) -> list[Scan]:
-    """Rows of one time are one scan; ``times`` ascend."""
-    starts = np.flatnonzero(np.diff(times, prepend=-np.inf) > 0)
-    measured = ~np.isnan(found[:, 0])
-    scans = []
-    for first, last in pairwise([*starts.tolist(), len(times)]):
-        here = slice(first, last)
-        rows = measured[here]
-        scans.append(Scan(float(times[first]), found[here][rows], spreads[here][rows] if own else None))
-    return scans
 
 
 def _filled(path: Path, scans: list[Scan], period: float, width: int) -> list[Scan]:

@@ -46,9 +46,10 @@ def hdf5_installed() -> bool:
     return importlib.util.find_spec("h5py") is not None
 
 
-def _need_h5py(path: Path) -> None:
+def _h5py(path: Path) -> Any:
     if not hdf5_installed():
         raise RequestError(f"{path} is HDF5, which needs h5py: {MISSING}")
+    return importlib.import_module("h5py")
 
 
 def read_sleap_hdf5(path: Path) -> PointTable:
@@ -59,9 +60,7 @@ def read_sleap_hdf5(path: Path) -> PointTable:
     Raises:
         RequestError: h5py is missing, or the file is neither, such as DeepLabCut's.
     """
-    _need_h5py(path)
-    import h5py
-
+    h5py = _h5py(path)
     try:
         with h5py.File(path, "r") as file:
             if "pred_points" in file and "instances" in file:
@@ -90,9 +89,7 @@ def write_sleap_analysis(path: Path, table: PointTable, length: int) -> None:
     Raises:
         RequestError: h5py is missing.
     """
-    _need_h5py(path)
-    import h5py
-
+    h5py = _h5py(path)
     names = list(dict.fromkeys(table.tracks))
     points = np.full((length, len(table.nodes), 2, len(names)), np.nan)
     scores = np.full((length, len(table.nodes), len(names)), np.nan)
@@ -116,9 +113,7 @@ def write_sleap_project(path: Path, video: TrackedVideo) -> None:
     Raises:
         RequestError: h5py is missing.
     """
-    _need_h5py(path)
-    import h5py
-
+    h5py = _h5py(path)
     table = video.nodes
     order = np.argsort(table.frames, kind="stable")
     names, count = list(dict.fromkeys(table.tracks)), len(table.nodes)

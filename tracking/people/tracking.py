@@ -500,7 +500,7 @@ def correction_files(
     if corrections is None:
         return tracks, files, {}, []
     from tsuiseki.tracking.review.corrected_tracks import replayed
-    from tsuiseki.tracking.review.correction_log import CORRECTIONS_FILE, CorrectedVideo
+    from tsuiseki.tracking.review.correction_log import CORRECTIONS_FILE, CorrectedVideo, append
     from tsuiseki.tracking.review.session import FILL, SOLVED_FILE
 
     last = max([*frames, *(int(track.frames[-1]) for track in tracks)], default=-1)
@@ -510,7 +510,7 @@ def correction_files(
     again = replayed(tracks, known, corrections, video)
     files |= {
         SOLVED_FILE: lambda path, _: write_tracks(path, tracks),
-        CORRECTIONS_FILE: lambda path, _: again.write(path),
+        CORRECTIONS_FILE: lambda path, _: append(path, again.done, video),
     }
     facts: Mapping[str, Any] = {"corrections": len(again.done), "track_names": again.names}
     every, lost = again.given, len(again.left_out)

@@ -14,7 +14,7 @@ from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
-from tsuiseki.tracking.review.correction_log import CorrectedVideo, Correction, append, read_corrections
+from tsuiseki.tracking.review.correction_log import CorrectedVideo, Correction, read_corrections
 from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack
@@ -199,7 +199,6 @@ class Replayed:
         given: how many corrections there are.
         done: those that can hold together.
         left_out: a line for each that does not.
-        video: of which they speak.
     """
 
     tracks: Sequence[Track]
@@ -207,11 +206,6 @@ class Replayed:
     given: int
     done: Sequence[Correction]
     left_out: Sequence[str]
-    video: CorrectedVideo
-
-    def write(self, path: Path) -> None:
-        """Write what was done as corrections of this result."""
-        append(path, self.done, self.video)
 
 
 def replayed(tracks: Sequence[Track], network: SolvedNetwork, path: Path, video: CorrectedVideo) -> Replayed:
@@ -240,4 +234,4 @@ def replayed(tracks: Sequence[Track], network: SolvedNetwork, path: Path, video:
             except RequestError as error:
                 left_out.append(str(error))
     _, corrected, names = Reporter(tracks).reported(flow)
-    return Replayed(corrected, names, len(wanted), done, [*left_out, *flow.demands.left_out], video)
+    return Replayed(corrected, names, len(wanted), done, [*left_out, *flow.demands.left_out])

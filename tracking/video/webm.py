@@ -38,16 +38,15 @@ class X264Writer:
 
     def __init__(self, path: Path, frame_rate: float, size: tuple[int, int]) -> None:
         self._path = path
+        self._av: Any = importlib.import_module("av") if importlib.util.find_spec("av") else None
         self._container: Any = None
         self._stream: Any = None
-        if importlib.util.find_spec("av") is None:
+        if self._av is None:
             return
-        import av
-
         try:
-            self._container = av.open(str(path), "w")
+            self._container = self._av.open(str(path), "w")
             self._stream = self._container.add_stream("libx264", Fraction(frame_rate).limit_denominator(1001))
-        except (av.FFmpegError, ValueError):
+        except (self._av.FFmpegError, ValueError):
             return
         self._stream.width, self._stream.height = size
         self._stream.pix_fmt = "yuv420p"
@@ -62,10 +61,8 @@ class X264Writer:
 
     def write(self, image: NDArray[np.uint8]) -> None:
         """Append ``image`` ``(H, W, 3)`` BGR."""
-        import av
-
         with self._whole():
-            self._container.mux(self._stream.encode(av.VideoFrame.from_ndarray(image, format="bgr24")))
+            self._container.mux(self._stream.encode(self._av.VideoFrame.from_ndarray(image, format="bgr24")))
 
     def release(self) -> None:
         """Write what is left and close the file."""
@@ -75,11 +72,9 @@ class X264Writer:
 
     @contextmanager
     def _whole(self) -> Iterator[None]:
-        import av
-
         try:
             yield
-        except av.FFmpegError as error:
+        except self._av.FFmpegError as error:
             raise RunError(f"{self._path.name}: the video was not written to its end; is the disk full?") from error
 
 
