@@ -45,12 +45,12 @@ EXPECTED = (
 
 
 def as_detections(
-    found: DetectionsLike | Any, classes: Collection[int] | None = None, counted: BadBoxes | None = None
+    detections: DetectionsLike | Any, classes: Collection[int] | None = None, counted: BadBoxes | None = None
 ) -> Detections:
-    """``found`` as `Detections`.
+    """``detections`` as `Detections`.
 
     Args:
-        found: see the module.
+        detections: see the module.
         classes: keep detections of these classes only; by default all.
         counted: over the frames of a video, the boxes that are none: those are left out, which is reported once, as
             long as most of all are good. Without it those of this frame count.
@@ -64,40 +64,40 @@ def as_detections(
     >>> len(as_detections([]))
     0
     """
-    if not isinstance(found, Detections):
-        boxes, scores, labels = _parts(found)
+    if not isinstance(detections, Detections):
+        boxes, scores, labels = _parts(detections)
         known = None if labels is None else np.nan_to_num(labels, nan=-1).astype(np.int64)
-        found = _checked(boxes, scores, known, _names(found), counted)
-    if classes is None or not len(found):
-        return found
-    if found.classes is None:
+        detections = _checked(boxes, scores, known, _names(detections), counted)
+    if classes is None or not len(detections):
+        return detections
+    if detections.classes is None:
         raise RequestError("expected detections that have classes, got none; leave the argument classes out")
-    return found.select(np.isin(found.classes, list(classes)))
+    return detections.select(np.isin(detections.classes, list(classes)))
 
 
-def _names(found: Any) -> dict[int, str]:
+def _names(detections: Any) -> dict[int, str]:
     """Names of classes by number, where results of Ultralytics (all) or supervision (of the boxes there) tell them."""
-    found = found[0] if isinstance(found, list | tuple) and len(found) == 1 else found
-    names = getattr(found, "names", None)
+    detections = detections[0] if isinstance(detections, list | tuple) and len(detections) == 1 else detections
+    names = getattr(detections, "names", None)
     if isinstance(names, Mapping):
         return {int(number): str(name) for number, name in names.items()}
-    data, numbers = getattr(found, "data", None), getattr(found, "class_id", None)
+    data, numbers = getattr(detections, "data", None), getattr(detections, "class_id", None)
     if isinstance(data, Mapping) and "class_name" in data and numbers is not None:
         return {int(number): str(name) for number, name in zip(numbers, data["class_name"], strict=True)}
     return {}
 
 
-def _parts(found: Any) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+def _parts(detections: Any) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     """Boxes ``(N, 4)``, scores ``(N,)`` and, where they are known, classes ``(N,)``."""
-    found = _unwrapped(found)
-    if isinstance(found, Mapping):
-        if "boxes" not in found:
-            raise RequestError(f"{EXPECTED}; got a dictionary with {', '.join(map(str, found)) or 'nothing'}")
-        return _of_columns(found["boxes"], found.get("scores"), found.get("labels"))
-    if hasattr(found, "xyxy"):
-        scores = getattr(found, "confidence", getattr(found, "conf", None))
-        return _of_columns(found.xyxy, scores, getattr(found, "class_id", getattr(found, "cls", None)))
-    table = _array(found)
+    detections = _unwrapped(detections)
+    if isinstance(detections, Mapping):
+        if "boxes" not in detections:
+            raise RequestError(f"{EXPECTED}; got a dictionary with {', '.join(map(str, detections)) or 'nothing'}")
+        return _of_columns(detections["boxes"], detections.get("scores"), detections.get("labels"))
+    if hasattr(detections, "xyxy"):
+        scores = getattr(detections, "confidence", getattr(detections, "conf", None))
+        return _of_columns(detections.xyxy, scores, getattr(detections, "class_id", getattr(detections, "cls", None)))
+    table = _array(detections)
     if table.size == 0:
         return np.empty((0, 4)), np.empty(0), np.empty(0)
     if table.ndim != 2 or table.shape[1] not in (4, 5, 6):
@@ -106,16 +106,16 @@ def _parts(found: Any) -> tuple[FloatArray, FloatArray, FloatArray | None]:
     return table[:, :4], scores, table[:, 5] if table.shape[1] == 6 else None
 
 
-def _unwrapped(found: Any) -> Any:
+def _unwrapped(detections: Any) -> Any:
     """What holds the boxes, where it came in a list of one image or in a result that has more."""
-    if isinstance(found, Sequence) and len(found) == 1 and not isinstance(found, str | bytes):
-        (inside,) = found
+    if isinstance(detections, Sequence) and len(detections) == 1 and not isinstance(detections, str | bytes):
+        (inside,) = detections
         if isinstance(inside, Mapping | Detections) or hasattr(inside, "xyxy") or hasattr(inside, "boxes"):
-            found = inside
-    boxes = None if isinstance(found, Mapping) else getattr(found, "boxes", None)
-    if boxes is None or hasattr(found, "xyxy"):
-        return found
-    return boxes if hasattr(boxes, "xyxy") else {"boxes": boxes, "scores": getattr(found, "scores", None)}
+            detections = inside
+    boxes = None if isinstance(detections, Mapping) else getattr(detections, "boxes", None)
+    if boxes is None or hasattr(detections, "xyxy"):
+        return detections
+    return boxes if hasattr(boxes, "xyxy") else {"boxes": boxes, "scores": getattr(detections, "scores", None)}
 
 
 def _of_columns(boxes: Any, scores: Any, labels: Any) -> tuple[FloatArray, FloatArray, FloatArray | None]:

@@ -134,17 +134,17 @@ class Result(Sequence[T_co]):
             RequestError: a detection has no ``tracker_id``.
         """
         parts, numbers, names = [], [], dict[int, str]()
-        for frame, found in enumerate(detections):
+        for frame, one in enumerate(detections):
             numbers.append(frame)
-            if len(found) and found.tracker_id is None:
+            if len(one) and one.tracker_id is None:
                 raise RequestError(f"expected detections with tracker_id, got none in frame {frame}; track them first")
-            if len(found):
-                scores = np.ones(len(found)) if found.confidence is None else found.confidence
-                usable = as_detections(found)
-                if len(usable) < len(found):
+            if len(one):
+                scores = np.ones(len(one)) if one.confidence is None else one.confidence
+                usable = as_detections(one)
+                if len(usable) < len(one):
                     raise RequestError(f"expected boxes that have an area, got others in frame {frame}")
                 names |= usable.names
-                columns = np.full(len(found), frame), found.tracker_id, found.xyxy, scores, usable.origin[:, 1]
+                columns = np.full(len(one), frame), one.tracker_id, one.xyxy, scores, usable.origin[:, 1]
                 parts.append(np.column_stack(columns))
         rows = np.concatenate(parts) if parts else np.empty((0, 8))
         # supervision counts ids from 0 or from 1, as its tracker does.

@@ -114,15 +114,15 @@ def join_files(jobs: Sequence[Job], sources: Sequence[str], states: Sequence[Pat
             first.tracker.update(Detections.empty())
         pairs = opened.inputs.in_order(((frame, video.detections) for frame in video.frames()), StageTimes())
         count = 0
-        for count, (frame, found) in enumerate(pairs, 1):
-            here = frame.image.shape[:2], round(rate, 3)
-            size = size or here
-            if here != size:
-                raise RequestError(f"{job.name}: expected frames and a rate as of {jobs[0].name}, {size}, got {here}")
+        for count, (frame, detections) in enumerate(pairs, 1):
+            own = frame.image.shape[:2], round(rate, 3)
+            size = size or own
+            if own != size:
+                raise RequestError(f"{job.name}: expected frames and a rate as of {jobs[0].name}, {size}, got {own}")
             if begin + count > end:
                 # The first frame of a file has nothing to be compared with.
                 camera.take(known is not None and bool(known[count - 1]))
-                first.tracker.update(found)
+                first.tracker.update(detections)
         places.append((begin, max(begin, end), max(begin + count, end)))
         end = places[-1][2]
     assert first is not None
@@ -133,13 +133,13 @@ def join_files(jobs: Sequence[Job], sources: Sequence[str], states: Sequence[Pat
 
 def _write(path: Path, tracks: Sequence[Track], begin: int, first: int, end: int) -> None:
     """Write what lies in the frames from ``first`` up to ``end``, in those of a file that begins at ``begin``."""
-    found = []
+    parts = []
     for track in tracks:
-        here = (track.frames >= first) & (track.frames < end)
-        if (here & track.observed).any():
-            rows = track.frames[here] - begin, track.boxes[here], track.scores[here], track.observed[here]
-            found.append(Track(track.id, *rows, track.origin[here], track.names))
-    table: dict[str, Any] = table_of(found)
+        own = (track.frames >= first) & (track.frames < end)
+        if (own & track.observed).any():
+            rows = track.frames[own] - begin, track.boxes[own], track.scores[own], track.observed[own]
+            parts.append(Track(track.id, *rows, track.origin[own], track.names))
+    table: dict[str, Any] = table_of(parts)
     with whole_file(path) as file:
         np.savez(file, **table)
 

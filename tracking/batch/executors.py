@@ -21,6 +21,7 @@ from typing import Any
 
 from tsuiseki.tracking.batch.tasks import BatchTask, TaskOutcome, do
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.video.webm import silent_stderr
 
 LOST = "its process was ended from outside, perhaps for want of memory"
 THREADS = "OMP_NUM_THREADS"
@@ -227,16 +228,9 @@ class _Muted:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Nothing is printed, by what is not Python neither: parts of Ray write to the terminal themselves."""
-    before, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-            yield
-    finally:
-        os.dup2(before, 2)
-        os.close(before)
-        os.close(nowhere)
+    """Nothing is printed: parts of Ray write to the terminal themselves."""
+    with silent_stderr(), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+        yield
 
 
 def _check_answer(address: str) -> None:

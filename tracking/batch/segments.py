@@ -136,14 +136,14 @@ class SegmentPlan:
     def write(self, path: Path) -> None:
         """Write a file that `read` reads."""
         about = {one.name: getattr(self, one.name) for one in fields(self)}
-        found, arrays = about.pop("beginning"), {name: about.pop(name) for name in ("stamps", "times")}
-        Observations(found, about, arrays).write(path)
+        beginning, arrays = about.pop("beginning"), {name: about.pop(name) for name in ("stamps", "times")}
+        Observations(beginning, about, arrays).write(path)
 
     @classmethod
     def read(cls, path: Path) -> SegmentPlan:
         """What `write` wrote."""
-        seen = Observations.read(path)
-        return cls(**seen.about, beginning=seen.detections, **seen.arrays)
+        kept = Observations.read(path)
+        return cls(**kept.about, beginning=kept.detections, **kept.arrays)
 
     def seekable(self, source: Source) -> SeekableVideo:
         """Of the video, which is opened anew."""
@@ -278,11 +278,11 @@ def detect_segment(
     detect: Any = inputs.detect
     if first < plan.begins:
         detect = [Detections.empty()] * begins + [*plan.beginning]
-    found = [each for _, each in stream(watched(), detect, inputs.describe, inputs.batch_size, times, 1)]
+    detections = [each for _, each in stream(watched(), detect, inputs.describe, inputs.batch_size, times, 1)]
     network = inner_detector(inputs.detect)
     gave = [*network.gave] if isinstance(network, ForeignDetector) else []
     about = {"size": size, "seconds": times.seconds, "gave": gave}
-    return Observations(found, about, {"same": np.array(same, bool), "compared": np.array(compared, np.int64)})
+    return Observations(detections, about, {"same": np.array(same, bool), "compared": np.array(compared, np.int64)})
 
 
 def standing(begins: int, files: Sequence[Path]) -> BoolArray | None:
@@ -331,14 +331,14 @@ class Again:
         images = seekable.frames(first, last) if self._images else None
         gave = {*self.plan.gave}
         for (start, _), path in zip(self.plan.parts, self.files, strict=True):
-            seen = Observations.read(path)
-            gave |= {*seen.about["gave"]}
+            part = Observations.read(path)
+            gave |= {*part.about["gave"]}
             if isinstance(self._network, ForeignDetector):
                 self._network.gave |= gave
-            for stage, seconds in seen.about["seconds"].items():
+            for stage, seconds in part.about["seconds"].items():
                 self._seconds[stage] = self._seconds.get(stage, 0.0) + seconds
-            blank = np.broadcast_to(np.zeros(1, dtype=np.uint8), (*seen.about["size"], 3))
-            for number, self.detections in enumerate(seen.detections, start):
+            blank = np.broadcast_to(np.zeros(1, dtype=np.uint8), (*part.about["size"], 3))
+            for number, self.detections in enumerate(part.detections, start):
                 frame = Frame(number, float(seekable.times[number]), blank) if images is None else next(images)
                 yield self.source.times.note(frame)
         seekable.check_end(last)
@@ -350,5 +350,5 @@ def again(
     """The observations of every frame, for ``run``, in order; see `Again`. Another ``tracker`` may take it."""
     video: Any = Again(plan, files, opened, run.times)
     pairs = ((frame, video.detections) for frame in run.frames(video))
-    found = ((frame.index, here) for frame, here in opened.inputs.in_order(pairs, run.times))
-    return opened if tracker is None else replace(opened, tracker=tracker), found
+    detections = ((frame.index, one) for frame, one in opened.inputs.in_order(pairs, run.times))
+    return opened if tracker is None else replace(opened, tracker=tracker), detections

@@ -209,14 +209,14 @@ def write_detections(path: Path, detections: Iterable[Detections]) -> None:
     """Write one `Detections` a frame as ``det.txt``; what no detector scored gets 0."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", encoding="utf-8") as file:
-        for frame, found in enumerate(detections):
-            file.write(detection_lines(frame, found))
+        for frame, one in enumerate(detections):
+            file.write(detection_lines(frame, one))
 
 
-def detection_lines(frame: int, found: Detections) -> str:
+def detection_lines(frame: int, detections: Detections) -> str:
     """The lines of ``det.txt`` of a frame, whose number counts from 0."""
-    classes = np.full(len(found), -1) if found.classes is None else found.classes
-    rows = zip(boxes_as_text(found.boxes), np.nan_to_num(found.scores), classes.tolist(), strict=True)
+    classes = np.full(len(detections), -1) if detections.classes is None else detections.classes
+    rows = zip(boxes_as_text(detections.boxes), np.nan_to_num(detections.scores), classes.tolist(), strict=True)
     return "".join(f"{frame + 1},-1,{box},{score:.6f},{number},-1,-1\n" for box, score, number in rows)
 
 

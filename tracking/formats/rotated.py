@@ -92,22 +92,22 @@ def read_rotated_detections(path: Path) -> dict[str, RotatedBoxes]:
     return _grouped([_row(entry, f"{path}: detection {k + 1}") for k, entry in enumerate(content)], [])
 
 
-def write_rotated_detections(path: Path, found: Mapping[str, RotatedBoxes]) -> None:
+def write_rotated_detections(path: Path, detections: Mapping[str, RotatedBoxes]) -> None:
     """Write what `read_rotated_detections` reads."""
     rows = [
         {"image_id": name, "bbox": [*np.round(box[:4], 3).tolist(), round(float(np.degrees(box[4])), 4)],
          "score": round(float(score), 5)}
-        for name, each in found.items()
+        for name, each in detections.items()
         for box, score in zip(each.boxes, each.scores, strict=True)
     ]  # fmt: skip
     path.write_text(json.dumps(rows) + "\n", encoding="utf-8")
 
 
-def turned_detections(found: RotatedBoxes) -> Detections:
+def turned_detections(image: RotatedBoxes) -> Detections:
     """The boxes of an image as detections with angles."""
-    half = found.boxes[:, 2:4] / 2
-    corners = np.concatenate([found.boxes[:, :2] - half, found.boxes[:, :2] + half], axis=1)
-    return Detections(corners, found.scores, angles=found.boxes[:, 4])
+    half = image.boxes[:, 2:4] / 2
+    corners = np.concatenate([image.boxes[:, :2] - half, image.boxes[:, :2] + half], axis=1)
+    return Detections(corners, image.scores, angles=image.boxes[:, 4])
 
 
 def half_turned(angles: FloatArray) -> FloatArray:

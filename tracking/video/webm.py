@@ -154,7 +154,7 @@ class VideoWriter:
     def _writing(self, path: Path, rate: float, options: list[int]) -> Any:
         if self._codec == "libx264":
             return X264Writer(path, rate, self._size)
-        with _silent_stderr():
+        with silent_stderr():
             fourcc = cv2.VideoWriter.fourcc(*self._codec)
             return cv2.VideoWriter(str(path), cv2.CAP_FFMPEG, fourcc, rate, self._size, options)
 
@@ -236,8 +236,11 @@ def _number_the_track(path: Path) -> None:
 
 
 @contextmanager
-def _silent_stderr() -> Iterator[None]:
-    """OpenCV prints that the container has no tag for the codec, which WebM needs none for, whatever its log level."""
+def silent_stderr() -> Iterator[None]:
+    """Nothing is printed, by what is not Python neither.
+
+    OpenCV prints that the container has no tag for the codec, which WebM needs none for, whatever its log level.
+    """
     with suppress(OSError, ValueError):
         sys.stderr.flush()
     before = os.dup(2)
