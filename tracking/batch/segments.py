@@ -30,8 +30,7 @@ from tsuiseki.tracking.people.tracking import OpenedPeople, open_people
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray
 from tsuiseki.tracking.video.image_folder import ImageFolder
-from tsuiseki.tracking.video.seekable import SeekableVideo
-from tsuiseki.tracking.video.source import Source, VideoFile
+from tsuiseki.tracking.video.source import SeekableVideo, Source, VideoFile
 
 # Frames before a segment that its camera is watched from: some that it is compared with in turn.
 WATCHED = 3

@@ -27,7 +27,7 @@ from tsuiseki.tracking.batch.sources import fetch
 from tsuiseki.tracking.cli.ending import LATE, ended, message_of
 from tsuiseki.tracking.cli.parser import options_of
 from tsuiseki.tracking.errors import RequestError, RunError, explained
-from tsuiseki.tracking.video.seekable import UnfitIndexError
+from tsuiseki.tracking.video.source import UnfitIndexError
 
 Kind = Literal["begin", "detect", "join", "finish", "whole"]
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
