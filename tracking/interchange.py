@@ -146,12 +146,7 @@ def _array(values: Any) -> FloatArray:
 
 @dataclass
 class BadBoxes:
-    """Counts the boxes that are none, over the frames of a video.
-
-    Attributes:
-        given: boxes so far.
-        bad: of them without an area, or not finite, or of an infinite score; they are left out.
-    """
+    """Counts the boxes of a video, and the bad ones: without an area, not finite, or of an infinite score."""
 
     given: int = 0
     bad: int = 0

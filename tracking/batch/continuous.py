@@ -78,12 +78,7 @@ class GivenTracks:
 
 
 def join_files(jobs: Sequence[Job], sources: Sequence[str], states: Sequence[Path]) -> None:
-    """Track files as one video, and leave the tracks of each with what is kept of it.
-
-    Args:
-        jobs: in order; all are detected.
-        sources: paths of their videos.
-        states: folders in which their plans and segments lie.
+    """Track files in order, which are detected, as one video, and leave the tracks of each with what is kept of it.
 
     Raises:
         RequestError: their rates or sizes differ, or the camera moves.

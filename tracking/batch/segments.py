@@ -180,13 +180,7 @@ def _values(choice: ViewChoice) -> dict[str, Any]:
 
 
 def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float) -> SegmentPlan | None:
-    """The plan of a video; None where it has to be done in one piece.
-
-    Args:
-        source: the video.
-        finding: the options.
-        linking: likewise.
-        seconds: of a segment.
+    """The plan of a video, in segments of so many seconds; None where it has to be done in one piece.
 
     Raises:
         RequestError: see `open_people`.
@@ -301,13 +295,8 @@ def standing(begins: int, files: Sequence[Path]) -> BoolArray | None:
 class Again:
     """A video whose detections are known: its frames come again with ``detections``, and tiles of the last of them.
 
-    An image is blank where it is not needed again.
-
-    Args:
-        plan: of the video.
-        files: of its segments.
-        opened: a fresh one; it gets what was chosen and compared.
-        times: gets the seconds that the segments took.
+    An image is blank where it is not needed again. What was chosen and compared goes to the fresh ``opened``, and the
+    seconds that the segments took to ``times``.
     """
 
     def __init__(self, plan: SegmentPlan, files: Sequence[Path], opened: OpenedPeople, times: StageTimes) -> None:

@@ -28,11 +28,7 @@ FETCHED = 1 << 22
 
 
 def jobs_of(sources: Sequence[str], job: Job) -> list[Job]:
-    """A job for each video.
-
-    Args:
-        sources: folders, globs, manifests, addresses, files.
-        job: what is to be done; its source and name are filled in.
+    """What ``job`` is, for each video of folders, globs, manifests, addresses and files.
 
     Raises:
         RequestError: there is no video, two have one name, a row of a manifest is wrong, or nothing reads an address.

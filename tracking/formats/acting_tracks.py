@@ -48,12 +48,8 @@ def write_acting_tracks(path: Path, people: Sequence[ActingTrack], names: Sequen
 def read_acting_tracks(path: Path, needed: bool = True) -> tuple[list[ActingTrack], tuple[str, ...]]:
     """What `write_acting_tracks` wrote, and the names of the actions.
 
-    Args:
-        path: of the file.
-        needed: whether actions are.
-
     Raises:
-        RequestError: the file is missing, no such file, or says nothing of actions that are needed.
+        RequestError: the file is missing, no such file, or says nothing of actions although they are ``needed``.
     """
     try:
         values = json.loads(read_text(path, "tracks.json of `tsuiseki track drone`"))

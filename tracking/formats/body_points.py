@@ -74,13 +74,7 @@ def write_sleap(path: Path, table: PointTable) -> None:
 
 
 def write_deeplabcut(path: Path, table: PointTable, length: int) -> None:
-    """Write DeepLabCut's CSV of several animals.
-
-    Args:
-        path: file to write.
-        table: its tracks name the individuals.
-        length: frames of the video: each gets a line.
-    """
+    """Write DeepLabCut's CSV of the individuals that ``tracks`` name, with a line for each of ``length`` frames."""
     names = list(dict.fromkeys(table.tracks))
     columns = [(name, node, part) for name in names for node in table.nodes for part in ("x", "y", "likelihood")]
     lines = np.full((length, len(names), len(table.nodes), 3), np.nan)

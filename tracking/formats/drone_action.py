@@ -128,11 +128,7 @@ def drone_action_labels(clip: DroneActionClip, length: int | None = None) -> Act
 
 
 def read_drone_action_boxes(path: str | Path, length: int | None = None) -> GroundTruth:
-    """The boxes of one clip's person, whose id is 1.
-
-    Args:
-        path: of the text file.
-        length: frames of the clip, if known.
+    """The boxes of one clip's person, whose id is 1; the clip has ``length`` frames, if that is known.
 
     Raises:
         RequestError: the file is malformed, or has rows for another number of frames.

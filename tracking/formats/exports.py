@@ -221,11 +221,7 @@ def exported_in(folder: Path) -> list[Path]:
 
 
 def read_exported(path: Path, single: bool = False) -> TrackedVideo:
-    """What is at a path of `format_at`.
-
-    Args:
-        path: of the file or folder.
-        single: boxes without ids will do, as in pictures that were labelled one by one.
+    """What is at a path of `format_at`; where ``single``, boxes of pictures without ids will do.
 
     Raises:
         RequestError: it is broken, or of another kind, or has no ids.

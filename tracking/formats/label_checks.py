@@ -134,7 +134,7 @@ def compare_with_labels(where: str | Path, right: int, boxes: FloatArray, labels
     Args:
         where: they were read, for the message.
         right: number of those that are on a label.
-        boxes: ``(N, 4)`` corners, 0-based pixels, of those that count.
+        boxes: ``(N, 4)`` pixels, of those that count.
         labels: ``(M, 4)`` likewise.
     """
     if right >= RARE * min(len(boxes), len(labels)):

@@ -138,11 +138,7 @@ class LabelledVideo:
 
 
 def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVideo]:
-    """The labelled videos at ``path``, by name.
-
-    Args:
-        path: see the module.
-        multiple_actions: of Okutama-Action's folder, take ``MultiActionLabels``.
+    """The labelled videos at ``path``, by name; of Okutama-Action's folder with ``MultiActionLabels`` where asked for.
 
     Raises:
         RequestError: nothing known is there, or its layout is broken.

@@ -197,9 +197,7 @@ def read_clip_labels(clip: MotSequence, size: tuple[int, int] | None = None) -> 
 def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[LabelFile]:
     """The videos of Okutama-Action at ``folder``, or of a generated clip, or of a folder of generated clips, by name.
 
-    Args:
-        folder: see the module.
-        multiple_actions: take ``MultiActionLabels``, with all actions but ids that change every 180 frames.
+    ``MultiActionLabels`` have all actions, but ids that change every 180 frames.
 
     Raises:
         RequestError: the layout is another, or frames are missing between others.
@@ -225,12 +223,7 @@ def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[Lab
 
 
 def read_okutama_video(video: LabelFile, size: tuple[int, int] | None = None) -> ActionLabels:
-    """The labels of a video, in pixels of its frames.
-
-    Args:
-        video: see `find_okutama`.
-        size: width and height that the labels are wanted for; by default those of the frames, or where there are none
-            those of `EXTRACTED_SIZE`.
+    """The labels of a video, in pixels of a size: by default of its frames, or without any of `EXTRACTED_SIZE`.
 
     Raises:
         RequestError: labels are broken (see `read_okutama`), or frames and labels do not match.

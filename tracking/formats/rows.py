@@ -342,12 +342,7 @@ def whole(text: str) -> int | None:
 
 
 def read_learnt(path: Path, command: str, form: str) -> dict[str, Any]:
-    """The values in a file that ``tsuiseki COMMAND`` made.
-
-    Args:
-        path: of the file.
-        command: that makes such files, for the message.
-        form: name and version of the format, the file's ``format``.
+    """The values in a file that ``tsuiseki COMMAND`` made; its ``format`` says name and version of the ``form``.
 
     Raises:
         RequestError: there is no file, or it is of another kind.

@@ -79,12 +79,7 @@ def read_sleap_hdf5(path: Path) -> PointTable:
 
 
 def write_sleap_analysis(path: Path, table: PointTable, length: int) -> None:
-    """Write SLEAP's analysis file.
-
-    Args:
-        path: file to write.
-        table: its tracks name the animals.
-        length: frames of the video.
+    """Write SLEAP's analysis file of the animals that ``tracks`` name, in a video of ``length`` frames.
 
     Raises:
         RequestError: h5py is missing.

@@ -48,13 +48,7 @@ class Reporter:
         return ids, self.tracks(flow.network, ids, flow.demands.shown), names
 
     def tracks(self, network: SolvedNetwork, ids: IntArray, shown: Mapping[int, FloatArray]) -> list[Track]:
-        """The tracks by id.
-
-        Args:
-            network: of the detections.
-            ids: ``(N,)`` of the track of each, 0 for none.
-            shown: boxes that take the place of those of detections.
-        """
+        """The tracks by id, from ``(N,)`` ids of detections, 0 for none; ``shown`` boxes replace detected ones."""
         used = np.flatnonzero(ids)
         # Detections that were drawn come last, whatever their frames.
         used = used[np.lexsort((network.frames[used], ids[used]))]
@@ -209,16 +203,10 @@ class Replayed:
 
 
 def replayed(tracks: Sequence[Track], network: SolvedNetwork, path: Path, video: CorrectedVideo) -> Replayed:
-    """Do corrections again, as far as they apply; they find their detections by their boxes.
-
-    Args:
-        tracks: of a result.
-        network: that they were chosen from.
-        path: of the corrections.
-        video: of the result.
+    """Do corrections of a result again, as far as they apply; they find their detections by their boxes.
 
     Raises:
-        RequestError: it cannot be read, or speaks of another video.
+        RequestError: they cannot be read, or speak of another video.
     """
     wanted = read_corrections(path, video).given
     flow, done, left_out = CorrectedFlow(network), [*wanted], list[str]()

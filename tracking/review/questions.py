@@ -85,7 +85,7 @@ class Questioner:
         flow: settled as far as a person did.
         ids: ``(N,)`` ids of detections, 0 for none.
         parted: detections at which a person parted tracks.
-        noun: what is tracked, in the questions.
+        noun: what is tracked.
     """
 
     def __init__(

@@ -25,12 +25,7 @@ SHOWN = 50
 
 
 class Reviewed:
-    """A session for the page; one change after the other.
-
-    Args:
-        session: the result.
-        name: of it.
-        note: why there are no pictures; empty where there are.
+    """A session for the page, one change after the other; a ``note`` says why there are no pictures.
 
     Attributes:
         rows: of all boxes.

@@ -265,12 +265,8 @@ def _usual(cost: FloatArray) -> float:
 def returns(network: SolvedNetwork, labels: IntArray, parted: IntArray) -> tuple[IntArray, IntArray, FloatArray]:
     """Tails, heads and costs of new links from ends of tracks to starts of others too long after to be weighed.
 
-    They cost more than to end one track and start another, so that they change nothing until a person says so.
-
-    Args:
-        network: of the detections.
-        labels: ``(N,)`` number of the track of each, -1 for none.
-        parted: detections that a person says are not who they were taken for.
+    They cost more than to end one track and start another, so that they change nothing until a person says so; less at
+    detections that were ``parted``. ``labels`` are ``(N,)`` numbers of tracks, -1 for none.
     """
     graph, frames, boxes = network.graph, network.frames, network.boxes
     order = np.lexsort((frames, labels))

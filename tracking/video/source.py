@@ -3,8 +3,8 @@
 OpenCV's BGR order stops here: a `Frame` is RGB.
 
 Frames of a file from any number on: packets tell where they lie, and one is decoded from a key frame on. A file's own
-counting is not relied on: every frame is known by its time, which its packet has, too. What is decoded is the same as if
-the whole file were, or it is refused.
+counting is not relied on: every frame is known by its time, which its packet has, too. What is decoded is the same as
+if the whole file were, or it is refused.
 """
 
 from __future__ import annotations
