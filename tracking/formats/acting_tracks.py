@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import read_text, whole
+from tsuiseki.tracking.formats.rows import read_text, refusing, whole
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.tracks import ActingTrack
@@ -51,16 +51,12 @@ def read_acting_tracks(path: Path, needed: bool = True) -> tuple[list[ActingTrac
     Raises:
         RequestError: the file is missing, no such file, or says nothing of actions although they are ``needed``.
     """
-    try:
+    with refusing(f"{path}: expected tracks.json of `tsuiseki track drone`, got ", repr):
         values = json.loads(read_text(path, "tracks.json of `tsuiseki track drone`"))
         names = tuple(str(name) for name in values["actions"])
         if values["version"] != VERSION:
             raise ValueError(f"version {values['version']}")
         people = [_person(entry, len(names)) for entry in values["tracks"]]
-    except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
-        if isinstance(error, RequestError):
-            raise
-        raise RequestError(f"{path}: expected tracks.json of `tsuiseki track drone`, got {error!r}") from error
     if not names and needed:
         raise RequestError(f"{path} says nothing of actions; track with `method` flow-saf or flow-maf")
     return people, names

@@ -32,7 +32,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import read_json, read_text
+from tsuiseki.tracking.formats.rows import read_json, read_text, refusing
 from tsuiseki.tracking.formats.tracked_video import (
     BoxOfPicture,
     Size,
@@ -85,7 +85,7 @@ def read_coco(path: Path) -> TrackedVideo:
         RequestError: it is something else or broken, or has several videos.
     """
     content = read_json(path, COCO)
-    try:
+    with refusing(f"{path}: expected {COCO} with images, categories and annotations of boxes, got ", repr):
         images, categories = content["images"], {one["id"]: str(one["name"]) for one in content["categories"]}
         several = {image.get("video_id", 0) for image in images}
         if len(several) > 1:
@@ -108,12 +108,6 @@ def read_coco(path: Path) -> TrackedVideo:
         identified = all(number is not None for _, number, *_ in rows)
         names = tuple(inside(images[k].get("file_name", "")) or "" for k in order)
         sizes = {(int(image["width"]), int(image["height"])) for image in images if image.get("width")}
-    except RequestError:
-        raise
-    except (KeyError, TypeError, ValueError, AttributeError) as error:
-        raise RequestError(
-            f"{path}: expected {COCO} with images, categories and annotations of boxes, got {error!r}"
-        ) from error
     known = TrackedVideo(tracks_of_rows(path, rows, classes)) if identified else tracks_without_ids(path, single)
     info = content.get("info") if isinstance(content.get("info"), dict) else {}
     rate = info.get("frame_rate", 0.0)
@@ -179,7 +173,7 @@ def read_label_studio(path: Path) -> TrackedVideo:
     if not isinstance(content, list) or len(content) != 1:
         count = len(content) if isinstance(content, list) else 0
         raise RequestError(f"{path}: expected one task of {LABEL_STUDIO}, got {count}; export one at a time")
-    try:
+    with refusing(f"{path}: expected {LABEL_STUDIO}, got a broken one: ", repr):
         task = content[0]
         made = next((each for name in ("annotations", "predictions") for each in task.get(name) or []), None)
         found = [one for one in (made or {}).get("result", []) if one.get("type") == "videorectangle"]
@@ -196,10 +190,6 @@ def read_label_studio(path: Path) -> TrackedVideo:
         classes = {number: (-1, label) for number, label in zip(ids, labels, strict=True)}
         name = PurePosixPath(str(data.get("video") or path.stem).split("?")[0]).name
         rate = float(data.get("frame_rate") or 0) or _rate(found)
-    except RequestError:
-        raise
-    except (KeyError, TypeError, ValueError, AttributeError, IndexError) as error:
-        raise RequestError(f"{path}: expected {LABEL_STUDIO}, got a broken one: {error!r}") from error
     return TrackedVideo(tracks_of_rows(path, rows, classes), name, rate, size, length, shares=size is None)
 
 

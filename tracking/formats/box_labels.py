@@ -34,7 +34,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import LabelFile, NothingLabelledError, compare_with_picture, wanted_numbers
 from tsuiseki.tracking.formats.mot_sequence import list_images
-from tsuiseki.tracking.formats.rows import read_rows, read_text, repeated
+from tsuiseki.tracking.formats.rows import read_rows, read_text, refusing, repeated
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.types.class_choice import PERSON_NAMES
@@ -243,7 +243,8 @@ def read_bdd100k(path: Path, _: int | None = None, wanted: int | str | None = No
     Raises:
         RequestError: the file is missing or malformed, has no such class, or none of it is labelled.
     """
-    try:
+    expected = f"{path}: expected a list of frames with frameIndex and labels of id, category and box2d: "
+    with refusing(expected, str):
         frames = json.loads(read_text(path, "labels of BDD100K"))
         rows = [(int(f["frameIndex"]), one) for f in frames for one in f.get("labels") or [] if one.get("box2d")]
         numbers = np.array([number for number, _ in rows], dtype=np.int64)
@@ -253,10 +254,6 @@ def read_bdd100k(path: Path, _: int | None = None, wanted: int | str | None = No
         ids = np.unique([str(one["id"]) for _, one in rows], return_inverse=True)[1].astype(np.int64) + 1
         visible = np.array([0.5 if _attribute(one, "occluded") else 1.0 for _, one in rows])
         crowd = np.array([_attribute(one, "crowd") for _, one in rows], dtype=np.bool_)
-    except (json.JSONDecodeError, KeyError, TypeError, ValueError, AttributeError) as error:
-        raise RequestError(
-            f"{path}: expected a list of frames with frameIndex and labels of id, category and box2d: {error}"
-        ) from None
     if len(numbers) and not (numbers.min() >= 0 and numbers.max() < LAST_FRAME):
         raise RequestError(f"{path}: expected frameIndex from 0 to {LAST_FRAME - 1}")
     counted = np.isin(kinds, [BDD_NAMES[n] for n in wanted_numbers(wanted, BDD_NAMES, (0,), path)]) & ~crowd

@@ -12,7 +12,8 @@ import csv
 import json
 import re
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -59,12 +60,21 @@ def read_text(path: Path, what: str) -> str:
     return text
 
 
+@contextmanager
+def refusing(message: str, shown: Callable[[Exception], str] = lambda _: "") -> Iterator[None]:
+    """What fails within, as content of another kind does, is a RequestError of a message and what is ``shown``."""
+    try:
+        yield
+    except RequestError:
+        raise
+    except (AttributeError, IndexError, KeyError, OverflowError, RecursionError, TypeError, ValueError) as error:
+        raise RequestError(f"{message}{shown(error)}") from error
+
+
 def read_json(path: Path, what: str) -> Any:
     """The content of a JSON file; raises RequestError where there is none, or it is something else."""
-    try:
+    with refusing(f"{path}: expected {what}, got no JSON"):
         return json.loads(read_text(path, what))
-    except (ValueError, RecursionError) as error:
-        raise RequestError(f"{path}: expected {what}, got no JSON") from error
 
 
 @dataclass(frozen=True)

@@ -25,7 +25,7 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.mot_sequence import image_size, list_images
-from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text
+from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text, refusing
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import FloatArray
 
@@ -152,12 +152,10 @@ def read_published(folder: Path) -> dict[str, PublishedScores]:
     for name in ("ALL", *ATTRIBUTES):
         path = folder / f"{name}.json"
         if path.is_file():
-            try:
+            with refusing(f"{path}: expected scores of tracker_benchmark, cannot read them"):
                 content = json.loads(read_text(path, "JSON"))
                 success, precision = (tuple(map(float, content[k])) for k in ("successRateList", "precisionList"))
                 result[name] = PublishedScores(success, precision, tuple(map(str, content["seqs"])))
-            except (json.JSONDecodeError, KeyError, TypeError, ValueError) as error:
-                raise RequestError(f"{path}: expected scores of tracker_benchmark, cannot read them") from error
     if "ALL" not in result:
         raise RequestError(f"expected score files of tracker_benchmark, ALL.json and others, in {folder}")
     return result
@@ -325,10 +323,8 @@ def read_result(path: str | Path) -> FloatArray:
     path = Path(path)
     if path.suffix.lower() != ".json":
         return read_boxes(path)
-    try:
+    with refusing(f"{path}: expected a result of tracker_benchmark in JSON, cannot read it"):
         content = json.loads(read_text(path, "JSON"))
-    except json.JSONDecodeError as error:
-        raise RequestError(f"{path}: expected a result of tracker_benchmark in JSON, cannot read it") from error
     return _json_boxes(content, path)
 
 
@@ -337,10 +333,8 @@ def _json_boxes(content: Any, path: Path) -> FloatArray:
     kind = run.get("resType", "rect") if isinstance(run, dict) else None
     if kind not in ("rect", "4corner") or not run.get("res"):
         raise RequestError(f"{path}: expected boxes under 'res' with 'resType' rect or 4corner, got {kind!r}")
-    try:
+    with refusing(f"{path}: expected a list of boxes under 'res', got something else"):
         values = np.array(run["res"], dtype=np.float64).reshape(len(run["res"]), -1)
-    except (TypeError, ValueError) as error:
-        raise RequestError(f"{path}: expected a list of boxes under 'res', got something else") from error
     if values.shape[1] == POLYGON:
         return polygon_hulls(values - 1)
     if values.shape[1] != RECTANGLE:

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, read_text, write_columns
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, read_text, refusing, write_columns
 from tsuiseki.tracking.formats.tracked_video import EMPTY_TRACK
 from tsuiseki.tracking.types import Position, Track
 from tsuiseki.tracking.types.measurements import SensedTrack
@@ -254,11 +254,9 @@ def read_table(path: Path) -> tuple[Columns, dict[str, Any]]:
     if ending == ".csv":
         table = _read_csv(path)
     elif ending == ".json":
-        try:
+        with refusing(f"{path}: expected tracks as `Result.save` writes them, got other JSON"):
             content = json.loads(read_text(path, "tracks as JSON"))
             table, known = {name: np.asarray(column) for name, column in content["columns"].items()}, content[KNOWN]
-        except (json.JSONDecodeError, KeyError, TypeError, AttributeError) as error:
-            raise RequestError(f"{path}: expected tracks as `Result.save` writes them, got other JSON") from error
     else:
         table, known = _read_parquet(path)
     if "frame" in table:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import NothingLabelledError, compare_with_picture, wanted_numbers
-from tsuiseki.tracking.formats.rows import repeated
+from tsuiseki.tracking.formats.rows import refusing, repeated
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.class_choice import PERSON_NAMES
@@ -248,13 +248,11 @@ def tracks_of_rows(
     given = list(rows)
     if not given:
         return []
-    try:
+    with refusing(f"{path}: expected numbers of frames, ids and boxes: ", str):
         frames, ids = (np.array([row[k] for row in given], dtype=np.int64) for k in (0, 1))
         boxes = np.array([row[2] for row in given], dtype=np.float64).reshape(-1, 4)
         scores = np.array([row[3] for row in given], dtype=np.float64)
         sources = np.array([row[5] if len(row) > 5 else -1 for row in given], dtype=np.int64)
-    except (ValueError, TypeError, OverflowError) as error:
-        raise RequestError(f"{path}: expected numbers of frames, ids and boxes: {error}") from error
     if frames.min() < 0 or frames.max() >= LAST_FRAME or ids.min() < 0:
         raise RequestError(
             f"{path}: expected frames up to {LAST_FRAME} and ids from 0, got frame {frames[frames.argmax()]} and id "
