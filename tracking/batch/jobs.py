@@ -56,13 +56,7 @@ class Job:
         return function_of(self.command)
 
     def arguments(self, source: str, folder: Path, overwrite: bool = True, **more: Any) -> dict[str, Any]:
-        """Of `function`.
-
-        Args:
-            source: the video, as a path.
-            folder: of the result.
-            overwrite: an earlier result.
-            more: further options.
+        """Of `function` for a video at a path, with ``more`` options than the job's; the result goes to ``folder``.
 
         Raises:
             RequestError: an option is unknown or wrong.

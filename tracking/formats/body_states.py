@@ -46,11 +46,9 @@ def read_fields(path: Path) -> tuple[str, ...]:
 
 
 def read_states(path: Path, fields: Sequence[str] | None = None) -> list[BodyTrack]:
-    """The tracks in a file, by id.
+    """The tracks in a file, by id; the columns score and status may be missing.
 
-    Args:
-        path: the file; the columns score and status may be missing.
-        fields: components that it must have; by default whatever stands between id and score.
+    It must have the components ``fields``; by default they are whatever stands between id and score.
 
     Raises:
         RequestError: it is no such file, a column is missing, or a value is not what it should be.

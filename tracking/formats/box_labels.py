@@ -81,12 +81,7 @@ def write_kitti(path: Path, video: TrackedVideo) -> None:
 
 
 def read_kitti(path: Path, length: int | None = None, wanted: int | str | None = None) -> GroundTruth:
-    """KITTI's labels in a file, ordered by frame.
-
-    Args:
-        path: of the text file.
-        length: frames of the drive, if known.
-        wanted: name of the type that counts; by default pedestrians.
+    """KITTI's labels of a drive of ``length`` frames, if known, by frame; of a type, by default pedestrians.
 
     Raises:
         RequestError: the file is missing, malformed, has no pedestrian, has one twice in a frame, or labels frames
@@ -168,12 +163,9 @@ def find_visdrone(folder: Path) -> list[LabelFile]:
 
 
 def read_visdrone(path: Path, length: int | None = None, wanted: int | str | None = None) -> GroundTruth:
-    """VisDrone's labels in a file, ordered by frame.
+    """VisDrone's labels of a clip of ``length`` frames, if known, by frame.
 
-    Args:
-        path: of the text file.
-        length: frames of the clip, if known.
-        wanted: number or name of the category that counts; by default pedestrians and people.
+    The category ``wanted`` counts, by number or name; by default pedestrians and people.
 
     Raises:
         RequestError: the file is missing, malformed, has no such category or none of it to evaluate, or labels frames
@@ -234,11 +226,7 @@ def find_bdd100k(path: Path) -> list[LabelFile]:
 
 
 def read_bdd100k(path: Path, _: int | None = None, wanted: int | str | None = None) -> GroundTruth:
-    """BDD100K's labels in a file, ordered by frame.
-
-    Args:
-        path: of the JSON file.
-        wanted: name of the class that counts; by default people: pedestrians.
+    """BDD100K's labels in a file, by frame; of a class by its name, by default people: pedestrians.
 
     Raises:
         RequestError: the file is missing or malformed, has no such class, or none of it is labelled.

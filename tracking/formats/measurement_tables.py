@@ -226,11 +226,7 @@ def is_point_file(path: Path) -> bool:
 
 
 def read_points(path: Path, length: int | None = None) -> list[FloatArray]:
-    """Measured points ``(M, 2)`` of each frame.
-
-    Args:
-        path: CSV with the columns ``frame,x,y``.
-        length: number of frames; by default up to the last frame that has a point.
+    """Measured points ``(M, 2)`` of ``length`` frames, by default up to the last that has a point, from ``frame,x,y``.
 
     Raises:
         RequestError: a column is missing, a value is not a finite number, or a frame lies beyond the length.

@@ -36,11 +36,7 @@ _SPELLINGS = {name.replace(" ", "").lower(): name for name in OKUTAMA_ACTIONS}
 
 
 def read_okutama(path: str | Path, size: tuple[int, int]) -> ActionLabels:
-    """The labels in the file at ``path``.
-
-    Args:
-        path: of the text file.
-        size: width and height of the frames that the boxes are wanted for, pixels.
+    """The labels in the file at ``path``, in pixels of frames of ``size``, width and height.
 
     Raises:
         RequestError: the file is missing or malformed, quotes are missing, an action is unknown, a box that is not

@@ -174,11 +174,9 @@ class TrackedVideo:
         return replace(self, tracks=tracks, size=size, shares=False)
 
     def labels(self, path: Path, wanted: int | str | None = None) -> GroundTruth:
-        """The boxes as labels.
+        """The boxes as labels, which were read from ``path``.
 
-        Args:
-            path: they were read from.
-            wanted: number or name of the class that counts; by default people, or all where no class is called so.
+        The class ``wanted`` counts, by number or name; by default people, or all where no class is called so.
 
         Raises:
             RequestError: there is no box, or no such class, or boxes cannot be pixels of the picture.

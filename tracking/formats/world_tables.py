@@ -57,11 +57,7 @@ def read_floor_points(path: Path) -> Correspondences:
 
 
 def read_correspondences(path: Path, columns: Sequence[str] = COLUMNS) -> list[Correspondences]:
-    """The points of each camera, cameras in the order of their first rows.
-
-    Args:
-        path: of the file.
-        columns: that it has; one of `COLUMNS` that is left out is 0.
+    """The points of each camera, cameras in the order of their first rows; a column that is left out is 0.
 
     Raises:
         RequestError: the file is missing or lacks a column, or a value is no finite number; the message says where.

@@ -173,10 +173,7 @@ class CorrectionLog:
 def read_corrections(path: Path, of: CorrectedVideo | None = None, slack: float = 0.0) -> CorrectionLog:
     """The corrections in a file; a last line that a crash cut short is left out.
 
-    Args:
-        path: of the file.
-        of: the video that they must speak of; by default any.
-        slack: frames by which its length may be wrong.
+    They must speak ``of`` a video where it is given, whose length may be wrong by ``slack`` frames.
 
     Raises:
         RequestError: it cannot be read, holds something else, or speaks of another video.

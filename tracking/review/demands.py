@@ -123,12 +123,7 @@ class Demands:
 
 
 def demands_of(corrections: Sequence[Correction], frames: IntArray, boxes: FloatArray) -> Demands:
-    """What corrections ask.
-
-    Args:
-        corrections: in the order in which they were made.
-        frames: ``(N,)`` of the detections.
-        boxes: ``(N, 4)`` pixels.
+    """What corrections, in their order, ask of detections of ``(N,)`` frames and ``(N, 4)`` boxes in pixels.
 
     Raises:
         ContradictionError: two of them contradict each other; the message has both.

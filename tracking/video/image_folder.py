@@ -89,12 +89,8 @@ class ImageFolder(Source):
 def read_image(path: Path, size: Size | None = None) -> ImageArray:
     """``(H, W, 3)`` uint8 RGB of an image file, turned as its camera says.
 
-    Args:
-        path: the file.
-        size: width and height that it must have; by default any.
-
     Raises:
-        RunError: it cannot be decoded or has another size.
+        RunError: it cannot be decoded or has another ``size`` than it must have.
     """
     try:
         decoded = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR)
