@@ -91,8 +91,8 @@ class Result(Sequence[T_co]):
     def of(cls, source: Source, tracks: Sequence[Any], **known: Any) -> Self:
         """The tracks in a video, with what it says of itself; ``known`` are the other attributes."""
         frames = known.get("frames", {})
-        if "frame" in frames and "time" not in frames and not source.live and uneven(list(source.times.noted.values())):
-            at = source.times.at(frames["frame"], source.frame_rate).round(4).tolist()
+        if "frame" in frames and "time" not in frames and not source.live and uneven(list(source.times.values())):
+            at = source.times_of(frames["frame"]).round(4).tolist()
             known["frames"] = {**frames, "time": at}
         return cls(tracks, source.address, source.frame_rate, source.size, **known)
 

@@ -215,7 +215,7 @@ def in_millimetres(tracks: Sequence[BodyTrack], scale: float, source: Source) ->
         metric = scale * track.states[:, [0, 1, 3, 4]]
         speed = np.zeros(len(track))
         if len(track) > 1:
-            seconds = source.times.at(track.frames, source.frame_rate)
+            seconds = source.times_of(track.frames)
             speed = np.linalg.norm(np.gradient(metric[:, :2], seconds, axis=0), axis=1)
         found.append(replace(track, states=np.concatenate([track.states, metric, speed[:, None]], axis=1)))
     return found, [*FIELDS, "a_mm", "b_mm", "length_mm", "width_mm", "speed_mm_s"]

@@ -328,7 +328,7 @@ class Again:
             blank = np.broadcast_to(np.zeros(1, dtype=np.uint8), (*part.about["size"], 3))
             for number, self.detections in enumerate(part.detections, start):
                 frame = Frame(number, float(seekable.times[number]), blank) if images is None else next(images)
-                yield self.source.times.note(frame)
+                yield self.source.noted(frame)
         seekable.check_end(last)
 
 

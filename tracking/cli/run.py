@@ -350,7 +350,7 @@ class Run:
 
         found = {}
         for source in self.sources:
-            facts = {} if source.live else uneven(list(source.times.noted.values()))
+            facts = {} if source.live else uneven(list(source.times.values()))
             gaps = getattr(source, "gaps", [])
             found[source.name] = {"timed_by": source.timed_by, **facts, **({"gaps": gaps} if gaps else {})}
         return {"frame_times": found} if found else {}

@@ -125,7 +125,7 @@ class CeilingSource:
     def seconds(self, frames: IntArray) -> FloatArray:
         """``(N,)`` times of 0-based ``frames`` ``(N,)``, as fast as the camera file says."""
         source = self.source
-        return source.times.at(frames, source.frame_rate) * (1.0 if source.live else source.frame_rate / self.rate)
+        return source.times_of(frames) * (1.0 if source.live else source.frame_rate / self.rate)
 
     def view(self, tables: Path, person: PersonModel) -> CeilingView:
         """What finds people's places, with the table of boxes that the folder ``tables`` keeps."""

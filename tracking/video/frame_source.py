@@ -45,26 +45,6 @@ def container_time(stated: float, before: Sequence[float], frame_rate: float) ->
     return even if abs(stated - even) < ROUNDING else stated
 
 
-@dataclass
-class NotedTimes:
-    """Times of the frames that a source gave.
-
-    Attributes:
-        noted: seconds, by 0-based frame number.
-    """
-
-    noted: dict[int, float] = field(default_factory=dict)
-
-    def note(self, frame: Frame) -> Frame:
-        """The frame itself."""
-        self.noted[frame.index] = frame.time
-        return frame
-
-    def at(self, frames: Sequence[int] | IntArray, frame_rate: float) -> FloatArray:
-        """``(N,)`` seconds of 0-based ``frames`` ``(N,)``; ``frame_rate`` times those that were not given."""
-        return np.array([self.noted.get(n, n / frame_rate) for n in np.asarray(frames).tolist()], dtype=np.float64)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Source(ABC):
     """Somewhere frames come from.
@@ -75,7 +55,7 @@ class Source(ABC):
         frames_wanted: those that `frames` gives.
         frame_rate: frames per second.
         timed_by: where the times of frames come from.
-        times: of the frames that it gave so far.
+        times: seconds of the frames that it gave so far, by 0-based frame number.
         rate_missing: what should say the rate, such as ``seqinfo.ini``, does not, and 25 are taken.
         size: width and height of all images, pixels; None where it does not tell them.
         first_size: that of the first frame of a video file, to check what is given with it.
@@ -91,7 +71,7 @@ class Source(ABC):
     address: str = ""
     frame_rate: float = DEFAULT_FRAME_RATE
     timed_by: TimedBy = "frame rate"
-    times: NotedTimes = field(default_factory=NotedTimes, compare=False)
+    times: dict[int, float] = field(default_factory=dict, compare=False)
     rate_missing: bool = False
     size: Size | None = None
     first_size: Size | None = None
@@ -108,6 +88,16 @@ class Source(ABC):
         Raises:
             RunError: the video breaks off or changes its size, or an image cannot be read.
         """
+
+    def noted(self, frame: Frame) -> Frame:
+        """The frame itself, whose time is kept."""
+        self.times[frame.index] = frame.time
+        return frame
+
+    def times_of(self, frames: Sequence[int] | IntArray) -> FloatArray:
+        """``(N,)`` seconds of 0-based ``frames`` ``(N,)``; ``frame_rate`` times those that it did not give."""
+        numbers = np.asarray(frames).tolist()
+        return np.array([self.times.get(n, n / self.frame_rate) for n in numbers], dtype=np.float64)
 
     @property
     def picture_size(self) -> Size | None:

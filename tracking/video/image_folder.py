@@ -195,7 +195,7 @@ class GivenFrames(Source):
                 raise RunError(f"expected images of {size[1]}x{size[0]} throughout, got another size in image {index}")
             time = item.time if isinstance(item, Frame) else index / self.frame_rate
             if index in self.frames_wanted:
-                yield self.times.note(Frame(index, time, image))
+                yield self.noted(Frame(index, time, image))
 
 
 def _image(item: Any, index: int) -> ImageArray:

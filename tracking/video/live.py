@@ -73,7 +73,7 @@ class LiveSource(Source):
         with closing(self._pictures()) as pictures:
             for index, (came, image) in enumerate(pictures):
                 if index in self.frames_wanted:
-                    yield self.times.note(Frame(index, came - start, image))
+                    yield self.noted(Frame(index, came - start, image))
                 if index == self.frames_wanted.last:
                     return
 

@@ -186,7 +186,7 @@ class VideoFile(Source):
                 times.append(self.time_of(stamp - first, times))
                 if index in self.frames_wanted:
                     image = retrieved(capture, f"{self.path}: frame {index + 1}")
-                    yield self.times.note(Frame(index, times[-1], image))
+                    yield self.noted(Frame(index, times[-1], image))
         finally:
             capture.release()
             coded.capture.release()

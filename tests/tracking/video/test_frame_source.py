@@ -12,7 +12,7 @@ import pytest
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import InputWarning
 from tsuiseki.tracking.types import Frame
-from tsuiseki.tracking.video.frame_source import NotedTimes, container_time, uneven
+from tsuiseki.tracking.video.frame_source import container_time, uneven
 from tsuiseki.tracking.video.source import open_source
 
 DROPPED = [n / 25 for n in range(40) if not 10 <= n < 15]
@@ -44,10 +44,11 @@ def test_uneven_times_are_found() -> None:
 
 
 def test_what_went_by_is_noted() -> None:
-    noted, image = NotedTimes(), np.zeros((1, 1, 3), np.uint8)
+    image = np.zeros((1, 1, 3), np.uint8)
+    source = open_source([image] * 8, frame_rate=10.0)
     for number, time in ((3, 0.35), (4, 0.5)):
-        assert noted.note(Frame(number, time, image)).index == number
-    np.testing.assert_allclose(noted.at(np.array([3, 4, 7]), 10.0), [0.35, 0.5, 0.7])
+        assert source.noted(Frame(number, time, image)).index == number
+    np.testing.assert_allclose(source.times_of(np.array([3, 4, 7])), [0.35, 0.5, 0.7])
 
 
 @pytest.mark.integration
