@@ -24,19 +24,9 @@ Picture: TypeAlias = tuple[float, ImageArray]
 GOODBYE = 0.2
 
 
-@dataclass(frozen=True)
-class Patience:
-    """How long a live source is waited for, seconds.
-
-    Attributes:
-        picture: without one it counts as lost.
-        pause: before the first attempt to connect again; each is twice the one before, up to ``picture``.
-        altogether: from the loss on, after which the source has ended.
-    """
-
-    picture: float = 10.0
-    pause: float = 0.5
-    altogether: float = 60.0
+# Seconds without a picture from which on a source counts as lost, before the first attempt to connect again, each being
+# twice as long after, and from the loss on after which it has ended.
+PICTURE, PAUSE, ALTOGETHER = 10.0, 0.5, 60.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,13 +40,12 @@ class LiveSource(Source):
     live: bool = True
     ends: bool = False
     timed_by: TimedBy = "arrival"
-    patience: Patience = Patience()
     gaps: list[dict[str, Any]] = field(default_factory=list, compare=False)
 
     @classmethod
     def open(cls, address: str, name: str, wanted: FrameRange) -> LiveSource:
         """The source at ``address``; raises RequestError where nothing answers."""
-        capture = connected(address, Patience())
+        capture = connected(address)
         try:
             if not capture.isOpened():
                 raise RequestError(f"expected pictures from {name}, got none; is it connected, and free?")
@@ -79,10 +68,10 @@ class LiveSource(Source):
 
     def _pictures(self) -> Generator[Picture]:
         """Each picture, through losses of the connection."""
-        reader, count, last = _Reader(self.address, self.patience), 0, None
+        reader, count, last = _Reader(self.address), 0, None
         try:
             while True:
-                picture = reader.next(self.patience.picture)
+                picture = reader.next(PICTURE)
                 if picture is None:
                     if last is None:
                         raise RunError(f"{self.name} stopped before the first frame")
@@ -99,17 +88,16 @@ class LiveSource(Source):
 
     def _again(self, reader: _Reader, count: int, last: float) -> tuple[_Reader, Picture]:
         """A new reader in the place of one that is lost, and its first picture; ``last`` came at frame ``count``."""
-        patience, lost = self.patience, time.monotonic()
-        pause, picture = patience.pause, None
-        what, bound = f"{self.name}: no picture after frame {count}", f"{patience.altogether:g} s"
+        lost, pause, picture = time.monotonic(), PAUSE, None
+        what, bound = f"{self.name}: no picture after frame {count}", f"{ALTOGETHER:g} s"
         warnings.warn(f"{what}, connecting again for up to {bound}", InputWarning, stacklevel=2)
         while picture is None:
             reader.stop()
-            if time.monotonic() - lost > patience.altogether:
+            if time.monotonic() - lost > ALTOGETHER:
                 raise RunError(f"{what}, and none within {bound} of connecting again")
             time.sleep(pause)
-            pause, reader = min(2 * pause, patience.picture), _Reader(self.address, patience)
-            picture = reader.next(patience.picture)
+            pause, reader = min(2 * pause, PICTURE), _Reader(self.address)
+            picture = reader.next(PICTURE)
         self.gaps.append({"after_frame": count, "seconds": round(picture[0] - last, 3)})
         return reader, picture
 
@@ -117,10 +105,10 @@ class LiveSource(Source):
 class _Reader:
     """Reads pictures in a thread of its own: a driver that hangs is left behind."""
 
-    def __init__(self, address: str, patience: Patience) -> None:
+    def __init__(self, address: str) -> None:
         self._waiting: queue.Queue[Picture | None] = queue.Queue(1)
         self._stopped = threading.Event()
-        self._thread = threading.Thread(target=self._read, args=(address, patience), daemon=True)
+        self._thread = threading.Thread(target=self._read, args=(address,), daemon=True)
         self._thread.start()
 
     def next(self, seconds: float) -> Picture | None:
@@ -135,8 +123,8 @@ class _Reader:
         self._stopped.set()
         self._thread.join(GOODBYE)
 
-    def _read(self, address: str, patience: Patience) -> None:
-        capture = connected(address, patience)
+    def _read(self, address: str) -> None:
+        capture = connected(address)
         try:
             while not self._stopped.is_set() and capture.grab():
                 now = time.monotonic()
@@ -155,10 +143,10 @@ class _Reader:
                 return
 
 
-def connected(address: str, patience: Patience) -> cv2.VideoCapture:
+def connected(address: str) -> cv2.VideoCapture:
     """A capture of an address or the number of a webcam, open or not; the network is waited for within bounds."""
     if address.isdecimal():
         return cv2.VideoCapture(int(address))
-    bound = round(1000 * patience.picture)
+    bound = round(1000 * PICTURE)
     bounds = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, bound, cv2.CAP_PROP_READ_TIMEOUT_MSEC, bound]
     return cv2.VideoCapture(address, cv2.CAP_FFMPEG, bounds)

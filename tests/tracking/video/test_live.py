@@ -8,7 +8,6 @@ import signal
 import threading
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 from socket import AF_INET, SO_REUSEADDR, SOCK_STREAM, SOL_SOCKET, socket
 
@@ -19,10 +18,11 @@ import pytest
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.types.frame_range import FrameRange
-from tsuiseki.tracking.video.live import LiveSource, Patience
+from tsuiseki.tracking.video import live
+from tsuiseki.tracking.video.live import LiveSource
 from tsuiseki.tracking.video.source import open_source
 
-QUICK = Patience(picture=0.6, pause=0.1, altogether=1.5)
+PICTURE = 0.6
 HEAD = b"HTTP/1.0 200 OK\r\nContent-Type: multipart/x-mixed-replace; boundary=next\r\n\r\n"
 
 
@@ -83,8 +83,14 @@ def servers() -> Iterator[list[MotionJpeg]]:
         server.close()
 
 
+@pytest.fixture(autouse=True)
+def _impatient(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, seconds in {"PICTURE": PICTURE, "PAUSE": 0.1, "ALTOGETHER": 1.5}.items():
+        monkeypatch.setattr(live, name, seconds)
+
+
 def source_of(server: MotionJpeg, wanted: FrameRange | None = None) -> LiveSource:
-    return LiveSource(name="camera", address=server.address, frames_wanted=wanted or FrameRange(), patience=QUICK)
+    return LiveSource(name="camera", address=server.address, frames_wanted=wanted or FrameRange())
 
 
 @pytest.mark.slow
@@ -101,7 +107,7 @@ def test_a_stream_that_is_cut_and_one_that_stalls_come_back(servers: list[Motion
         assert f"no picture after frame {gap['after_frame']}, connecting again for up to 1.5 s" in str(line.message)
         assert gap["seconds"] == pytest.approx(steps[gap["after_frame"] - 1], abs=1e-3)
     # The one that stalled was waited for as long as a picture may take.
-    assert source.gaps[0]["seconds"] < QUICK.picture < source.gaps[1]["seconds"] < 2
+    assert source.gaps[0]["seconds"] < PICTURE < source.gaps[1]["seconds"] < 2
 
 
 @pytest.mark.slow
@@ -123,12 +129,7 @@ def test_a_run_marks_the_gap_and_answers_an_interrupt_while_it_waits(
     servers: list[MotionJpeg], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     servers.append(MotionJpeg([*[(30, False)] * 3, (30, True)]))
-    opened = LiveSource.open
-
-    def quick(*given: object) -> LiveSource:
-        return replace(opened(*given), patience=replace(QUICK, picture=20.0))  # type: ignore[arg-type]
-
-    monkeypatch.setattr(LiveSource, "open", quick)
+    monkeypatch.setattr(live, "PICTURE", 20.0)
     asked = []
 
     def interrupt() -> None:
