@@ -1,4 +1,4 @@
-"""Video out: WebM (VP8 or VP9), which every browser plays and OpenCV from pip can write, or MP4.
+"""Video out: WebM (VP8), which every browser plays and OpenCV from pip can write, or MP4.
 
 MP4 has H.264 where OpenCV or an installed PyAV writes it, or else VP9. The same pictures give the same bytes.
 """
@@ -14,7 +14,7 @@ from contextlib import contextmanager, suppress
 from fractions import Fraction
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Literal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -78,7 +78,8 @@ class X264Writer:
             raise RunError(f"{self._path.name}: the video was not written to its end; is the disk full?") from error
 
 
-WebmCodec = Literal["VP80", "VP90"]
+# VP8 is several times faster to write than VP9, which is about half the size.
+WEBM_CODEC = "VP80"
 # H.264 plays everywhere, but few builds of OpenCV write it, and PyAV need not be there; browsers also play VP9 in MP4.
 MP4_CODECS = ("avc1", "libx264", "vp09")
 # Of smaller pictures OpenCV's VP8 makes files that nothing reads.
@@ -98,20 +99,15 @@ CODING = ".coding"
 
 
 class VideoWriter:
-    """A WebM or MP4 file of bounded bit rate, written frame by frame and closed with the ``with`` block.
-
-    Args:
-        path: ends in ``.webm`` or ``.mp4``.
-        frame_rate: frames per second.
-        codec: of WebM: VP8 is several times faster to write, VP9 about half the size.
+    """A file ``.webm`` or ``.mp4`` of bounded bit rate, written frame by frame and closed with the ``with`` block.
 
     Raises:
         RunError: OpenCV cannot write it, or the disk is full.
     """
 
-    def __init__(self, path: Path, frame_rate: float, codec: WebmCodec = "VP80") -> None:
+    def __init__(self, path: Path, frame_rate: float) -> None:
         self.path, self.frame_rate = path, frame_rate
-        self._codecs = MP4_CODECS if path.suffix.lower() == ".mp4" else (codec,)
+        self._codecs = MP4_CODECS if path.suffix.lower() == ".mp4" else (WEBM_CODEC,)
         self._writer: Any = None
         self._size = (0, 0)
         self._written = 0
@@ -134,7 +130,7 @@ class VideoWriter:
     def _opened(self) -> Any:
         fast = min(FASTEST, MOST_BITS / (BITS_A_PIXEL * self._size[0] * self._size[1]))
         for codec in self._codecs:
-            self._codec, self._fast = codec, codec in ("VP80", "VP90", "vp09")  # H.264 is coded by quality
+            self._codec, self._fast = codec, codec in (WEBM_CODEC, "vp09")  # H.264 is coded by quality
             rate = max(self.frame_rate, round(fast)) if self._fast else self.frame_rate
             writer = self._writing(self._coding if self._fast else self.path, rate, [])
             if writer.isOpened():
