@@ -29,7 +29,7 @@ def review(result: Path, /, video: Path | None = None) -> int:
     from tsuiseki.tracking.report.drawing import show_page
     from tsuiseki.tracking.review.session import Session
 
-    if missing := [name for name in ("av", "starlette", "uvicorn") if importlib.util.find_spec(name) is None]:
+    if missing := [name for name in ("starlette", "uvicorn") if importlib.util.find_spec(name) is None]:
         needs = " and ".join(missing)
         raise RequestError(f"reviewing needs {needs}; install the extra: pip install 'tsuiseki[review]'")
     import uvicorn

@@ -12,11 +12,9 @@ import mimetypes
 import secrets
 import socket
 import threading
-from bisect import bisect_left, bisect_right
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -30,14 +28,15 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.formats.track_tables import needed
 from tsuiseki.tracking.review.reviewed import Reviewed
-from tsuiseki.tracking.types import ImageArray
+from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.video.image_folder import ImageFolder
-from tsuiseki.tracking.video.source import VideoFile, open_source
+from tsuiseki.tracking.video.source import SeekableVideo, UnfitIndexError, VideoFile, open_source
 
 LARGEST, QUALITY, KEPT = 1280, 82, 400
 """Pixels of the longer side of a picture, its quality from 0 to 100, and how many pictures are kept."""
+# Up to so many frames on a video is decoded on; farther away it begins anew.
+NEAR = 30
 
 
 class JpegFrames:
@@ -51,18 +50,19 @@ class JpegFrames:
         length: number of frames.
 
     Raises:
-        RequestError: ``source`` has no pictures that can be played again, or too few, or PyAV is not installed.
+        RequestError: ``source`` has no pictures that can be played again, or too few.
     """
 
     def __init__(self, source: str | Path, frames: int = 1) -> None:
         opened = open_source(source)
         if not opened.has_images or not isinstance(opened, ImageFolder | VideoFile):
             raise RequestError(f"{opened.name} has no pictures that can be played again; give a `video` that has")
-        self._film = _Film(opened.path) if isinstance(opened, VideoFile) else None
-        self._files = opened.images if isinstance(opened, ImageFolder) else ()
-        self.length = len(self._files) if self._film is None else self._film.length
+        self._video, self._seekable = opened, SeekableVideo.of(opened)
+        # A raw stream has no times: it is played from the start.
+        self.length = sum(1 for _ in opened.frames()) if self._seekable is None else len(self._seekable.times)
         if self.length < frames:
             raise RequestError(f"{source}: expected {frames} frames as in the result, got {self.length}")
+        self._next, self._frames = self.length, iter(list[Frame]())
         self._lock, self.jpeg = threading.Lock(), lru_cache(KEPT)(self._jpeg)
         self._image(0)
 
@@ -71,67 +71,22 @@ class JpegFrames:
             image = self._image(frame)
         if (scale := LARGEST / max(image.shape[:2])) < 1:
             image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
+        image = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2BGR), np.uint8)
         return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1])
 
     def _image(self, frame: int) -> ImageArray:
-        """BGR."""
-        if self._film is not None:
-            return self._film.image(frame)
-        found = cv2.imread(str(self._files[frame]))
-        if found is None:
-            raise RunError(f"{self._files[frame]}: expected an image, got something else")
-        return np.asarray(found, np.uint8)
-
-
-class _Film:
-    """A video file, decoded from the key frame before what is asked for; packets are listed first."""
-
-    def __init__(self, path: Path) -> None:
-        self._path, self._av = path, needed("av", "a video in `tsuiseki review`")
-        self._next, self._frames = 0, iter(list[tuple[int, Any]]())
-        self._start_at(-1)
-        packets = [one for one in self._container.demux(self._stream) if one.size and not one.is_discard]
-        self._stamps = sorted(one.pts for one in packets if one.pts is not None)
-        self._keys = sorted(one.pts for one in packets if one.is_keyframe and one.pts is not None)
-        # A raw stream has no times: it is played from the start.
-        self._sought = len(packets) == len({*self._stamps})
-        self.length = len(packets)
-        self._start_at(-1)
-
-    def image(self, frame: int) -> ImageArray:
-        """BGR, turned as a player turns it."""
-        key = bisect_right(self._keys, self._stamps[frame]) - 1 if self._sought else -1
-        if self._next > frame or (key >= 0 and bisect_left(self._stamps, self._keys[key]) > self._next):
-            self._start_at(key)
-        while True:
-            number, found = next((one for one in self._frames if one[0] >= frame), (-1, None))
-            self._next = number + 1
-            if number == frame and found is not None:
-                turns = getattr(found, "rotation", 0) // 90
-                return np.ascontiguousarray(np.rot90(found.to_ndarray(format="bgr24"), turns))
-            if key < 0:
-                raise RunError(f"{self._path}: frame {frame + 1} cannot be decoded")
-            # The file may lead to a later key frame than it was asked for.
-            key -= 1
-            self._start_at(key)
-
-    def _start_at(self, key: int) -> None:
-        """Go to the key frame of this number; to the start of the file for -1."""
-        if key < 0:
-            self._container: Any = self._av.open(str(self._path))
-            self._stream = self._container.streams.video[0]
-            self._stream.thread_type = "AUTO"
-        else:
-            self._container.seek(self._keys[key], stream=self._stream)
-        self._next, self._frames = 0, self._decoded()
-
-    def _decoded(self) -> Iterator[tuple[int, Any]]:
-        """Frames from here on, with their numbers."""
+        if not self._next <= frame < self._next + NEAR:
+            film = self._seekable
+            self._frames = self._video.frames() if film is None else film.frames(frame, self.length - 1)
         try:
-            for count, frame in enumerate(self._container.decode(self._stream)):
-                yield (bisect_left(self._stamps, frame.pts) if self._sought else count), frame
-        except self._av.FFmpegError:
-            return
+            for one in self._frames:
+                self._next = one.index + 1
+                if one.index == frame:
+                    return one.image
+        except UnfitIndexError:
+            self._seekable, self._next = None, self.length
+            return self._image(frame)
+        raise RunError(f"{self._video.name}: frame {frame + 1} cannot be decoded")
 
 
 HOST = "127.0.0.1"
