@@ -82,10 +82,13 @@ def read_sequence(folder: str | Path) -> MotSequence:
         raise RequestError(
             f"{folder}: seqinfo.ini promises {length} frames, but {image_folder}/ has {len(images)} images"
         )
+    rate = _number(info, "frameRate", 25.0, folder)
+    if rate == 0:
+        raise RequestError(f"{folder}/seqinfo.ini: expected frameRate above 0, got {info['frameRate']!r}")
     return MotSequence(
         name=info.get("name", folder.resolve().name),
         folder=folder,
-        frame_rate=_frame_rate(info, folder),
+        frame_rate=rate,
         length=length,
         width=int(_number(info, "imWidth", 0, folder)),
         height=int(_number(info, "imHeight", 0, folder)),
@@ -171,13 +174,6 @@ def _number(info: dict[str, str], key: str, default: float, folder: Path) -> flo
     if not 0 <= value < 1e9:
         raise RequestError(f"{folder}/seqinfo.ini: expected {key} to be a number, got {text!r}")
     return value
-
-
-def _frame_rate(info: dict[str, str], folder: Path) -> float:
-    rate = _number(info, "frameRate", 25.0, folder)
-    if rate == 0:
-        raise RequestError(f"{folder}/seqinfo.ini: expected frameRate above 0, got {info['frameRate']!r}")
-    return rate
 
 
 def image_size(image: Path) -> tuple[int, int]:

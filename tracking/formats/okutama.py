@@ -9,7 +9,6 @@ in ``MultiActionLabels`` everybody gets another one every 180 frames.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Literal
 
@@ -20,7 +19,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.label_checks import LabelFile
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, list_images
-from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text, repeated, rows_of
+from tsuiseki.tracking.formats.rows import read_rows, read_text, repeated, rows_of
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import BoolArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME, FrameRange
@@ -56,34 +55,17 @@ def read_okutama(path: str | Path, size: tuple[int, int]) -> ActionLabels:
         [_known(name, f"{path}:{line}") for name in cells[10:]]
         for line, cells in zip(rows.lines, rows.cells, strict=True)
     ]
-    labels = ActionLabels(
-        frames=frames,
-        ids=ids,
-        boxes=numbers[:, 1:5] * np.tile(np.array(size) / LABEL_SIZE, 2),
-        lost=numbers[:, 6] == 1,
-        occluded=numbers[:, 7] == 1,
-        generated=numbers[:, 8] == 1,
-        actions=actions_of(names),
-        class_names=OKUTAMA_ACTIONS,
-    )
-    return _checked(labels, rows, size)
-
-
-def _checked(labels: ActionLabels, rows: Rows, size: tuple[int, int]) -> ActionLabels:
-    inside = clip_boxes(labels.boxes, *size)
-    empty = ~labels.lost & (areas(inside) <= 0)
-    if empty.any():
-        width, height = LABEL_SIZE
-        raise rows.error(
-            int(np.argmax(empty)),
-            f"xmin ymin xmax ymax of a box in {width}x{height} (mark a person out of view as lost)",
-        )
-    kept = ~labels.lost
-    if (row := repeated(labels.frames[kept], labels.ids[kept])) is not None:
-        k = np.flatnonzero(kept)[row]
-        raise RequestError(f"{rows.path}:{rows.lines[k]}: id {labels.ids[k]} stands twice in frame {labels.frames[k]}")
-    boxes = np.where(labels.lost[:, None], np.array([0.0, 0.0, 1.0, 1.0]), inside)
-    return replace(labels, boxes=boxes)
+    lost, occluded, generated = (numbers[:, column] == 1 for column in (6, 7, 8))
+    boxes = clip_boxes(numbers[:, 1:5] * np.tile(np.array(size) / LABEL_SIZE, 2), *size)
+    width, height = LABEL_SIZE
+    expected = f"xmin ymin xmax ymax of a box in {width}x{height} (mark a person out of view as lost)"
+    rows.refuse((~lost & (areas(boxes) <= 0), expected))
+    kept = np.flatnonzero(~lost)
+    if (row := repeated(frames[kept], ids[kept])) is not None:
+        k = kept[row]
+        raise RequestError(f"{path}:{rows.lines[k]}: id {ids[k]} stands twice in frame {frames[k]}")
+    boxes[lost] = 0.0, 0.0, 1.0, 1.0
+    return ActionLabels(frames, ids, boxes, lost, occluded, generated, actions_of(names), OKUTAMA_ACTIONS)
 
 
 def _complaint(cells: list[str], text: str) -> str:
