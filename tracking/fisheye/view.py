@@ -172,10 +172,8 @@ def open_ceiling(
 
 def _fitted(placed: CameraOverFloor, source: Source, resize: Scaling) -> CameraOverFloor:
     """The camera for the source's images."""
-    if isinstance(source, ImageFolder):
-        size = source.size  # None for text that does not say
-    else:
-        size = next(iter(source.frames())).image.shape[1::-1]
+    # Text may not say it.
+    size = source.size if isinstance(source, ImageFolder) else next(iter(source.frames())).image.shape[1::-1]
     have = placed.camera.width, placed.camera.height
     if size is None or size == have:
         return placed
