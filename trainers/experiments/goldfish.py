@@ -139,7 +139,7 @@ def clips(store: Store, name: str, counts: Sequence[int]) -> list[Path]:
 
 def learn(store: Store, folders: Sequence[Path]) -> tuple[LearntMotion, int, int]:
     """What the learning run over some clips teaches, how many fish it followed to the end, and of how many."""
-    files = [store.made(f"{f.name}.csv", write_learning_tracks, f, LEARNING_PARTICLES) for f in folders]
+    files = [store.made(f"{f.name}.csv", write_learning_tracks, f) for f in folders]
     tracks = [track for file in files for track in read_states(file, BODY.fields)]
     parts = [part for track in tracks for part in track.segments()]
     motion = learn_motion(parts, BODY.name, BODY.fields, BODY.angles, read_sequence(folders[0]).frame_rate)
@@ -147,15 +147,14 @@ def learn(store: Store, folders: Sequence[Path]) -> tuple[LearntMotion, int, int
     return motion, sum(int(track.tracking.sum()) == longest for track in tracks), len(tracks)
 
 
-def write_learning_tracks(path: Path, clip: Path, particles: int) -> None:
+def write_learning_tracks(path: Path, clip: Path) -> None:
     """The learning run of section 4.1 on a clip: a fish counts up to the frame before its centre left the silhouette.
 
     Args:
         path: CSV to write.
         clip: folder of the clip.
-        particles: of each fish.
     """
-    settings = replace(TRACKER, particles=particles)
+    settings = replace(TRACKER, particles=LEARNING_PARTICLES)
     found = follow_fish(prepare_clip(clip), RandomWalk(wide_noise(BODY)), settings, seed=0)
     said: tuple[Status, Status] = "tracking", "lost"
     right = [replace(t, statuses=said[:1] * n + said[1:] * (len(t) - n)) for t, n in found]
