@@ -95,7 +95,9 @@ def read_coco(path: Path) -> TrackedVideo:
         frames = {images[k]["id"]: int(images[k]["frame_id"]) if counted else n for n, k in enumerate(order)}
         rows, single, classes = [], list[BoxOfPicture](), dict[int, tuple[int, str]]()
         for entry in content["annotations"]:
-            number = _track_number(entry)
+            places = (entry, entry.get("attributes") or {})
+            tags = ((place, name) for name in ("track_id", "instance_id") for place in places)
+            number = next((int(place[name]) for place, name in tags if name in place), None)
             x, y, width, height = map(float, entry["bbox"])
             box = (x, y, x + width, y + height)
             observed = not entry.get("filled", False)
@@ -120,15 +122,6 @@ def read_coco(path: Path) -> TrackedVideo:
         length=max(frames.values(), default=-1) + 1,
         images=names if all(names) else (),
     )
-
-
-def _track_number(entry: Any) -> int | None:
-    for name in ("track_id", "instance_id"):
-        if name in entry:
-            return int(entry[name])
-        if name in (entry.get("attributes") or {}):
-            return int(entry["attributes"][name])
-    return None
 
 
 LABEL_STUDIO = "Label Studio's JSON of video"
@@ -189,13 +182,10 @@ def read_label_studio(path: Path) -> TrackedVideo:
         labels = (str((one["value"].get("labels") or [""])[0]) for one in found)
         classes = {number: (-1, label) for number, label in zip(ids, labels, strict=True)}
         name = PurePosixPath(str(data.get("video") or path.stem).split("?")[0]).name
-        rate = float(data.get("frame_rate") or 0) or _rate(found)
+        value = found[0]["value"] if found else {}
+        measured = float(value["framesCount"]) / float(value["duration"]) if value.get("duration") else 0.0
+        rate = float(data.get("frame_rate") or 0) or measured
     return TrackedVideo(tracks_of_rows(path, rows, classes), name, rate, size, length, shares=size is None)
-
-
-def _rate(found: list[dict[str, Any]]) -> float:
-    value = found[0]["value"] if found else {}
-    return float(value["framesCount"]) / float(value["duration"]) if value.get("duration") else 0.0
 
 
 def _region_rows(path: Path, number: int, one: Any, size: Size) -> Iterator[tuple[int, int, Any, float, bool]]:

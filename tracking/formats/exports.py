@@ -32,14 +32,13 @@ from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.mot_sequence import write_sequence
 from tsuiseki.tracking.formats.rows import write_csv
 from tsuiseki.tracking.formats.sleap_hdf5 import write_sleap_analysis, write_sleap_project
-from tsuiseki.tracking.formats.track_tables import KNOWN, write_table
+from tsuiseki.tracking.formats.track_tables import CORNERS, KNOWN, write_table
 from tsuiseki.tracking.formats.tracked_video import NONE, TrackedVideo
 from tsuiseki.tracking.formats.yolo import is_yolo, read_yolo, write_yolo
 from tsuiseki.tracking.geometry import centres, xywh_from_corners
 
 GEFF_VERSION = "1.1"
 AXES = (("t", "time", "frame"), ("y", "space", "pixel"), ("x", "space", "pixel"))
-BOX_SIDES = ("x1", "y1", "x2", "y2")
 
 
 def write_geff(folder: Path, video: TrackedVideo) -> None:
@@ -76,7 +75,7 @@ def _nodes(video: TrackedVideo) -> dict[str, NDArray[Any]]:
     if not table or "x1" in table:
         x, y = centres(rows.boxes).T
         about = {"t": rows.frames, "y": y, "x": x, "score": rows.scores, "track_id": rows.ids}
-        return about | dict(zip(BOX_SIDES, rows.boxes.T, strict=True))
+        return about | dict(zip(CORNERS, rows.boxes.T, strict=True))
     places = next((names for names in (("a", "b"), ("x", "y")) if {*names, "frame", "id"} <= table.keys()), None)
     if places is None:
         raise RequestError(f"expected tracks with frame, id and a place, got {', '.join(list(table)[:8])}")

@@ -183,7 +183,6 @@ def sensing_model(content: Mapping[str, Any]) -> SensingModel:
 
 def _made(name: str, kind: type[T], content: Any, **more: Any) -> T:
     """A dataclass of numbers, words and tuples of numbers from a mapping."""
-    content = _mapping(name, content)
     types = {field.name: str(field.type) for field in fields(kind) if field.name not in more}  # type: ignore[arg-type]
     _check_keys(name, content, tuple(types))
     values = {key: _value(f"{name}.{key}", types[key], value) for key, value in content.items()}

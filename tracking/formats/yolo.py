@@ -21,7 +21,7 @@ import yaml
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import image_size, list_images
 from tsuiseki.tracking.formats.rows import read_rows, read_text, whole
-from tsuiseki.tracking.formats.tracked_video import Size, TrackedVideo, tracks_of_rows, tracks_without_ids
+from tsuiseki.tracking.formats.tracked_video import TrackedVideo, tracks_of_rows, tracks_without_ids
 from tsuiseki.tracking.geometry import centres
 
 LABELS, ABOUT, IMAGES = "labels", "data.yaml", "images"
@@ -72,7 +72,8 @@ def read_yolo(folder: Path) -> TrackedVideo:
     files = sorted(labels.glob("*.txt"))
     about = next((text for place in (folder, folder.parent, folder.parent.parent) if (text := _about(place))), {})
     images = list_images(pictures)
-    size = _size(about) or (image_size(images[0]) if images else None)
+    width, height = int(about.get("width") or 0), int(about.get("height") or 0)
+    size = (width, height) if min(width, height) > 0 else image_size(images[0]) if images else None
     names = about.get("names") or {}
     named = dict(enumerate(names)) if isinstance(names, list) else names if isinstance(names, dict) else {}
     places = {image.stem: frame for frame, image in enumerate(images)}
@@ -113,11 +114,6 @@ def _about(folder: Path) -> dict[str, Any]:
     ):
         raise RequestError(f"{path}: expected names of classes, and numbers of width, height, frames and frame_rate")
     return content
-
-
-def _size(about: Mapping[str, Any]) -> Size:
-    width, height = int(about.get("width") or 0), int(about.get("height") or 0)
-    return (width, height) if min(width, height) > 0 else None
 
 
 def _frame(path: Path, places: Mapping[str, int]) -> int:

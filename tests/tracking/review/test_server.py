@@ -224,4 +224,4 @@ def test_another_video_is_refused(reviewable, tmp_path, capsys, what):
 def test_the_extra_is_named_where_it_is_missing(reviewable, capsys, monkeypatch):
     monkeypatch.setattr("importlib.util.find_spec", lambda _: None)
     assert main(["review", str(reviewable)]) == 2
-    assert "av and starlette and uvicorn; install the extra" in capsys.readouterr().err
+    assert "reviewing needs starlette and uvicorn; install the extra" in capsys.readouterr().err
