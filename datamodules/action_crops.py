@@ -115,7 +115,7 @@ def _forward(path: Path) -> ReadFrame:
     return read
 
 
-VERSION = 2
+VERSION = 3
 
 
 @dataclass(frozen=True)
@@ -149,16 +149,12 @@ class ActionCrops:
     Attributes:
         images: ``(N, S, S, C)`` uint8 by stream, one array a clip.
         actions: ``(N, A)`` which actions each person performs.
-        people: ``(N,)`` one number a person, over all clips.
-        frames: ``(N,)`` 0-based, in their clips.
         clip: ``(N,)`` which clip a row lies in, and ``row`` where in it.
         row: ``(N,)``.
     """
 
     images: dict[StreamName, list[ImageArray]]
     actions: BoolArray
-    people: IntArray
-    frames: IntArray
     clip: IntArray
     row: IntArray
 
@@ -197,7 +193,7 @@ def cut_clip(clip: ActionSequence, settings: CropSettings, folder: Path) -> None
     try:
         for name, parts in crops.items():
             np.save(work / f"{name}.npy", np.concatenate(parts))
-        np.savez(work / "rows.npz", actions=labels.actions[rows], ids=labels.ids[rows], frames=labels.frames[rows])
+        np.savez(work / "rows.npz", actions=labels.actions[rows])
         (work / "settings.json").write_text(_described(clip, settings), encoding="utf-8")
         if folder.exists():
             shutil.rmtree(folder)
@@ -259,30 +255,18 @@ def load_crops(folders: Sequence[Path], streams: Sequence[StreamName]) -> Action
         RequestError: a folder is incomplete.
     """
     images: dict[StreamName, list[ImageArray]] = {name: [] for name in streams}
-    actions, people, frames, clip, row = [], [], [], [], []
-    first = 0
-    for number, folder in enumerate(folders):
+    actions = list[BoolArray]()
+    for folder in folders:
         try:
             for name in streams:
                 images[name].append(np.load(folder / f"{name}.npy", mmap_mode="r"))
             with np.load(folder / "rows.npz", allow_pickle=False) as rows:
-                names, ids = np.unique(rows["ids"], return_inverse=True)
                 actions.append(rows["actions"])
-                people.append(ids + first)
-                frames.append(rows["frames"])
         except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
             raise RequestError(f"{folder}: expected crops of a clip, got {error}") from error
-        first += len(names)
-        clip.append(np.full(len(ids), number))
-        row.append(np.arange(len(ids)))
-    return ActionCrops(
-        images,
-        np.concatenate(actions),
-        np.concatenate(people).astype(np.int64),
-        np.concatenate(frames).astype(np.int64),
-        np.concatenate(clip),
-        np.concatenate(row),
-    )
+    counts = [len(each) for each in actions]
+    row = np.concatenate([np.arange(count) for count in counts])
+    return ActionCrops(images, np.concatenate(actions), np.repeat(np.arange(len(counts)), counts), row)
 
 
 def _described(clip: ActionSequence, settings: CropSettings) -> str:

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
@@ -27,51 +26,28 @@ from tsuiseki.datamodules.action_crops import (
 )
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import NO_MOTION, STREAMS, StreamName
-from tsuiseki.tracking.types import ImageArray, IntArray
+from tsuiseki.tracking.types import BoolArray, ImageArray
 
 Changes: TypeAlias = dict[str, NDArray[Any]]
 
 
 class ActionBatch(NamedTuple):
-    """Crops ``(B, K, S, S, C)`` uint8 by stream, K a sample, and ``(B, A)`` float32 which actions are performed."""
+    """Crops ``(B, S, S, C)`` uint8 by stream, and ``(B, A)`` float32 which actions are performed."""
 
     crops: dict[StreamName, Tensor]
     actions: Tensor
 
 
-@dataclass(frozen=True)
-class ActionAugmentation:
-    """How training crops are changed (thesis 5.4.2); zeros change nothing but the place of the crop.
-
-    Attributes:
-        flip_horizontal: chance of a mirror image, left and right.
-        flip_vertical: likewise, top and bottom; a camera that looks straight down sees both.
-        colour: scale of the changes of brightness and contrast, drawn for every sample.
-    """
-
-    flip_horizontal: float = 0.5
-    flip_vertical: float = 0.5
-    colour: float = 0.2
-
-
-CUTTING, AUGMENTATION = CropSettings(), ActionAugmentation()
+CUTTING = CropSettings()
+# How training crops are changed (thesis 5.4.2): chances of a mirror image, left and right, and top and bottom, as a
+# camera that looks straight down sees both; and the scale of the changes of brightness and contrast.
+FLIP_HORIZONTAL, FLIP_VERTICAL, COLOUR = 0.5, 0.5, 0.2
 
 
 class ActionBatches(Dataset[ActionBatch]):
-    """Batches drawn at random, each fully decided by the epoch and its number.
+    """Batches of ``crops`` drawn at random as `ActionData` says, each fully decided by the epoch and its number.
 
-    Args:
-        crops: to draw from.
-        streams: that are trained.
-        size: side of the network's input, pixels; smaller than the stored crops.
-        batch_size: samples of a batch.
-        batches: of an epoch.
-        augmentation: changes of the crops.
-        segments: K, pictures of a sample. With more than one the surroundings of a picture in time are cut into as many
-            segments and one picture is drawn from each (Wang et al. 2016, not in the thesis).
-        span: frames that the segments of a sample cover together.
-        rarity: exponent of the chance of samples by how rare their rarest action is; 0 draws all alike.
-        seed: of epoch and device, asked anew for every batch.
+    The ``seed`` of epoch and device is asked anew for every batch; ``size`` is less than that of the stored crops.
     """
 
     def __init__(
@@ -81,21 +57,14 @@ class ActionBatches(Dataset[ActionBatch]):
         size: int,
         batch_size: int,
         batches: int,
-        augmentation: ActionAugmentation,
-        segments: int,
-        span: int,
         rarity: float,
         seed: Callable[[], tuple[int, ...]],
     ) -> None:
         self.crops, self.streams, self.size = crops, streams, size
-        self.batch_size, self.batches, self.augmentation = batch_size, batches, augmentation
-        self.segments, self.span, self.seed = segments, span, seed
+        self.batch_size, self.batches, self.seed = batch_size, batches, seed
         share = crops.actions.mean(axis=0)
         rarest = np.where(crops.actions, np.maximum(share, 1 / len(crops)), 1.0).min(axis=1)
         self.chances = rarest**-rarity / (rarest**-rarity).sum()
-        # Rows of one person in the order of time, so that neighbours in time are neighbours here.
-        self.order = np.lexsort((crops.frames, crops.people))
-        self.place = np.argsort(self.order)
 
     def __len__(self) -> int:
         return self.batches
@@ -105,50 +74,28 @@ class ActionBatches(Dataset[ActionBatch]):
             raise IndexError(index)
         rng = np.random.default_rng([*self.seed(), index])
         rows = rng.choice(len(self.crops), self.batch_size, p=self.chances)
-        pictures = self._segments(rng, rows).ravel()
-        actions = torch.from_numpy(self.crops.actions[rows].astype(np.float32))
-        change = draw_changes(rng, self.augmentation, self.batch_size)
-        every = {name: np.repeat(values, self.segments, axis=0) for name, values in change.items()}
-        crops = {}
-        for name in self.streams:
-            images = changed(self.crops.crops(name, pictures), every, self.size, is_flow=name.startswith("flow"))
-            crops[name] = torch.from_numpy(images.reshape(self.batch_size, self.segments, *images.shape[1:]))
-        return ActionBatch(crops, actions)
-
-    def _segments(self, rng: np.random.Generator, rows: IntArray) -> IntArray:
-        """``(B, K)`` rows of the same person doing the same, one a segment around each of ``rows`` ``(B,)``."""
-        chosen = np.repeat(rows[:, None], self.segments, axis=1)
-        if self.segments == 1:
-            return chosen
-        length = self.span / self.segments
-        for sample, row in enumerate(rows.tolist()):
-            near = self._same_nearby(row)
-            offset = self.crops.frames[near] - self.crops.frames[row] + self.span / 2
-            segment = (offset // length).astype(int)
-            for k in range(self.segments):
-                candidates = near[segment == k]
-                if len(candidates):
-                    chosen[sample, k] = rng.choice(candidates)
-        return chosen
-
-    def _same_nearby(self, row: int) -> IntArray:
-        """Rows of the same person with the same actions within the span."""
-        crops, place = self.crops, int(self.place[row])
-        reach = self.span // 2 + 1
-        near = self.order[max(place - reach, 0) : place + reach]
-        near = near[crops.people[near] == crops.people[row]]
-        same = (crops.actions[near] == crops.actions[row]).all(axis=1)
-        return np.asarray(near[same & (np.abs(crops.frames[near] - crops.frames[row]) <= self.span / 2)])
+        change = draw_changes(rng, self.batch_size)
+        images = {
+            name: changed(self.crops.crops(name, rows), change, self.size, is_flow=name.startswith("flow"))
+            for name in self.streams
+        }
+        return batch_of(images, self.crops.actions[rows])
 
 
-def draw_changes(rng: np.random.Generator, settings: ActionAugmentation, count: int) -> Changes:
-    """What happens to ``count`` samples; the same to all streams and pictures of a sample."""
+def batch_of(images: Mapping[StreamName, ImageArray], actions: BoolArray) -> ActionBatch:
+    """Crops ``(B, S, S, C)`` by stream, and ``(B, A)`` which actions are performed, as tensors."""
+    crops = {name: torch.from_numpy(crop) for name, crop in images.items()}
+    return ActionBatch(crops, torch.from_numpy(actions.astype(np.float32)))
+
+
+def draw_changes(rng: np.random.Generator, count: int) -> Changes:
+    """What happens to ``count`` samples; the same to all streams of a sample."""
     return {
         "shift": rng.random((count, 2)),
-        "left_right": rng.random(count) < settings.flip_horizontal,
-        "top_bottom": rng.random(count) < settings.flip_vertical,
-        "gain": np.exp(rng.normal(0, settings.colour, (count, 1)) + rng.normal(0, settings.colour / 4, (count, 3))),
-        "offset": rng.normal(0, 60 * settings.colour, (count, 1)),
+        "left_right": rng.random(count) < FLIP_HORIZONTAL,
+        "top_bottom": rng.random(count) < FLIP_VERTICAL,
+        "gain": np.exp(rng.normal(0, COLOUR, (count, 1)) + rng.normal(0, COLOUR / 4, (count, 3))),
+        "offset": rng.normal(0, 60 * COLOUR, (count, 1)),
     }
 
 
@@ -180,7 +127,7 @@ VALIDATED = 64
 
 
 class ValidationBatches(Dataset[ActionBatch]):
-    """Every sample once, in its middle, one picture each."""
+    """Every sample once, in its middle."""
 
     def __init__(self, crops: ActionCrops, streams: tuple[StreamName, ...], size: int) -> None:
         self.crops, self.streams, self.size = crops, streams, size
@@ -192,9 +139,8 @@ class ValidationBatches(Dataset[ActionBatch]):
         rows = np.arange(index * VALIDATED, min((index + 1) * VALIDATED, len(self.crops)))
         if not len(rows):
             raise IndexError(index)
-        images = {name: centre_crops(self.crops.crops(name, rows), self.size)[:, None] for name in self.streams}
-        actions = torch.from_numpy(self.crops.actions[rows].astype(np.float32))
-        return ActionBatch({name: torch.from_numpy(crops) for name, crops in images.items()}, actions)
+        images = {name: centre_crops(self.crops.crops(name, rows), self.size) for name in self.streams}
+        return batch_of(images, self.crops.actions[rows])
 
 
 def centre_crops(images: ImageArray, size: int) -> ImageArray:
@@ -216,10 +162,7 @@ class ActionData(lightning.LightningDataModule):
         cutting: how crops are cut.
         batch_size: samples of a batch; the thesis has 16.
         batches: number of batches of an epoch.
-        segments: pictures of a sample, spread over ``span`` frames; 1 is the thesis's training.
-        span: frames that the segments cover.
         rarity: exponent of the chance of samples by the rarest of their actions, 0 to 1.
-        augmentation: changes of the training crops.
         workers: processes that prepare batches; 0 does it in the training process.
         seed: of the random numbers.
     """
@@ -234,16 +177,11 @@ class ActionData(lightning.LightningDataModule):
         cutting: CropSettings = CUTTING,
         batch_size: int = 16,
         batches: int = 100,
-        segments: int = 1,
-        span: int = 30,
         rarity: float = 0.5,
-        augmentation: ActionAugmentation = AUGMENTATION,
         workers: int = 0,
         seed: int = 0,
     ) -> None:
         super().__init__()
-        if segments < 1 or span < segments:
-            raise RequestError(f"expected at least 1 segment and a span of at least as many, got {segments} and {span}")
         if not train_folders or not validation_folders:
             raise RequestError("nothing to learn from or to validate on: give train_folders and validation_folders")
         parts = {"train": train_folders, "validation": validation_folders}
@@ -251,8 +189,7 @@ class ActionData(lightning.LightningDataModule):
         self.cache, self.streams, self.cutting = Path(cache), tuple(streams), cutting
         self.multiple_actions = multiple_actions
         self.batch_size, self.batches, self.workers, self.seed = batch_size, batches, workers, seed
-        self.segments, self.span, self.rarity = segments, span, rarity
-        self.augmentation = augmentation
+        self.rarity = rarity
         self.clips: dict[str, list[ActionSequence]] = {}
 
     def prepare_data(self) -> None:
@@ -304,18 +241,8 @@ class ActionData(lightning.LightningDataModule):
 
     def train_dataloader(self) -> DataLoader[ActionBatch]:
         """Batches drawn at random."""
-        batches = ActionBatches(
-            self.train_crops,
-            self.streams,
-            self.cutting.size,
-            self.batch_size,
-            self.batches,
-            self.augmentation,
-            self.segments,
-            self.span,
-            self.rarity,
-            self._epoch_seed,
-        )
+        sizes = self.cutting.size, self.batch_size, self.batches
+        batches = ActionBatches(self.train_crops, self.streams, *sizes, self.rarity, self._epoch_seed)
         return DataLoader(batches, batch_size=None, num_workers=self.workers)
 
     def val_dataloader(self) -> DataLoader[ActionBatch]:

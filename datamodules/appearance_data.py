@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.utils.data import DataLoader, Dataset, Sampler
 
+from tsuiseki.datamodules.augmentation import compressed
 from tsuiseki.datamodules.identity_crops import (
     IdentityCrops,
     crops_from_folder,
@@ -37,33 +38,17 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 Float32Array = NDArray[np.float32]
 
 
-@dataclass(frozen=True)
-class CropAugmentation:
-    """How strongly crops are changed; zeros change nothing.
-
-    Attributes:
-        flip: chance of a mirror image.
-        shift: standard deviation of the box's centre, in box sizes.
-        stretch: standard deviation of the logarithm of the box's width and height.
-        camera_colour: strength of what the whole batch shares: tint, saturation, gamma and contrast.
-        view_colour: strength of the same from crop to crop.
-        lowest_height: crops are brought down to between this and the full input height, in pixels.
-        blur: chance that a crop is blurred.
-        noise: largest standard deviation of the sensor noise, grey levels.
-        jpeg: chance that a crop is compressed.
-        occlude: chance that a piece of another crop or a plain patch covers a part.
-    """
-
-    flip: float = 0.5
-    shift: float = 0.05
-    stretch: float = 0.07
-    camera_colour: float = 1.0
-    view_colour: float = 0.25
-    lowest_height: int = 28
-    blur: float = 0.4
-    noise: float = 6.0
-    jpeg: float = 0.5
-    occlude: float = 0.4
+# How crops are changed. Chance of a mirror image; deviation of the box's centre, in box sizes, and of the logarithm of
+# its width and height.
+FLIP, SHIFT, STRETCH = 0.5, 0.05, 0.07
+# Strength of the tint, saturation, gamma and contrast that the whole batch shares, and of those from crop to crop.
+CAMERA_COLOUR, VIEW_COLOUR = 1.0, 0.25
+# Crops are brought down to between this and the full input height, in pixels.
+LOWEST_HEIGHT = 28
+# Chances of a blur and of a compression; and that a piece of another crop or a plain patch covers a part.
+BLUR, JPEG, OCCLUDE = 0.4, 0.5, 0.4
+# Largest deviation of the sensor noise, grey levels.
+NOISE = 6.0
 
 
 @dataclass(frozen=True)
@@ -87,22 +72,21 @@ class CropCamera:
     sharpness: float
 
 
-def draw_camera(rng: np.random.Generator, settings: CropAugmentation, full_height: int) -> CropCamera:
+def draw_camera(rng: np.random.Generator, full_height: int) -> CropCamera:
     """One camera for a batch of crops."""
-    lowest = min(settings.lowest_height, full_height)
+    lowest = min(LOWEST_HEIGHT, full_height)
     return CropCamera(
-        _draw_colour(rng, settings.camera_colour),
-        float(np.exp(rng.normal(0, 0.2 * settings.camera_colour))),
-        float(np.exp(rng.normal(0.0, 0.15) * settings.camera_colour)),
+        _draw_colour(rng, CAMERA_COLOUR),
+        float(np.exp(rng.normal(0, 0.2 * CAMERA_COLOUR))),
+        float(np.exp(rng.normal(0.0, 0.15) * CAMERA_COLOUR)),
         float(rng.uniform(0.3, 0.6)),
         float(np.exp(rng.uniform(np.log(lowest), np.log(full_height)))),
-        float(rng.uniform(0, 1)) * min(settings.camera_colour, 1),
+        float(rng.uniform(0, 1)) * min(CAMERA_COLOUR, 1),
     )
 
 
 def augment_crop(
     rng: np.random.Generator,
-    settings: CropAugmentation,
     camera: CropCamera,
     image: ImageArray,
     box: FloatArray,
@@ -113,7 +97,6 @@ def augment_crop(
 
     Args:
         rng: the source of all chance.
-        settings: how strongly to change.
         camera: of the batch.
         image: ``(h, w, 3)`` view with a margin, or an RGBA cut-out ``(h, w, 4)``, which gets a random ground.
         box: ``(4,)`` the person's box in it.
@@ -121,33 +104,29 @@ def augment_crop(
         size: of the network's input.
     """
     if image.shape[2] == 4:
-        behind = cover if cover.shape[2] == 4 and rng.random() < settings.occlude else None
+        behind = cover if cover.shape[2] == 4 and rng.random() < OCCLUDE else None
         image, box = put_on_ground(rng, image, behind)
-    box = _jitter(rng, settings, box)
-    height = int(np.clip(camera.height * np.exp(rng.normal(0, 0.15)), min(settings.lowest_height, size[0]), size[0]))
+    sides = box[2:] - box[:2]
+    middle = (box[:2] + box[2:]) / 2 + rng.normal(0, SHIFT, 2) * sides
+    half = sides / 2 * np.exp(rng.normal(0, STRETCH, 2))
+    box = np.concatenate([middle - half, middle + half])
+    height = int(np.clip(camera.height * np.exp(rng.normal(0, 0.15)), min(LOWEST_HEIGHT, size[0]), size[0]))
     width = max(4, round(height * size[1] / size[0]))
     small = crop_boxes(image, box[None], height, width)[0]
-    if rng.random() < settings.flip:
+    if rng.random() < FLIP:
         small = np.ascontiguousarray(small[:, ::-1])
-    if rng.random() < settings.occlude:
+    if rng.random() < OCCLUDE:
         small = _occlude(rng, small, cover)
-    levels = _recolour(rng, settings.view_colour, camera, small)
-    if rng.random() < settings.blur:
+    levels = _recolour(rng, VIEW_COLOUR, camera, small)
+    if rng.random() < BLUR:
         levels = _blurred(levels, float(rng.uniform(0.3, 0.015 * height + 0.3)))
     if camera.sharpness > 0:
         levels = levels + camera.sharpness * (levels - _blurred(levels, 1.0))
-    noise = rng.standard_normal(levels.shape, dtype=np.float32) * np.float32(rng.uniform(0, settings.noise))
+    noise = rng.standard_normal(levels.shape, dtype=np.float32) * np.float32(rng.uniform(0, NOISE))
     small = np.clip(levels * 255 + noise, 0, 255).astype(np.uint8)
-    if rng.random() < settings.jpeg:
-        small = _compress(small, int(rng.integers(30, 90)))
+    if rng.random() < JPEG:
+        small = compressed(small, int(rng.integers(30, 90)))
     return np.asarray(cv2.resize(small, (size[1], size[0]), interpolation=cv2.INTER_LINEAR), dtype=np.uint8)
-
-
-def _jitter(rng: np.random.Generator, settings: CropAugmentation, box: FloatArray) -> FloatArray:
-    size = box[2:] - box[:2]
-    middle = (box[:2] + box[2:]) / 2 + rng.normal(0, settings.shift, 2) * size
-    half = size / 2 * np.exp(rng.normal(0, settings.stretch, 2))
-    return np.concatenate([middle - half, middle + half])
 
 
 def _draw_colour(rng: np.random.Generator, strength: float) -> Float32Array:
@@ -189,11 +168,6 @@ def _blurred(levels: Float32Array, sigma: float) -> Float32Array:
     return np.asarray(cv2.GaussianBlur(levels, (0, 0), sigma), dtype=np.float32)
 
 
-def _compress(image: ImageArray, quality: int) -> ImageArray:
-    _, code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
-    return np.asarray(cv2.imdecode(code, cv2.IMREAD_COLOR), dtype=np.uint8)
-
-
 Sample: TypeAlias = tuple[ImageArray, int, int, bool]
 
 
@@ -215,15 +189,9 @@ class AppearanceBatch(NamedTuple):
 
 
 class IdentityBatches(Sampler[list[Draw]]):
-    """Batches of P identities with K views each, different in every epoch and on every device.
+    """Batches of P ``identities``, or all, with K ``views`` each, different in every epoch and on every device.
 
-    Args:
-        crops: the views to draw from.
-        identities: P; at most as many as there are.
-        views: K; identities with fewer views repeat some.
-        batches: of an epoch.
-        rendered_share: share of the identities of a batch that are rendered, where both kinds are there; in [0, 1].
-        seed: of epoch and device, asked anew at the start of every epoch.
+    Identities with fewer views repeat some. The ``seed`` of epoch and device is asked anew at the start of every epoch.
     """
 
     def __init__(
@@ -252,7 +220,8 @@ class IdentityBatches(Sampler[list[Draw]]):
         for batch in range(self.batches):
             rng = np.random.default_rng([*seed, batch])
             chosen = rng.choice(len(self.views_of), self.identities, replace=False, p=self.chances)
-            views = np.concatenate([_choose(rng, self.views_of[i], self.views) for i in chosen])
+            several = [self.views_of[i] for i in chosen]
+            views = np.concatenate([rng.choice(v, self.views, replace=len(v) < self.views) for v in several])
             yield [Draw(int(view), (*seed, batch), place) for place, view in enumerate(views)]
 
 
@@ -266,25 +235,21 @@ def _chances(from_video: NDArray[np.bool_], rendered_share: float) -> NDArray[np
     return np.where(from_video, (1 - share) / video, share / rendered)
 
 
-def _choose(rng: np.random.Generator, views: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    return rng.choice(views, count, replace=len(views) < count)
-
-
 class TrainingCrops(Dataset[Sample]):
     """Augmented views, each fully decided by its `Draw`."""
 
-    def __init__(self, crops: IdentityCrops, augmentation: CropAugmentation, size: tuple[int, int]) -> None:
-        self.crops, self.augmentation, self.size = crops, augmentation, size
+    def __init__(self, crops: IdentityCrops, size: tuple[int, int]) -> None:
+        self.crops, self.size = crops, size
 
     def __len__(self) -> int:
         return len(self.crops)
 
     def __getitem__(self, draw: Draw) -> Sample:
-        camera = draw_camera(np.random.default_rng([*draw.seed, 0]), self.augmentation, self.size[0])
+        camera = draw_camera(np.random.default_rng([*draw.seed, 0]), self.size[0])
         rng = np.random.default_rng([*draw.seed, 1, draw.place])
         cover = self.crops.images[int(rng.integers(len(self.crops)))]
         image, box = self.crops.images[draw.view], self.crops.boxes[draw.view]
-        crop = augment_crop(rng, self.augmentation, camera, image, box, cover, self.size)
+        crop = augment_crop(rng, camera, image, box, cover, self.size)
         return crop, int(self.crops.ids[draw.view]), int(self.crops.frames[draw.view]), False
 
 
@@ -334,7 +299,7 @@ class RenderedPeople:
     share: float = 0.5
 
 
-RENDERED, AUGMENTATION = RenderedPeople(), CropAugmentation()
+RENDERED = RenderedPeople()
 
 
 class AppearanceData(lightning.LightningDataModule):
@@ -352,7 +317,6 @@ class AppearanceData(lightning.LightningDataModule):
         identities: P, people of a batch.
         views: K, views of each.
         batches: of an epoch.
-        augmentation: changes of the training crops.
         workers: processes that prepare batches; 0 does it in the training process.
         seed: of everything drawn.
     """
@@ -370,7 +334,6 @@ class AppearanceData(lightning.LightningDataModule):
         identities: int = 16,
         views: int = 4,
         batches: int = 100,
-        augmentation: CropAugmentation = AUGMENTATION,
         workers: int = 0,
         seed: int = 0,
     ) -> None:
@@ -382,7 +345,6 @@ class AppearanceData(lightning.LightningDataModule):
         self.rendered = rendered
         self.size = (height, width)
         self.identities, self.views, self.batches = identities, views, batches
-        self.augmentation = augmentation
         self.workers, self.seed = workers, seed
         if rendered.file is None and not self.train_folders:
             raise RequestError("nothing to learn from: give train_folders, a file for rendered people, or both")
@@ -397,20 +359,17 @@ class AppearanceData(lightning.LightningDataModule):
 
     def setup(self, stage: str) -> None:
         """Load the crops that ``stage`` needs."""
-        rendered = None if self.rendered.file is None else read_crops(self.rendered.file)
-        held_out = None if rendered is None else rendered.ids < self.rendered.validation
+        learnt, held_out = list[IdentityCrops](), list[IdentityCrops]()
+        if self.rendered.file is not None:
+            people = read_crops(self.rendered.file)
+            apart = people.ids < self.rendered.validation
+            learnt, held_out = [people.select(~apart)], [people.select(apart)]
         if stage == "fit":
-            parts = [self._cut(folder, self.train_frames) for folder in self.train_folders]
-            if rendered is not None and held_out is not None:
-                parts.append(rendered.select(~held_out))
-            self.train_crops = join_crops(parts)
-        parts = [self._cut(folder, self.validation_frames) for folder in self.validation_folders]
-        if not parts and rendered is not None and held_out is not None:
-            parts = [rendered.select(held_out)]
-        self.validation_crops = join_crops(parts)
-
-    def _cut(self, folder: Path, frames: tuple[int, int] | None) -> IdentityCrops:
-        return crops_from_folder(folder, frames, self.least_visible)
+            cut = [crops_from_folder(folder, self.train_frames, self.least_visible) for folder in self.train_folders]
+            self.train_crops = join_crops([*cut, *learnt])
+        frames = self.validation_frames
+        cut = [crops_from_folder(folder, frames, self.least_visible) for folder in self.validation_folders]
+        self.validation_crops = join_crops(cut or held_out)
 
     def _epoch_seed(self) -> tuple[int, ...]:
         trainer = self.trainer
@@ -422,7 +381,7 @@ class AppearanceData(lightning.LightningDataModule):
             self.train_crops, self.identities, self.views, self.batches, self.rendered.share, self._epoch_seed
         )
         return DataLoader(
-            TrainingCrops(self.train_crops, self.augmentation, self.size),
+            TrainingCrops(self.train_crops, self.size),
             batch_sampler=sampler,
             num_workers=self.workers,
             collate_fn=collate,

@@ -86,14 +86,9 @@ def augment(
     if rng.random() < settings.noise:
         image = _add_noise(rng, image)
     if rng.random() < settings.compression:
-        image = _compress(rng, image)
+        image = compressed(image, int(rng.integers(25, 90)))
     too_small = example.boxes[:, 3] - example.boxes[:, 1] < settings.smallest
     return replace(example, image=image, ignored=example.ignored | too_small)
-
-
-def fitted_scale(source: tuple[int, ...], size: tuple[int, int]) -> float:
-    """Pixels of an input of ``size`` (height, width) a pixel of an image of ``source`` that is fitted into it."""
-    return min(size[0] / source[0], size[1] / source[1])
 
 
 def random_affine(
@@ -103,7 +98,7 @@ def random_affine(
     settings: Augmentation,
 ) -> FloatArray:
     """``(2, 3)`` map from pixels of an image of ``source`` (height, width) into an input of ``size``."""
-    scale = fitted_scale(source, size) * np.exp(rng.uniform(*np.log(settings.scale)))
+    scale = min(size[0] / source[0], size[1] / source[1]) * np.exp(rng.uniform(*np.log(settings.scale)))
     aspect = np.exp(rng.uniform(-settings.aspect, settings.aspect) / 2)
     mirror = -1.0 if rng.random() < settings.flip else 1.0
     angle = np.deg2rad(rng.uniform(-settings.rotation, settings.rotation))
@@ -236,7 +231,7 @@ def _add_noise(rng: np.random.Generator, image: ImageArray) -> ImageArray:
     return np.clip(image + noise, 0, 255).astype(np.uint8)
 
 
-def _compress(rng: np.random.Generator, image: ImageArray) -> ImageArray:
-    _, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(25, 90))])
-    decoded: NDArray[np.uint8] = np.asarray(cv2.imdecode(data, cv2.IMREAD_COLOR), dtype=np.uint8)
-    return decoded
+def compressed(image: ImageArray, quality: int) -> ImageArray:
+    """``image`` after a JPEG of this ``quality``."""
+    _, code = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
+    return np.asarray(cv2.imdecode(code, cv2.IMREAD_COLOR), dtype=np.uint8)

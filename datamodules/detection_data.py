@@ -92,8 +92,8 @@ class TrainingExamples(Dataset[Example]):
         self.shares = shares / shares.sum()
         self.textures = [texture(rng, size) for _ in range(_TEXTURES)]
         generated = generate_people(rng, composition.generated_people, tilt=composition.tilt)
-        self.pools = [[person for f in videos for view in f.views for person in view.people()], generated]
-        self.pools = [pool for pool in self.pools if pool]
+        cut_out = [person for f in videos for people in f.cutouts for person in people if person is not None]
+        self.pools = [pool for pool in (cut_out, generated) if pool]
 
     def __len__(self) -> int:
         return self.length
@@ -102,10 +102,9 @@ class TrainingExamples(Dataset[Example]):
         rng = np.random.default_rng([self.seed, 1, number])
         videos = self.every_video[rng.choice(len(self.every_video), p=self.shares)]
         index = int(rng.integers(len(videos)))
-        view = videos.view(index)
         example = videos.example(index)
-        if view is not None and self.composition.generated_people > 0:
-            example = self._compose(rng, example, view, videos.cutouts(index))
+        if videos.views and self.composition.generated_people > 0:
+            example = self._compose(rng, example, videos.views[index], videos.cutouts[index])
         return augment(rng, example, self.size, self.augmentation, self._fill(rng))
 
     def _fill(self, rng: np.random.Generator) -> ImageArray:
@@ -119,7 +118,8 @@ class TrainingExamples(Dataset[Example]):
         if kind < settings.empty:
             canvas = Canvas(view.background)
         elif kind < settings.empty + settings.foreign:
-            image = self._foreign(rng, view.background.image.shape[:2])
+            height, width = view.background.image.shape[:2]
+            image = np.asarray(cv2.resize(self._fill(rng), (width, height)), dtype=np.uint8)
             canvas = Canvas(Example(image, np.empty((0, 4)), np.empty(0, dtype=np.bool_)))
         else:
             canvas = Canvas(example)
@@ -130,9 +130,6 @@ class TrainingExamples(Dataset[Example]):
             count = int(rng.integers(1, settings.most_people + 1))
             place_people(rng, canvas, self.pools, count, view.sizes)
         return canvas.finish()
-
-    def _foreign(self, rng: np.random.Generator, size: tuple[int, ...]) -> ImageArray:
-        return np.asarray(cv2.resize(self._fill(rng), size[::-1]), dtype=np.uint8)
 
 
 class ValidationExamples(Dataset[Example]):

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 from typing import TypeAlias
 
@@ -115,9 +116,8 @@ def _of_classes(video: LabelledVideo, single: bool, classes: Sequence[str]) -> t
         found.append((kind, truth.select(truth.evaluated | truth.ignored)))
     if not found:
         raise missing[0]
-    columns = {each.name: [getattr(truth, each.name) for _, truth in found] for each in fields(GroundTruth)}
     kinds = np.repeat([kind for kind, _ in found], [len(truth) for _, truth in found])
-    return GroundTruth(**{name: np.concatenate(some) for name, some in columns.items()}), kinds
+    return reduce(GroundTruth.and_then, [truth for _, truth in found]), kinds
 
 
 def picture_files(video: LabelledVideo) -> tuple[Path, ...]:

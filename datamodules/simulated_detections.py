@@ -61,16 +61,16 @@ def simulate_detections(
             fresh = _errors(rng, 1, faults.jitter)[0]
             # Weights that keep the variance, whatever the share that stays.
             offsets[identity] = faults.steady * offsets[identity] + np.sqrt(1 - faults.steady**2) * fresh
-        found = _seen(rng, rows.visibility, faults)
+        detected = _detected(rng, rows.visibility, faults)
         boxes = _moved(rows.boxes, np.array([offsets[i] for i in rows.ids.tolist()]).reshape(-1, 4))
-        doubled = found & (rng.random(len(rows)) < faults.doubled)
+        doubled = detected & (rng.random(len(rows)) < faults.doubled)
         extra = _moved(rows.boxes[doubled], rng.normal(0, 0.35, (int(doubled.sum()), 4)))
         wrong = _false_boxes(rng, wrong, people.boxes, width, height, faults)
         scores = [
-            _scores(rng, 3.5 - 3 * (1 - rows.visibility[found])),
+            _scores(rng, 3.5 - 3 * (1 - rows.visibility[detected])),
             _scores(rng, np.full(len(extra) + len(wrong), 2.0)),
         ]
-        result.append(_inside(np.concatenate([boxes[found], extra, wrong]), np.concatenate(scores), width, height))
+        result.append(_inside(np.concatenate([boxes[detected], extra, wrong]), np.concatenate(scores), width, height))
     return result
 
 
@@ -79,7 +79,7 @@ def _errors(rng: np.random.Generator, count: int, scale: float) -> FloatArray:
     return np.asarray(np.clip(rng.standard_t(3, (count, 4)), -8, 8) * scale)
 
 
-def _seen(rng: np.random.Generator, visibility: FloatArray, faults: DetectorFaults) -> BoolArray:
+def _detected(rng: np.random.Generator, visibility: FloatArray, faults: DetectorFaults) -> BoolArray:
     logit = {share: np.log(share / (1 - share)) for share in (faults.missed, faults.hidden)}
     slope = (logit[faults.hidden] - logit[faults.missed]) / (1 - 1 / 3)
     missed = 1 / (1 + np.exp(-(logit[faults.missed] + slope * (1 - visibility))))

@@ -5,6 +5,7 @@ Generated pictures lie in folders of the MOTChallenge layout.
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -93,17 +94,11 @@ class FixedView:
 
     Attributes:
         background: the scene without people; ignored boxes where there always are some.
-        cutouts: for each frame and box the person cut out, or None.
         sizes: how tall people are by row.
     """
 
     background: Example
-    cutouts: list[list[Cutout | None]]
     sizes: SizeByRow
-
-    def people(self) -> list[Cutout]:
-        """All the people that could be cut out."""
-        return [person for frame in self.cutouts for person in frame if person is not None]
 
 
 class TrainingImages:
@@ -112,6 +107,11 @@ class TrainingImages:
     Args:
         source: where they are.
         classes: names of those to learn.
+
+    Attributes:
+        views: of each image the fixed view that it belongs to; none where the source does not say that cameras stand
+            still.
+        cutouts: of each image the people cut out, one entry a box, None for those that could not be; likewise.
 
     Raises:
         RequestError: the source has no usable labelled image, or an image cannot be read.
@@ -125,9 +125,14 @@ class TrainingImages:
         if first.nbytes * len(self.labels) <= _MEMORY:
             self._decoded = [read_image(label.path) for label in self.labels]
         self.views: list[FixedView] = []
-        self._place: list[tuple[int, int]] = []
+        self.cutouts: list[list[Cutout | None]] = []
         if source.fixed_camera:
-            self._study_views()
+            for _, members in itertools.groupby(range(len(self)), key=lambda index: self.labels[index].sequence):
+                examples = [self.example(index) for index in members]
+                background = empty_view(examples)
+                boxes = np.concatenate([e.boxes[~e.ignored] for e in examples])
+                self.views += [FixedView(background, fit_size_by_row(boxes))] * len(examples)
+                self.cutouts += [cut_out_people(e, background.image) for e in examples]
 
     def __len__(self) -> int:
         return len(self.labels)
@@ -138,26 +143,6 @@ class TrainingImages:
         image = read_image(label.path) if self._decoded is None else self._decoded[index]
         ignored = label.ignored | (label.visibility < LEAST_VISIBLE)
         return Example(image, label.boxes, ignored, label.classes)
-
-    def view(self, index: int) -> FixedView | None:
-        """The fixed view that image ``index`` belongs to, if the source says that the camera stands still."""
-        return self.views[self._place[index][0]] if self.views else None
-
-    def cutouts(self, index: int) -> list[Cutout | None]:
-        """The people cut out of image ``index``, one entry a box."""
-        view, frame = self._place[index]
-        return self.views[view].cutouts[frame]
-
-    def _study_views(self) -> None:
-        names = [label.sequence for label in self.labels]
-        for number, name in enumerate(dict.fromkeys(names)):
-            members = [i for i, other in enumerate(names) if other == name]
-            examples = [self.example(i) for i in members]
-            background = empty_view(examples)
-            boxes = np.concatenate([e.boxes[~e.ignored] for e in examples])
-            cutouts = [cut_out_people(e, background.image) for e in examples]
-            self.views.append(FixedView(background, cutouts, fit_size_by_row(boxes)))
-            self._place += [(number, frame) for frame in range(len(members))]
 
 
 _SEQUENCE = "random-scenes"

@@ -16,6 +16,9 @@ from torch.nn import functional
 
 from tsuiseki.models.backbones import TrunkName, build_trunk
 
+# Horizontal stripes that a map is averaged over, top to bottom.
+STRIPES = 4
+
 
 class AppearanceNetwork(nn.Module):
     """Crops of people in, unit-length features out: two crops of one person lie close, those of two people apart.
@@ -27,7 +30,6 @@ class AppearanceNetwork(nn.Module):
         trunk: its name.
         weights: ``imagenet`` starts the trunk from torchvision's weights, null from scratch.
         feature_length: D of the features.
-        stripes: horizontal stripes a map is averaged over, top to bottom.
         dropout: share of the pooled values left out in training, in [0, 1).
     """
 
@@ -36,14 +38,12 @@ class AppearanceNetwork(nn.Module):
         trunk: TrunkName = "mobilenet_v3_small",
         weights: Literal["imagenet"] | None = None,
         feature_length: int = 128,
-        stripes: int = 4,
         dropout: float = 0.0,
     ) -> None:
         super().__init__()
         self.trunk = build_trunk(trunk, weights)
-        self.stripes = stripes
         self.feature_length = feature_length
-        pooled = sum(self.trunk.channels) * stripes
+        pooled = sum(self.trunk.channels) * STRIPES
         # Stages differ in scale by orders of magnitude; without the first normalisation the last one drowns the rest.
         self.head = nn.Sequential(
             nn.BatchNorm1d(pooled),
@@ -54,7 +54,7 @@ class AppearanceNetwork(nn.Module):
 
     def forward(self, images: Tensor) -> Tensor:
         """``(B, 3, H, W)`` normalised RGB to ``(B, D)`` of unit length."""
-        stripes = [functional.adaptive_avg_pool2d(m, (self.stripes, 1)).flatten(1) for m in self.trunk(images)]
+        stripes = [functional.adaptive_avg_pool2d(m, (STRIPES, 1)).flatten(1) for m in self.trunk(images)]
         features: Tensor = self.head(torch.cat(stripes, dim=1))
         return functional.normalize(features, dim=1)
 

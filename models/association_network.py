@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
 
 # No change of a cost is larger; the tracker relies on it.
 LARGEST = 8.0
@@ -49,32 +48,6 @@ class CostChange(nn.Module):
         return bounded if self.training else bounded * self.trust
 
 
-class AppearanceProjection(nn.Module):
-    """Appearance features to fewer numbers by a linear map; what is compared is their cosine distance after it.
-
-    It starts at the principal axes of the features (`start`), which keep distances as near to what they were as so few
-    numbers can; with as many numbers as before they stay what they were.
-
-    Args:
-        features: D, length of a feature.
-        kept: d, numbers that are left, at most D.
-    """
-
-    def __init__(self, features: int, kept: int) -> None:
-        super().__init__()
-        self.matrix = nn.Parameter(torch.eye(kept, features))
-
-    @torch.no_grad()
-    def start(self, rows: Tensor) -> None:
-        """Take the first principal axes, about 0, of ``(N, D)`` features."""
-        axes = torch.linalg.eigh(rows.double().T @ rows.double())[1]
-        self.matrix.copy_(axes.flip(1).T[: len(self.matrix)])
-
-    def forward(self, rows: Tensor) -> Tensor:
-        """``(N, D)`` features to ``(N, d)`` of unit length."""
-        return functional.normalize(rows @ self.matrix.T, dim=1)
-
-
 class AssociationNetwork(nn.Module):
     """The changes of all costs of the flow over detections and of the joining of tracklets.
 
@@ -83,37 +56,19 @@ class AssociationNetwork(nn.Module):
         detections: of a detection.
         joins: of a join of two tracklets.
         trust: share of the change of what using a detection costs that is taken outside of training.
-        projection: length of an appearance feature, and how many numbers it is projected to before the two of a link
-            are compared; None compares it as it comes.
     """
 
-    def __init__(
-        self,
-        links: int,
-        detections: int,
-        joins: int,
-        trust: float = 1.0,
-        projection: tuple[int, int] | None = None,
-    ) -> None:
+    def __init__(self, links: int, detections: int, joins: int, trust: float = 1.0) -> None:
         super().__init__()
         self.links = CostChange(links, 1)
         # Of using a detection, of a track's start at it, and of its end.
         self.detections = CostChange(detections, 3, (trust, 1.0, 1.0))
         self.joins = CostChange(joins, 1)
-        self.projection = None if projection is None else AppearanceProjection(*projection)
 
     def trusts(self) -> dict[str, Tensor]:
         """The shares of the changes that are taken, by their names in the state: settings, and nothing learnt."""
         return {name: value for name, value in self.state_dict().items() if name.endswith("trust")}
 
-    def forward(
-        self, links: Tensor, detections: Tensor, joins: Tensor, appearance: Tensor | None = None
-    ) -> tuple[Tensor, ...]:
-        """``(P, F)``, ``(N, G)`` and ``(J, H)`` features to ``(P,)``, ``(N, 3)`` and ``(J,)`` changes.
-
-        With a projection also ``(A, D)`` appearance features to ``(A, d)``.
-        """
-        changes = self.links(links)[:, 0], self.detections(detections), self.joins(joins)[:, 0]
-        if self.projection is None or appearance is None:
-            return changes
-        return *changes, self.projection(appearance)
+    def forward(self, links: Tensor, detections: Tensor, joins: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """``(P, F)``, ``(N, G)`` and ``(J, H)`` features to ``(P,)``, ``(N, 3)`` and ``(J,)`` changes."""
+        return self.links(links)[:, 0], self.detections(detections), self.joins(joins)[:, 0]

@@ -27,6 +27,13 @@ FROM_SCRATCH_MOMENTUM = 0.1
 _TORCHVISION_NAMES = {"wide_resnet50": "wide_resnet50_2", "mobilenet_v3_large_075": "mobilenet_v3_large"}
 # Three quarters of the channels (Howard et al. 2019, 6.1): two thirds of the products, no weights at torchvision.
 _WIDTHS = {"mobilenet_v3_large_075": 0.75}
+# Where layers that run one after another are cut into stages, and the channels of these.
+_CUTS = {
+    "mobilenet_v3_small": ((4, 9), (24, 48, 576)),
+    "mobilenet_v3_large": ((7, 13), (40, 112, 960)),
+    "mobilenet_v3_large_075": ((7, 13), (32, 88, 720)),
+    "vgg16": ((23, 30), (512, 512, 512)),
+}
 
 
 class Trunk(nn.Module):
@@ -63,18 +70,12 @@ def build_trunk(name: TrunkName, weights: Literal["imagenet"] | None = None) -> 
         raise ValueError(f"expected a trunk of {', '.join(get_args(TrunkName))}; got {name!r}")
     if name in _WIDTHS and weights is not None:
         raise ValueError(f"there are no ImageNet weights of {name}; start from scratch with weights: null")
-    if name == "vgg16" and weights is None:
-        return _sequential_trunk(vgg16_layers(), (23, 30), (512, 512, 512))
-    model = _classifier(name, weights)
-    if name == "mobilenet_v3_small":
-        trunk = _sequential_trunk(model.features, (4, 9), (24, 48, 576))
-    elif name == "mobilenet_v3_large":
-        trunk = _sequential_trunk(model.features, (7, 13), (40, 112, 960))
-    elif name == "mobilenet_v3_large_075":
-        trunk = _sequential_trunk(model.features, (7, 13), (32, 88, 720))
-    elif name == "vgg16":
-        trunk = _sequential_trunk(model.features, (23, 30), (512, 512, 512))
+    if name in _CUTS:
+        (first, second), channels = _CUTS[name]
+        layers = vgg16_layers() if name == "vgg16" and weights is None else _classifier(name, weights).features
+        trunk = Trunk((layers[:first], layers[first:second], layers[second:]), channels)
     else:
+        model = _classifier(name, weights)
         widths = (128, 256, 512) if name == "resnet18" else (512, 1024, 2048)
         stem = nn.Sequential(model.conv1, model.bn1, model.relu, model.maxpool, model.layer1, model.layer2)
         trunk = Trunk((stem, model.layer3, model.layer4), widths)
@@ -98,11 +99,6 @@ def set_norm_momentum(module: nn.Module, momentum: float) -> None:
     for child in module.modules():
         if isinstance(child, nn.BatchNorm2d):
             child.momentum = momentum
-
-
-def _sequential_trunk(features: nn.Sequential, cuts: tuple[int, int], channels: tuple[int, int, int]) -> Trunk:
-    first, second = cuts
-    return Trunk((features[:first], features[first:second], features[second:]), channels)
 
 
 def _classifier(name: str, weights: Literal["imagenet"] | None) -> Any:

@@ -237,7 +237,8 @@ def _with_heads(
     class_heads = [_lite_head(width, len(shapes) * (classes + 1)) for shapes in anchor_sizes]
     box_heads = [_lite_head(width, len(shapes) * 4) for shapes in anchor_sizes]
     for head in class_heads:
-        _set_prior(head[-1], classes)
+        bias: Any = head[-1].bias
+        bias.data.view(-1, classes + 1)[:, 0] = float(torch.logit(torch.tensor(1 - _PRIOR)))
     return AnchorDetector(features, class_heads, box_heads, anchors, classes, size)
 
 
@@ -257,13 +258,6 @@ def _lite_head(width: int, outputs: int) -> nn.Sequential:
     nn.init.normal_(last.weight, std=0.03)
     nn.init.zeros_(last.bias)  # type: ignore[arg-type]
     return nn.Sequential(block, last)
-
-
-def _set_prior(convolution: nn.Module, classes: int) -> None:
-    bias = convolution.bias
-    assert isinstance(bias, nn.Parameter)
-    with torch.no_grad():
-        bias.view(-1, classes + 1)[:, 0] = float(torch.logit(torch.tensor(1 - _PRIOR)))
 
 
 def _rows(output: Tensor, columns: int) -> Tensor:

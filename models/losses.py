@@ -75,24 +75,21 @@ BoxTerm: TypeAlias = Callable[[Tensor, Tensor, Tensor], Tensor]
 ScoreTerm: TypeAlias = Callable[[Tensor, Matches, Tensor], Tensor]
 
 
-class DetectionLoss(nn.Module):
+@dataclass(frozen=True)
+class DetectionLoss:
     """A term for the boxes of positive anchors, and one for the scores of all; either may be exchanged.
 
-    Args:
+    Attributes:
         score: term of the scores.
         box: term of the boxes.
-        threshold: on the IoU from which an anchor stands for a box.
         box_weight: of the box term in the sum.
     """
 
-    def __init__(self, score: ScoreTerm, box: BoxTerm, threshold: float = 0.5, box_weight: float = 1.0) -> None:
-        super().__init__()
-        self.score = score
-        self.box = box
-        self.threshold = threshold
-        self.box_weight = box_weight
+    score: ScoreTerm
+    box: BoxTerm
+    box_weight: float = 1.0
 
-    def forward(
+    def __call__(
         self, logits: Tensor, offsets: Tensor, anchors: Tensor, boxes: Tensor, labels: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Both terms, each a sum over the batch divided by its number of positive anchors.
@@ -107,7 +104,7 @@ class DetectionLoss(nn.Module):
         Returns:
             Score loss and box loss, scalars; their sum (the box term weighted) is what training minimises.
         """
-        matches = match_anchors(anchors, boxes, labels, self.threshold)
+        matches = match_anchors(anchors, boxes, labels)
         image, anchor = matches.positive.nonzero(as_tuple=True)
         count = max(len(image), 1)
         own, reference = offsets.float()[image, anchor], anchors[anchor]
@@ -122,32 +119,30 @@ def smooth_l1(offsets: Tensor, anchors: Tensor, boxes: Tensor) -> Tensor:
     return functional.smooth_l1_loss(offsets, encode(boxes, anchors), reduction="sum")
 
 
-@dataclass(frozen=True)
-class MinedEntropy:
-    """Cross-entropy of the positive anchors and of the negatives that the network gets most wrong.
+def mined_entropy(
+    logits: Tensor,
+    matches: Matches,
+    overlap: Tensor,
+    negatives_per_positive: float = 3.0,
+    fewest_negatives: int = 16,
+) -> Tensor:
+    """Summed cross-entropy of the positive anchors and of the negatives that the network gets most wrong.
 
-    Attributes:
+    Args:
+        logits: ``(B, A, C + 1)``, background first.
+        matches: what the anchors stand for.
+        overlap: does not count.
         negatives_per_positive: counted for each positive of an image.
         fewest_negatives: counted in an image without positives.
     """
-
-    negatives_per_positive: float = 3.0
-    fewest_negatives: int = 16
-
-    def __call__(self, logits: Tensor, matches: Matches, overlap: Tensor) -> Tensor:
-        """The sum, whatever the ``overlap``."""
-        del overlap
-        entropy = functional.cross_entropy(logits.transpose(1, 2), matches.classes, reduction="none")
-        return entropy[matches.positive | self._hard_negatives(entropy.detach(), matches)].sum()
-
-    def _hard_negatives(self, entropy: Tensor, matches: Matches) -> Tensor:
-        """``(B, A)`` bool: the negatives of each image that the network gets most wrong."""
-        candidates = ~(matches.positive | matches.neutral)
-        wanted = (matches.positive.sum(dim=1) * self.negatives_per_positive).clamp(min=self.fewest_negatives)
-        order = entropy.masked_fill(~candidates, -1.0).argsort(dim=1, descending=True)
-        rank = torch.empty_like(order)
-        rank.scatter_(1, order, torch.arange(order.shape[1], device=order.device).expand_as(order))
-        return candidates & (rank < wanted[:, None])
+    del overlap
+    entropy = functional.cross_entropy(logits.transpose(1, 2), matches.classes, reduction="none")
+    candidates = ~(matches.positive | matches.neutral)
+    wanted = (matches.positive.sum(dim=1) * negatives_per_positive).clamp(min=fewest_negatives)
+    order = entropy.detach().masked_fill(~candidates, -1.0).argsort(dim=1, descending=True)
+    rank = torch.empty_like(order)
+    rank.scatter_(1, order, torch.arange(order.shape[1], device=order.device).expand_as(order))
+    return entropy[matches.positive | (candidates & (rank < wanted[:, None]))].sum()
 
 
 def paired_iou(a: Tensor, b: Tensor) -> Tensor:
@@ -167,38 +162,27 @@ def complete_iou(offsets: Tensor, anchors: Tensor, boxes: Tensor) -> Tensor:
     return loss
 
 
-@dataclass(frozen=True)
-class QualityFocal:
-    """A score that is to be the IoU of its own box, 0 for background and for the other classes.
+def overlap_focal(logits: Tensor, matches: Matches, overlap: Tensor) -> Tensor:
+    """Summed quality focal loss of scores that are to be the IoU of their own boxes, 0 for all other classes.
 
     No negatives are chosen: the focal factor leaves the easy ones without weight.
 
-    Attributes:
-        focus: exponent of the distance between score and quality.
+    Args:
+        logits: ``(B, A, C + 1)``: the score of a class is the sigmoid of the difference to the background.
+        matches: what the anchors stand for; neutral ones do not count.
+        overlap: ``(P,)`` IoU of the positive anchors' boxes.
     """
-
-    focus: float = 2.0
-
-    def __call__(self, logits: Tensor, matches: Matches, overlap: Tensor) -> Tensor:
-        """The sum over all anchors that are not neutral.
-
-        Args:
-            logits: ``(B, A, C + 1)``: the score of a class is the sigmoid of the difference to the background.
-            matches: what the anchors stand for.
-            overlap: ``(P,)`` IoU of the positive anchors' boxes.
-        """
-        margins = logits[..., 1:] - logits[..., :1]
-        quality = torch.zeros_like(margins, dtype=torch.float32)
-        image, anchor = matches.positive.nonzero(as_tuple=True)
-        quality[image, anchor, matches.classes[image, anchor] - 1] = overlap
-        focal = quality_focal(margins, quality, self.focus)
-        return focal[~matches.neutral].sum()
+    margins = logits[..., 1:] - logits[..., :1]
+    quality = torch.zeros_like(margins, dtype=torch.float32)
+    image, anchor = matches.positive.nonzero(as_tuple=True)
+    quality[image, anchor, matches.classes[image, anchor] - 1] = overlap
+    return quality_focal(margins, quality)[~matches.neutral].sum()
 
 
-def quality_focal(margin: Tensor, quality: Tensor, focus: float = 2.0) -> Tensor:
+def quality_focal(margin: Tensor, quality: Tensor) -> Tensor:
     """Quality focal loss of each score, the sigmoid of ``margin``, that is to be ``quality`` in [0, 1]; same shapes."""
     entropy = functional.binary_cross_entropy_with_logits(margin, quality, reduction="none")
-    return entropy * (margin.sigmoid() - quality).abs() ** focus
+    return entropy * (margin.sigmoid() - quality).abs() ** 2.0
 
 
 @dataclass(frozen=True)
@@ -239,6 +223,6 @@ def distillation_loss(logits: Tensor, offsets: Tensor, anchors: Tensor, targets:
     count = weights.sum().clamp(min=1)
     score_loss = quality_focal(logits[..., 1].float() - logits[..., 0].float(), targets.scores).sum() / count
     own = anchors.expand(len(logits), -1, -1)[certain]
-    found, wanted = decode(offsets.float()[certain], own), decode(targets.offsets[certain], own)
-    box_loss = (weights * complete_box_iou_loss(found, wanted, reduction="none")).sum() / count
+    boxes, wanted = decode(offsets.float()[certain], own), decode(targets.offsets[certain], own)
+    box_loss = (weights * complete_box_iou_loss(boxes, wanted, reduction="none")).sum() / count
     return score_loss, box_loss

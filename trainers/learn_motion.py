@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +23,7 @@ from tsuiseki.tracking.formats.body_states import read_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.output import RUN_FILE
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import Columns, FloatArray
 
 FEWEST_STEPS = 10
 # Below this share of the variance of a column, what varies is the rounding of a file and not motion.
@@ -33,7 +34,7 @@ RIDGE = 1.0
 
 
 @dataclass(frozen=True)
-class MotionSteps:
+class MotionSteps(Columns):
     """Increments of tracks, pooled; row ``t`` of each array belongs to the same step.
 
     Attributes:
@@ -53,9 +54,6 @@ class MotionSteps:
     printed: FloatArray
     changes: FloatArray
     conditions: FloatArray
-
-    def __len__(self) -> int:
-        return len(self.walk)
 
 
 def track_steps(states: FloatArray, circular: Sequence[int]) -> MotionSteps:
@@ -97,9 +95,7 @@ def pooled_steps(tracks: Sequence[FloatArray], circular: Sequence[int]) -> Motio
             f"expected at least {FEWEST_STEPS} steps to learn from, got {count}; "
             "a track of T consecutive frames in the status tracking has T - 2"
         )
-    return MotionSteps(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in MotionSteps.__dataclass_fields__)
-    )
+    return reduce(MotionSteps.and_then, parts)
 
 
 def learn_motion(

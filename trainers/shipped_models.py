@@ -43,7 +43,7 @@ RENDERED_COMMANDS = (
     "--model.start {models}/detector_street.onnx --data.train {pictures} --data.val {sparse}",
     "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered-2 "
     "--model.start {work}/rendered/checkpoints/last.ckpt --data.train {pictures} --data.val {sparse} "
-    "--trainer.max_epochs 7 --model.learning_rate 0.0013 --data.seed 5",
+    "--trainer.max_epochs 7 --model.optimisation.learning_rate 0.0013 --data.seed 5",
     "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered-3 "
     "--model.start {work}/rendered-2/checkpoints/last.ckpt --data.train {pictures} --data.val {sparse} "
     "--trainer.max_epochs 14 --data.seed 9",
@@ -56,9 +56,9 @@ RENDERED_COMMANDS = (
     "--out {models}/detector_figures.onnx --training-data 'rendered people'",
     "train detector --config {configs}/detector_rendered.yaml --out {work}/people --model.start null "
     "--model.trunk mobilenet_v3_large_075 --model.height 256 --model.width 320 --trainer.max_epochs 12 "
-    "--data.examples_per_epoch 1280 --model.learning_rate 0.002 --data.train {crisp} --data.val {sparse}",
+    "--data.examples_per_epoch 1280 --model.optimisation.learning_rate 0.002 --data.train {crisp} --data.val {sparse}",
     "train detector --config {configs}/detector_people.yaml --out {work}/people-2 "
-    "--model.start {work}/people/checkpoints/last.ckpt --model.teacher {models}/detector_figures.onnx "
+    "--model.start {work}/people/checkpoints/last.ckpt --model.teacher.file {models}/detector_figures.onnx "
     "--data.train {many} --data.val {sparse}",
     "export detector --checkpoint {work}/people-2/checkpoints/last.ckpt --float16 --height 480 --width 640 "
     "--calibrate {work}/rendered-640x480-sparse --out {work}/people-2.onnx",
@@ -113,7 +113,10 @@ def commands(folder: Path, assets: Path | None = None) -> list[list[str]]:
         "crisp": [source | {"share": share} for source, share in zip(many[1:3], (0.6, 0.4), strict=True)],
         "many": many,
         "sunlit": sunlit,
-        "silhouettes": [source | {"boxes": "silhouettes", "folder": _unsteady(source["folder"])} for source in sunlit],
+        "silhouettes": [
+            source | {"boxes": "silhouettes", "folder": str(work / Path(source["folder"]).name.removeprefix("steady-"))}
+            for source in sunlit
+        ],
     }
     places = {
         "configs": str(resources.files("tsuiseki.configs")),
@@ -139,10 +142,6 @@ def _sources(config: str, part: Literal["train", "val"], work: Path, assets: Pat
         if "things" in source:
             source["things"] = photographs is not None and (photographs / "things").is_dir()
     return sources
-
-
-def _unsteady(folder: str) -> str:
-    return str(Path(folder).with_name(Path(folder).name.removeprefix("steady-")))
 
 
 def _photographs(assets: Path) -> bool:

@@ -26,7 +26,7 @@ from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, shipped
 from tsuiseki.trainers.adapt.foreground import FARTHEST, usual_offset
-from tsuiseki.trainers.adapt.watch import foreground_of, watch
+from tsuiseki.trainers.adapt.watch import watch, with_empty_view
 
 SHARES, OWN = (0.0, 0.25, 0.5, 1.0), 0.5
 SURE, MATCHED, TIGHT = 0.5, 0.3, 0.75
@@ -66,15 +66,16 @@ def matched(
     truth = truth.select(truth.evaluated)
     found, labels, own, offsets = [], [], [], []
     with tempfile.TemporaryDirectory() as folder:
-        watched = watch(str(sequence), parse_frames(frames), Path(folder), pictures)
-        foreground = foreground_of(watched)
+        watched = with_empty_view(watch(str(sequence), parse_frames(frames), Path(folder), pictures))
         for number, frame in enumerate(watched.frames):
             boxes = detect.detect([watched.picture(number)])[0].boxes
             there = truth.boxes[truth.frames == frame]
             rows, columns = assign_overlaps(iou_matrix(boxes, there), MATCHED)
             found.append(boxes[rows])
             labels.append(there[columns])
-            offsets.append(foreground.picture(number).offsets(boxes))
+            picture = watched.difference(number)
+            assert picture is not None
+            offsets.append(picture.offsets(boxes))
             own.append(offsets[-1][rows])
     return np.concatenate(found), np.concatenate(labels), np.concatenate(own), usual_offset(np.concatenate(offsets))
 

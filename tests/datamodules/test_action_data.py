@@ -10,12 +10,11 @@ import numpy as np
 import pytest
 
 from tsuiseki.datamodules.action_crops import CropSettings, action_sequences, cut_clip, has_crops, load_crops
-from tsuiseki.datamodules.action_data import ActionAugmentation, ActionBatches, ActionData, changed, draw_changes
+from tsuiseki.datamodules.action_data import ActionBatches, ActionData, changed, draw_changes
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import NO_MOTION, STREAMS
 
 SETTINGS = CropSettings(size=16, margin=0.125, step=2)
-QUIET = ActionAugmentation(0, 0, 0)
 
 
 def test_crops_show_the_labelled_people(acting_clips: Path, tmp_path: Path) -> None:
@@ -101,38 +100,22 @@ def test_a_clip_that_breaks_off_leaves_nothing(acting_clips: Path, tmp_path: Pat
     assert list((tmp_path / "crops").iterdir()) == []
 
 
-def loaded(acting_clips: Path, folder: Path, **more: object) -> ActionBatches:
+def loaded(acting_clips: Path, folder: Path, rarity: float = 0.5) -> ActionBatches:
     data = ActionData([acting_clips / "train"], [acting_clips / "validation"], folder, cutting=SETTINGS)
     data.prepare_data()
     data.setup("fit")
-    options: dict[str, object] = {"segments": 1, "span": 12, "rarity": 0.5}
-    options |= more
-    return ActionBatches(data.train_crops, STREAMS, 16, 8, 5, QUIET, seed=lambda: (0, 1), **options)  # type: ignore[arg-type]
+    return ActionBatches(data.train_crops, STREAMS, 16, 8, 5, rarity, lambda: (0, 1))
 
 
 def test_batches_are_decided_by_epoch_and_number(acting_clips: Path, tmp_path: Path) -> None:
     batches = loaded(acting_clips, tmp_path)
     again, other = batches[2], batches[3]
     for name in STREAMS:
-        assert again.crops[name].shape == (8, 1, 16, 16, 3 if name.startswith("rgb") else 2)
+        assert again.crops[name].shape == (8, 16, 16, 3 if name.startswith("rgb") else 2)
         np.testing.assert_array_equal(batches[2].crops[name], again.crops[name])
     assert not np.array_equal(again.crops["rgb_local"], other.crops["rgb_local"])
     with pytest.raises(IndexError):
         batches[5]
-
-
-def test_segments_are_one_person_doing_one_thing_in_the_order_of_time(acting_clips: Path, tmp_path: Path) -> None:
-    batches = loaded(acting_clips, tmp_path, segments=3)
-    rows = np.arange(0, len(batches.crops), 5)
-    chosen = batches._segments(np.random.default_rng(0), rows)
-    crops = batches.crops
-    assert (crops.people[chosen] == crops.people[rows][:, None]).all()
-    assert (crops.actions[chosen] == crops.actions[rows][:, None]).all()
-    apart = crops.frames[chosen] - crops.frames[rows][:, None]
-    assert (np.abs(apart) <= 6).all()
-    inside = (crops.frames[rows] >= 8) & (crops.frames[rows] <= 14)
-    assert (np.diff(apart[inside], axis=1) >= 0).all()
-    assert (np.ptp(apart[inside], axis=1) > 0).any()
 
 
 def test_rare_actions_are_drawn_more_often(acting_clips: Path, tmp_path: Path) -> None:
@@ -147,8 +130,9 @@ def test_rare_actions_are_drawn_more_often(acting_clips: Path, tmp_path: Path) -
 def test_mirrors_turn_the_flow_round() -> None:
     rng = np.random.default_rng(0)
     images = rng.integers(1, 256, (2, 12, 12, 4)).astype(np.uint8)
-    change = draw_changes(rng, ActionAugmentation(1, 1, 0), 2)
+    change = draw_changes(rng, 2)
     change["shift"][:] = 0.5
+    change["left_right"][:] = change["top_bottom"][:] = True
     found = changed(images, change, 10, is_flow=True)
     np.testing.assert_array_equal(found, 2 * NO_MOTION - images[:, 10:0:-1, 10:0:-1].astype(int))
     sideways = changed(images, change | {"top_bottom": np.zeros(2, bool)}, 10, is_flow=True)
@@ -157,7 +141,7 @@ def test_mirrors_turn_the_flow_round() -> None:
 
 
 def test_colours_change_a_sample_as_a_whole() -> None:
-    change = draw_changes(np.random.default_rng(1), ActionAugmentation(0, 0, 0.3), 3)
+    change = draw_changes(np.random.default_rng(1), 3)
     images = np.full((3, 10, 10, 3), 100, dtype=np.uint8)
     found = changed(images, change, 8, is_flow=False)
     assert (np.ptp(found.reshape(3, -1, 3), axis=1) == 0).all()
@@ -165,13 +149,11 @@ def test_colours_change_a_sample_as_a_whole() -> None:
 
 
 def test_request_errors(acting_clips: Path, tmp_path: Path) -> None:
-    train, validation = acting_clips / "train", acting_clips / "validation"
+    train = acting_clips / "train"
     with pytest.raises(RequestError, match="different names"):
         ActionData([train], [train], tmp_path).prepare_data()
     with pytest.raises(RequestError, match="nothing to learn from"):
         ActionData([train], [], tmp_path)
-    with pytest.raises(RequestError, match="segment"):
-        ActionData([train], [validation], tmp_path, segments=0)
     broken = tmp_path / "broken"
     broken.mkdir()
     (broken / "gt").symlink_to(train / "train-0" / "gt")

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 import torch
 
+from tsuiseki.datamodules import appearance_data
 from tsuiseki.datamodules.appearance_data import (
     AppearanceData,
-    CropAugmentation,
     IdentityBatches,
     RenderedPeople,
     augment_crop,
@@ -33,8 +33,6 @@ from tsuiseki.tracking.features.exported import crop_boxes
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.types.labels import GroundTruth
-
-NOTHING = CropAugmentation(0, 0, 0, 0, 0, lowest_height=64, blur=0, noise=0, jpeg=0, occlude=0)
 
 
 @pytest.fixture(scope="module")
@@ -129,12 +127,15 @@ def test_ground_shows_around_the_person(people: IdentityCrops) -> None:
     np.testing.assert_allclose(inside[solid], cut_out[solid][:, :3], atol=1)
 
 
-def test_no_augmentation_changes_nothing() -> None:
+def test_no_augmentation_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    strengths = ("FLIP", "SHIFT", "STRETCH", "CAMERA_COLOUR", "VIEW_COLOUR", "BLUR", "JPEG", "OCCLUDE", "NOISE")
+    for name, value in {**dict.fromkeys(strengths, 0.0), "LOWEST_HEIGHT": 64}.items():
+        monkeypatch.setattr(appearance_data, name, value)
     rng = np.random.default_rng(0)
     image = rng.integers(0, 256, (90, 50, 3)).astype(np.uint8)
     box = np.array([5, 9, 45, 81.0])
-    camera = draw_camera(rng, NOTHING, 64)
-    crop = augment_crop(rng, NOTHING, camera, image, box, image, (64, 32))
+    camera = draw_camera(rng, 64)
+    crop = augment_crop(rng, camera, image, box, image, (64, 32))
     # Sharpness, gamma and contrast are off at strength 0; levels may round down by one.
     np.testing.assert_allclose(crop.astype(int), crop_boxes(image, box[None], 64, 32)[0].astype(int), atol=1)
 
@@ -144,12 +145,11 @@ def test_augmented_crops_keep_size_and_vary(people: IdentityCrops, kind: str) ->
     image, box = people.images[0], people.boxes[0]
     if kind == "video":
         image, box = put_on_ground(np.random.default_rng(0), image, None)
-    settings = CropAugmentation()
     crops = []
     for seed in range(12):
         rng = np.random.default_rng(seed)
-        camera = draw_camera(rng, settings, 64)
-        crops.append(augment_crop(rng, settings, camera, image, box, people.images[-1], (64, 32)))
+        camera = draw_camera(rng, 64)
+        crops.append(augment_crop(rng, camera, image, box, people.images[-1], (64, 32)))
     assert {crop.shape for crop in crops} == {(64, 32, 3)}
     assert {crop.dtype for crop in crops} == {np.dtype(np.uint8)}
     assert np.stack(crops).astype(float).std(axis=0).mean() > 10

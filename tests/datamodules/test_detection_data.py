@@ -61,9 +61,8 @@ def test_videos_keep_frame_ranges_as_files_count_them(walker: Path) -> None:
 
 def test_a_fixed_camera_gives_its_people_and_its_empty_view(walker: Path) -> None:
     footage = TrainingImages(TrainingSource(str(walker), fixed_camera=True))
-    view = footage.view(0)
-    assert view is not None
-    assert len(view.people()) == 10
+    view = footage.views[0]
+    assert sum(person is not None for people in footage.cutouts for person in people) == 10
     assert np.abs(view.background.image[60].astype(int) - 110).max() <= 2
 
 

@@ -26,7 +26,7 @@ def test_a_crop_is_described_alone() -> None:
 def test_stripes_see_where_a_colour_is() -> None:
     """A red jacket over blue trousers is not the same as blue over red, even for the coarsest trunk."""
     torch.manual_seed(0)
-    network = AppearanceNetwork(stripes=4).eval()
+    network = AppearanceNetwork().eval()
     person = torch.zeros(1, 3, 128, 64)
     person[:, 0, :64], person[:, 2, 64:] = 1, 1
     upside_down = person.flip(2)

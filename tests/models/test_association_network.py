@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import pytest
 import torch
 
-from tsuiseki.models.association_network import LARGEST, AppearanceProjection, AssociationNetwork, CostChange
+from tsuiseki.models.association_network import LARGEST, AssociationNetwork, CostChange
 from tsuiseki.tracking.association.learnt_costs import LARGEST as LARGEST_IN_THE_TRACKER
 
 
@@ -58,31 +57,3 @@ def test_less_than_all_is_taken_outside_of_training() -> None:
     torch.nn.init.normal_(change.linear.weight)
     rows = torch.randn(6, 4)
     torch.testing.assert_close(change.eval()(rows), change.train()(rows) * torch.tensor([0.5, 1.0, 1.0]))
-
-
-def unit_rows(count: int, length: int, spread: int) -> torch.Tensor:
-    """Rows of unit length of which the last ``spread`` numbers vary much and the others little."""
-    rows = torch.randn(count, length, generator=torch.Generator().manual_seed(0))
-    rows[:, :-spread] *= 0.02
-    return torch.nn.functional.normalize(rows, dim=1)
-
-
-@pytest.mark.parametrize(("kept", "tolerance"), [(6, 1e-5), (3, 0.05)])
-def test_a_projection_keeps_distances_at_first(kept: int, tolerance: float) -> None:
-    """As many numbers as before: a rotation. Fewer: what is left out is small in these rows, .02 of the rest."""
-    rows, projection = unit_rows(50, 6, 3), AppearanceProjection(6, kept)
-    before = rows @ rows.T
-    assert (projection(rows) @ projection(rows).T - before).abs().max() > (0.5 if kept < 6 else -1)
-    projection.start(rows)
-    found = projection(rows)
-    assert found.shape == (50, kept)
-    torch.testing.assert_close(found.norm(dim=1), torch.ones(50))
-    torch.testing.assert_close(found @ found.T, before, atol=tolerance, rtol=0)
-
-
-def test_what_is_not_known_stays_unknown() -> None:
-    projection = AppearanceProjection(3, 2)
-    rows = torch.tensor([[1.0, 0, 0], [float("nan")] * 3, [0, 0, 0]])
-    found = projection(rows)
-    assert found.isnan().tolist() == [[False] * 2, [True] * 2, [False] * 2]
-    assert not found[2].any()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import pytest
 import torch
@@ -13,14 +14,14 @@ from tsuiseki.models.losses import (
     PADDING,
     PERSON,
     DetectionLoss,
-    MinedEntropy,
-    QualityFocal,
     match_anchors,
+    mined_entropy,
+    overlap_focal,
     smooth_l1,
 )
 
 ANCHORS = grid_anchors([(4, 6)], [16], [[(16, 32)]])
-MULTIBOX = DetectionLoss(MinedEntropy(), smooth_l1)
+MULTIBOX = DetectionLoss(mined_entropy, smooth_l1)
 
 
 def test_every_box_gets_its_best_anchor_even_a_poor_one() -> None:
@@ -55,7 +56,7 @@ def test_loss_by_hand() -> None:
     boxes = corners_from_centres(ANCHORS[7])[None, None]
     logits, offsets = torch.zeros(1, 24, 2), torch.zeros(1, 24, 4)
     offsets[0, 7] = torch.tensor([1.0, 0.0, 0.0, 0.0])
-    loss = DetectionLoss(MinedEntropy(3, 0), smooth_l1)
+    loss = DetectionLoss(partial(mined_entropy, fewest_negatives=0), smooth_l1)
     class_loss, box_loss = loss(logits, offsets, ANCHORS, boxes, torch.tensor([[PERSON]]))
     assert float(class_loss) == pytest.approx(4 * math.log(2), rel=1e-6)
     assert float(box_loss) == pytest.approx(0.5, rel=1e-6)
@@ -67,7 +68,7 @@ def test_the_hardest_negatives_are_counted() -> None:
     logits[0, :, 0] = 3.0
     logits[0, [0, 11, 17], 1] = 6.0
     logits.requires_grad_()
-    loss = DetectionLoss(MinedEntropy(3, 0), smooth_l1)
+    loss = DetectionLoss(partial(mined_entropy, fewest_negatives=0), smooth_l1)
     loss(logits, torch.zeros(1, 24, 4), ANCHORS, boxes, torch.tensor([[PERSON]]))[0].backward()
     assert logits.grad is not None
     assert logits.grad[0].abs().sum(dim=1).nonzero().flatten().tolist() == [0, 7, 11, 17]
@@ -115,7 +116,7 @@ def test_an_anchor_learns_the_class_of_its_box() -> None:
     assert matches.classes[matches.positive].unique().tolist() == [1, 2]
     assert (matches.classes[~matches.positive] == 0).all()
     logits = torch.zeros(1, len(ANCHORS), 3, requires_grad=True)
-    for term in (MinedEntropy(), QualityFocal()):
+    for term in (mined_entropy, overlap_focal):
         term(logits, matches, torch.ones(int(matches.positive.sum()))).backward()
         assert logits.grad is not None
         falling = -logits.grad[matches.positive][:, 1:]

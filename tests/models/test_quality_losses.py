@@ -11,11 +11,11 @@ from torch import nn
 from tsuiseki.models.anchors import corners_from_centres, encode, grid_anchors
 from tsuiseki.models.losses import (
     DetectionLoss,
-    MinedEntropy,
-    QualityFocal,
     SoftTargets,
     complete_iou,
     distillation_loss,
+    mined_entropy,
+    overlap_focal,
     smooth_l1,
     soft_targets,
 )
@@ -23,7 +23,7 @@ from tsuiseki.models.losses import (
 ANCHORS = torch.tensor([[20.0, 30.0, 20.0, 40.0], [60.0, 30.0, 20.0, 40.0], [100.0, 30.0, 20.0, 40.0]])
 BOXES = torch.tensor([[[10.0, 12.0, 30.0, 52.0], [50.0, 10.0, 72.0, 50.0]]])
 LABELS = torch.tensor([[1, -1]])
-QUALITY = DetectionLoss(QualityFocal(), complete_iou)
+QUALITY = DetectionLoss(overlap_focal, complete_iou)
 
 
 def heads(margins, shift=0.0):
@@ -67,19 +67,19 @@ def test_gradients_are_finite_with_and_without_people(people):
     assert bool(offsets.grad.abs().sum() > 0) == bool(people)
 
 
-@pytest.mark.parametrize("score", [MinedEntropy(), QualityFocal()])
+@pytest.mark.parametrize("score", [mined_entropy, overlap_focal])
 @pytest.mark.parametrize("box", [smooth_l1, complete_iou])
 def test_scores_and_boxes_learn_apart(score, box):
     """Each term is what it is beside either of the other kind, and the weight is that of the boxes alone."""
     given = (*heads([1.0, 0.0, -1.0], 2.0), ANCHORS, BOXES, LABELS)
     found = DetectionLoss(score, box, box_weight=3.0)(*given)
     assert float(found[0]) == pytest.approx(float(DetectionLoss(score, smooth_l1)(*given)[0]))
-    assert float(found[1]) == pytest.approx(3 * float(DetectionLoss(QualityFocal(), box)(*given)[1]))
+    assert float(found[1]) == pytest.approx(3 * float(DetectionLoss(overlap_focal, box)(*given)[1]))
 
 
 def test_the_hard_negatives_do_not_know_the_overlap():
     """Right and misplaced boxes cost scores by hard negatives the same, and quality focal scores not."""
-    for score, same in ((MinedEntropy(), True), (QualityFocal(), False)):
+    for score, same in ((mined_entropy, True), (overlap_focal, False)):
         loss = DetectionLoss(score, complete_iou)
         there, beside = (float(loss(*heads([2.0, 0.0, -9.0], s), ANCHORS, BOXES, LABELS)[0]) for s in (0.0, 3.0))
         assert (there == beside) is same

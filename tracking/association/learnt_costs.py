@@ -4,8 +4,7 @@ An `Affinity` holds gradient-boosted trees over pairs (thesis eq. 2.14-2.15). Th
 detections show the same person, whether or not that person was detected in between.
 
 A `CostNetwork` takes rows of features (`evidence`) and gives by how much each cost changes: of links, of detections
-with the start and the end of a track at each, and of joins of tracklets. No change is larger than `LARGEST`. It may
-also project appearance features, whose distances are then compared instead of those of the given features.
+with the start and the end of a track at each, and of joins of tracklets. No change is larger than `LARGEST`.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from tsuiseki.tracking.association.costs import ObservationCost, PairFeatures
 from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, JOIN_FEATURES, LINK_FEATURES
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard, OnnxModel
-from tsuiseki.tracking.types import Detections, FloatArray, IntArray
+from tsuiseki.tracking.types import FloatArray, IntArray
 
 FeatureSet = Literal["thesis", "extended", "thesis_action", "extended_action"]
 FEATURE_SETS: dict[FeatureSet, tuple[str, ...]] = {
@@ -192,34 +191,11 @@ class CostNetwork:
         """``(P,)`` changes of the costs of joins with ``(P, 29)`` features."""
         return self._run("joins", rows)
 
-    def projected(self, detections: Detections) -> Detections:
-        """The detections of a frame with features ``(N, d)`` of unit length; as they are where nothing is projected.
-
-        Raises:
-            RequestError: they have no features, or of another length than it was trained with.
-        """
-        length = self.card.feature_length
-        if not length or not len(detections):
-            return detections
-        if detections.features is None or detections.features.shape[1] != length:
-            got = "none" if detections.features is None else f"{detections.features.shape[1]} numbers"
-            raise RequestError(
-                f"{self.path}: expected appearance features of {length} numbers, which it projects, got {got}; give "
-                "`appearance`, the network that it was trained with"
-            )
-        return detections.with_features(self.project(detections.features))
-
-    def project(self, features: FloatArray) -> FloatArray:
-        """``(N, D)`` features to ``(N, d)``, NaN where not known; only of a file that projects."""
-        return self._run("appearance", features)
-
     def _run(self, part: str, given: FloatArray) -> FloatArray:
         """The output of one part for its rows; the others get none."""
         rows = {
             name: given[:, columns] if name == part else np.zeros((0, len(columns)))
             for name, columns in self._columns.items()
         }
-        if self.card.feature_length:
-            rows["appearance"] = given if part == "appearance" else np.zeros((0, self.card.feature_length))
         outputs = self.model.run(*(np.ascontiguousarray(one, dtype=np.float32) for one in rows.values()))
         return np.asarray(outputs[[*rows].index(part)], dtype=np.float64)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -23,9 +23,8 @@ from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shippe
 if TYPE_CHECKING:
     from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.features.exported import SizedDetect
-    from tsuiseki.trainers.adapt.round import Round
-    from tsuiseki.trainers.adapt.rounds import Adaptation
-    from tsuiseki.trainers.adapt.watch import CameraVideos
+    from tsuiseki.trainers.adapt.rounds import Adaptation, Round
+    from tsuiseki.trainers.adapt.watch import Watched
 
 # Pictures, labels and detectors of the rounds, until the result is whole.
 WORK = ".adapt"
@@ -106,8 +105,8 @@ def adapt(
         view: tiles of a frame, as in track people.
         detector_options: what the file of the teacher does not tell, where that is another project's.
     """
-    from tsuiseki.trainers.adapt.certain import certain_boxes, corrections_in
     from tsuiseki.trainers.adapt.rounds import Adaptation, contents_of, resumed
+    from tsuiseki.trainers.adapt.track_labels import certain_boxes, corrections_in
     from tsuiseki.trainers.adapt.watch import open_camera
 
     wanted, settings, work = parse_frames(frames), replace(how, seed=output.seed), output.out / WORK
@@ -123,12 +122,12 @@ def adapt(
         if resumed(work, request):
             print("going on with what an earlier run has finished")
         with _kept(work):
-            camera = open_camera(sources, wanted, work, settings, view)
-            for line in _motion_lines(camera):
+            videos = open_camera(sources, wanted, work, settings)
+            for line in _motion_lines(videos):
                 print(line, flush=True)
             default = shipped(PEOPLE_DETECTOR)
-            certain = None if lines is None else certain_boxes(lines, camera.videos[0].size)
-            adaptation = Adaptation(camera, start, work, settings, default, first, certain)
+            certain = None if lines is None else certain_boxes(lines, videos[0].size)
+            adaptation = Adaptation(videos, start, work, settings, default, first, certain, view)
             _run(run, adaptation, default if detector is None else start)
     if not run.status:
         shutil.rmtree(work, ignore_errors=True)
@@ -148,10 +147,10 @@ def _kept(work: Path) -> Iterator[None]:
         raise Interrupted(error.number, kept) from error
 
 
-def _motion_lines(camera: CameraVideos) -> list[str]:
+def _motion_lines(videos: Sequence[Watched]) -> list[str]:
     """What of the camera's movement is worth a line, and what follows."""
     lines = []
-    for video in camera.videos:
+    for video in videos:
         if video.turned is not None:
             at = f"the camera turns at about frame {video.turned + 1}; give --frames of one place"
             lines.append(f"{video.source}: {at}; as it is, {_ALONE}")
@@ -165,7 +164,7 @@ def _motion_lines(camera: CameraVideos) -> list[str]:
 def _teacher(given: Path | None, options: DetectorOptions, device: Device) -> SizedDetect | None:
     """The detector of the first round."""
     from tsuiseki.tracking.features.exported import open_detector
-    from tsuiseki.trainers.adapt.round import LOWEST_SCORE
+    from tsuiseki.trainers.adapt.rounds import LOWEST_SCORE
 
     if given is not None:
         return open_detector(given, LOWEST_SCORE, threads=1, options=options, device=device)
@@ -201,7 +200,7 @@ def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
     for one in rounds(adaptation):
         finished.append(one)
         print(_line(one, finished[0]), flush=True)
-    notes = _motion_lines(adaptation.camera)
+    notes = _motion_lines(adaptation.videos)
     notes += [_line(one, finished[0]) for one in finished if one.scores.collapsed(finished[0].scores)]
     best = best_of(finished)
     if len(finished) > 1:

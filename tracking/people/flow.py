@@ -99,7 +99,6 @@ class FlowTracker:
         given = FlowInput(settings.input, InferenceTimes(frame_rate, stride), size, path, standing, observation)
         frame_rate = given.frame_rate
         window = FlowWindow(settings.costs, frame_rate, size, transition, changes)
-        self._changes = changes
         self._flow: WholeFlow | DelayedFlow
         if delay is None:
             self._flow = WholeFlow(settings, given, window, drop_straddling)
@@ -161,12 +160,9 @@ class FlowTracker:
         """Take the detections of the next frame; with a delay, the people of the frame so long before.
 
         Raises:
-            RequestError: the learnt changes project appearance, and the detections have none, or of another length; or
-                see `Clock.now`.
+            RequestError: see `Clock.now`.
         """
         given = as_detections(detections, counted=self.bad)
-        if isinstance(self._changes, CostNetwork):
-            given = self._changes.projected(given)
         refuse_heaps(given)
         inferences = self._flow.input.inferences
         self._flow.input.meet(time)

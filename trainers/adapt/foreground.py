@@ -158,20 +158,20 @@ def moving_blobs(mask: BoolArray, boxes: FloatArray, least_height: float) -> Flo
     return found
 
 
-def detected_boxes(boxes: FloatArray, observed: BoolArray, found: FloatArray) -> FloatArray:
+def detected_boxes(boxes: FloatArray, observed: BoolArray, detections: FloatArray) -> FloatArray:
     """``(N, 4)`` the detections that tracks were made of, in one frame.
 
     Args:
         boxes: ``(N, 4)`` of the tracks.
         observed: ``(N,)`` whether a detection supports each; the others stay.
-        found: ``(M, 4)`` detections.
+        detections: ``(M, 4)`` boxes of detections.
     """
-    if not len(boxes) or not len(found):
+    if not len(boxes) or not len(detections):
         return boxes
-    overlaps = iou_matrix(boxes, found)
+    overlaps = iou_matrix(boxes, detections)
     best = overlaps.argmax(axis=1)
     taken = observed & (overlaps.max(axis=1) >= _SAME)
-    return np.where(taken[:, None], found[best], boxes)
+    return np.where(taken[:, None], detections[best], boxes)
 
 
 def drawn_to_silhouettes(

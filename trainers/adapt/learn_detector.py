@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-import logging
-import warnings
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 
 import lightning
@@ -14,26 +11,27 @@ import numpy as np
 import torch
 from lightning.pytorch.callbacks import Callback, EMAWeightAveraging, ModelCheckpoint
 
-from tsuiseki.datamodules.augmentation import Augmentation, fitted_scale
+from tsuiseki.datamodules.augmentation import Augmentation
 from tsuiseki.datamodules.detection_data import Composition, DetectionData
 from tsuiseki.datamodules.training_images import TrainingSource
 from tsuiseki.tracking.cli.adapt import AdaptSettings
-from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.tiles import view_of
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import Detections, ImageArray
 from tsuiseki.trainers.adapt.watch import HELD_OUT, KEPT_BACK, Watched
-from tsuiseki.trainers.exporting.export import export_onnx, load_module
+from tsuiseki.trainers.exporting.export import export_onnx, load_module, quiet
 from tsuiseki.trainers.exporting.export_networks import RawHeads
 from tsuiseki.trainers.exporting.exported_weights import ExportedLayout
 from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
 from tsuiseki.trainers.networks.detector_training import DetectorOptimisation, DetectorTraining, detections
+from tsuiseki.trainers.networks.modules import interruptible
 
-# Windows of a step, their sides as a share of the detector's input, and people that are rendered to be composed onto
-# the empty view beside the camera's own.
-BATCH_SIZE, WINDOW, GENERATED_PEOPLE = 6, 1.0, 200
+# Windows of a step, as large as the detector's input, and people that are rendered to be composed onto the empty view
+# beside the camera's own.
+BATCH_SIZE, GENERATED_PEOPLE = 6, 200
 # At the end of the warm-up of the first round; halved in each later one.
 LEARNING_RATE = 1e-3
 # A training is saved this many times, so that one that was stopped goes on.
@@ -78,15 +76,10 @@ def fine_tune(
     done, last = folder / CHECKPOINT, folder / "last.ckpt"
     if done.is_file():
         return done
-    height, width = layout.window(WINDOW)
     lightning.seed_everything(settings.seed + round_, verbose=False)
     module = DetectorTraining(
-        trunk=layout.trunk,  # type: ignore[arg-type]
+        **layout.arguments,
         start=start,
-        height=height,
-        width=width,
-        anchors=layout.anchors,
-        channels=layout.channels,
         loss="quality",
         box_weight=2.0,
         optimisation=DetectorOptimisation(
@@ -96,8 +89,8 @@ def fine_tune(
         ),
     )
     data = _data(videos, layout, columns, round_, settings)
-    with _quiet(), _interrupts():
-        trainer = _trainer(folder, settings.steps, settings)
+    with quiet("lightning.pytorch", "lightning.fabric"), interruptible():
+        trainer = _trainer(folder, settings)
         trainer.fit(module, datamodule=data, ckpt_path=str(last) if last.is_file() else None, weights_only=True)
     trainer.save_checkpoint(done, weights_only=False)
     last.unlink(missing_ok=True)
@@ -110,12 +103,14 @@ def _data(
     sources = [
         TrainingSource(v.folder, frames=(1, v.learnt(KEPT_BACK)), fixed_camera=v.fixed, share=v.length) for v in videos
     ]
-    window = layout.window(WINDOW)
-    closer = _enlargement(videos[0].size, layout.size, columns) * _fitted(videos[0].size, layout.size, window)
+    (width, height), (high, wide) = videos[0].size, layout.size
+    x1, _, x2, _ = view_of((height, width), columns, wide / high).tiles[-1]
+    # How much larger a tile shows things than the whole frame does.
+    closer = float(width / (x2 - x1)) if columns > 1 else 1.0
     return DetectionData(
         sources,
         sources,
-        *window,
+        *layout.size,
         batch_size=BATCH_SIZE,
         examples_per_epoch=BATCH_SIZE * max(settings.steps // _SITTINGS, 1),
         workers=0,
@@ -129,20 +124,8 @@ def _data(
     )
 
 
-def _enlargement(size: tuple[int, int], wanted: tuple[int, int], columns: int) -> float:
-    """How much larger a tile shows things than the whole frame does."""
-    view = view_of((size[1], size[0]), columns, wanted[1] / wanted[0])
-    x1, _, x2, _ = view.tiles[-1]
-    return float(size[0] / (x2 - x1)) if columns > 1 else 1.0
-
-
-def _fitted(size: tuple[int, int], wanted: tuple[int, int], window: tuple[int, int]) -> float:
-    """How much larger the input shows a frame than a window that the whole frame is fitted into."""
-    source = (size[1], size[0])
-    return fitted_scale(source, wanted) / fitted_scale(source, window)
-
-
-def _trainer(folder: Path, steps: int, settings: AdaptSettings) -> lightning.Trainer:
+def _trainer(folder: Path, settings: AdaptSettings) -> lightning.Trainer:
+    steps = settings.steps
     torch.set_num_threads(settings.threads or torch.get_num_threads())
     callbacks: list[Callback] = [
         EMAWeightAveraging(decay=_EMA, update_starting_at_step=min(20, steps // 2)),
@@ -160,37 +143,6 @@ def _trainer(folder: Path, steps: int, settings: AdaptSettings) -> lightning.Tra
         enable_progress_bar=False,
         enable_model_summary=False,
     )
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Without Lightning's notices about itself."""
-    loggers = [logging.getLogger(name) for name in ("lightning.pytorch", "lightning.fabric")]
-    levels = [logger.level for logger in loggers]
-    for logger in loggers:
-        logger.setLevel(logging.ERROR)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            yield
-    finally:
-        for logger, level in zip(loggers, levels, strict=True):
-            logger.setLevel(level)
-
-
-@contextmanager
-def _interrupts() -> Iterator[None]:
-    """Lightning ends the process after an interrupt, as if it had failed; here the interrupt itself comes out.
-
-    Raises:
-        Interrupted: the user ended the training.
-    """
-    try:
-        yield
-    except SystemExit as error:
-        if isinstance(error.__context__, KeyboardInterrupt):
-            raise Interrupted(signal_of(error.__context__)) from error
-        raise
 
 
 def export_calibrated(
@@ -257,10 +209,10 @@ class TorchDetector:
         logits, offsets = self.module(torch.from_numpy(np.stack(fitted)))
         every = detections(logits, offsets, self.module.network.anchors, card)
         result = []
-        for found, scale, image in zip(every, scales, images, strict=True):
-            boxes = clip_boxes(found.boxes / np.tile(scale, 2), image.shape[1], image.shape[0])
-            kept = (found.scores >= LOWEST_SCORE) & ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)
-            result.append(Detections(boxes[kept], found.scores[kept]))
+        for detected, scale, image in zip(every, scales, images, strict=True):
+            boxes = clip_boxes(detected.boxes / np.tile(scale, 2), image.shape[1], image.shape[0])
+            kept = (detected.scores >= LOWEST_SCORE) & ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)
+            result.append(Detections(boxes[kept], detected.scores[kept]))
         return result
 
 

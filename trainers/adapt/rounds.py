@@ -1,44 +1,263 @@
 """The rounds of `tsuiseki adapt`: detect, take labels from the tracks, learn from them, detect again.
 
-A round takes the detector of the round before, or the one it starts from, and says how well it did
-(`agreement`). Rounds go on while that improves and nothing collapses. What a round makes lies in its folder. What is
-there already is not made again, so a run that was stopped goes on.
+A round takes the detector of the round before, or the one it starts from, and says how well that agrees with the tracks
+made of what it finds (`agreement`). A detector that is right finds people where their tracks pass and nothing
+elsewhere. Its boxes need no smoothing, its tracks no filling, and nothing of what it finds is rejected. That is
+measured without a label, on frames that taught nothing.
+
+Rounds go on while agreement improves and nothing collapses. What a round makes lies in its folder. What is there
+already is not made again, so a run that was stopped goes on.
 """
 
 from __future__ import annotations
 
 import json
+import pickle
 import shutil
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
 
+from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.drone.observations import file_digest
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.exported import SizedDetect
+from tsuiseki.tracking.features.exported import SizedDetect, as_describer, open_detector
+from tsuiseki.tracking.features.standing_camera import StandingCamera
+from tsuiseki.tracking.features.tiles import parse_view
+from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
 from tsuiseki.tracking.formats.mot import write_ground_truth
+from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.output import whole_file
+from tsuiseki.tracking.people.inputs import PeopleInputs
+from tsuiseki.tracking.people.methods import cost_of_scores, people_affinity, people_tracker
 from tsuiseki.tracking.people.settings import NONE
-from tsuiseki.trainers.adapt.certain import CertainBoxes
+from tsuiseki.tracking.people.tracker import shifted
+from tsuiseki.tracking.types import Detections, FloatArray, Track
+from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune
-from tsuiseki.trainers.adapt.round import (
-    DEFAULT,
-    Round,
-    RoundVideo,
-    above,
-    agreement_held_out,
-    find,
-    keep_round,
-    kept_round,
-    labelled,
-    round_scores,
-)
-from tsuiseki.trainers.adapt.track_labels import ONTO_SILHOUETTES, TAKEN
-from tsuiseki.trainers.adapt.watch import KEPT_BACK, CameraVideos, Watched
+from tsuiseki.trainers.adapt.track_labels import ONTO_SILHOUETTES, CertainBoxes, TrackLabels, label
+from tsuiseki.trainers.adapt.watch import KEPT_BACK, Watched
 from tsuiseki.trainers.exporting.exported_weights import layout_of
+
+# Detections down to this score are known, so that what the tracker rejects is, too.
+LOWEST_SCORE = 0.1
+
+
+@dataclass(frozen=True)
+class TrackedPeople:
+    """People who were detected and tracked in a video.
+
+    Attributes:
+        detections: of every frame that was read.
+        tracks: in frames of the video.
+        columns: tiles across of a frame for the detector.
+        seconds: that detecting and describing took, a frame.
+    """
+
+    detections: list[Detections]
+    tracks: list[Track]
+    columns: int
+    seconds: float = 0.0
+
+
+@dataclass(frozen=True)
+class RoundVideo:
+    """A video with a round's detections and tracks, and the labels that were taken of them."""
+
+    watched: Watched
+    tracked: TrackedPeople
+    labels: TrackLabels
+
+
+def find(
+    watched: Watched, given: Path | SizedDetect, settings: AdaptSettings, view: str, affinity: Path | None = None
+) -> TrackedPeople:
+    """Detect and track people as `tsuiseki track people --ground off` does.
+
+    Args:
+        watched: the video.
+        given: detector of people: its file, or one that is open and gives scores from `LOWEST_SCORE` on.
+        settings: score threshold of the detections that are tracked, and CPU cores.
+        view: see `parse_view`.
+        affinity: file; None takes the shipped one where it knows the detector's scores, ``none`` hand-set costs.
+
+    Raises:
+        RequestError: a file is no such model.
+        RunError: the video breaks off.
+    """
+    device = settings.device
+    network = open_detector(given, LOWEST_SCORE, threads=1, device=device) if isinstance(given, Path) else given
+    # What is learnt is to know people as large as this camera shows them, so nothing is enlarged.
+    detector = ViewedDetector(network, parse_view(view), frame_rate=watched.frame_rate, enlarge=False)
+    describe = as_describer(shipped("appearance_people"), 1, device=device)
+    camera = StandingCamera()
+    inputs = PeopleInputs(watched.open(), detector, describe, camera=camera, threads=settings.threads)
+    costs = people_affinity("flow", affinity, 1, known_scores=knows_scores(detector))
+    begun = perf_counter()
+    detections = [found for _, found in inputs.detections()]
+    seconds = (perf_counter() - begun) / max(len(detections), 1)
+    scores = cost_of_scores(detector)
+    # Labels take straddling tracks of an uncalibrated detector for counter-examples (see `labels`); those of a
+    # calibrated one are dropped, as `track people` does.
+    straddling = scores is not None
+    tracker = people_tracker("flow", None, costs, 0, watched.open(), camera, scores=scores, drop_straddling=straddling)
+    for found in detections:
+        tracker.update(found.select(found.scores >= settings.score_threshold))
+    tracks = [shifted(track, watched.span[0]) for track in tracker.tracks()]
+    columns = max((choice.view.columns for choice in detector.choices.values()), default=1)
+    return TrackedPeople(detections, tracks, columns, seconds)
+
+
+def above(detections: Sequence[Detections], score: float) -> list[Detections]:
+    """Those that score at least ``score``, as boxes alone."""
+    return [Detections(found.boxes, found.scores).select(found.scores >= score) for found in detections]
+
+
+OVERLAPS = (0.5, 0.6, 0.7, 0.8)
+# People of a round, relative to the start: with fewer the models have collapsed.
+FEWEST = 0.6
+# Before a moving camera nothing says where people are who are not tracked, and they are learnt as background.
+FEWEST_MOVING = 0.9
+# Rejected detections, relative to the start, or to a share of the people: with more, anything is a person.
+MOST, ALLOWED = 1.8, 0.25
+
+
+@dataclass(frozen=True)
+class RoundScores:
+    """How a round did.
+
+    Attributes:
+        agreement: F1 of detections against taken tracks on held-out frames, mean over IoU 0.5 to 0.8.
+        people: taken tracks.
+        boxes: of them, a frame.
+        detections: a frame, from the threshold on.
+        rejected: of them on no taken track, a frame.
+        offset: by how much boxes are moved onto silhouettes, mean over the sides in widths and heights.
+        fixed: the camera stands still.
+        seconds: of detection, a frame.
+    """
+
+    agreement: float
+    people: int
+    boxes: float
+    detections: float
+    rejected: float
+    offset: float
+    fixed: bool = True
+    seconds: float = 0.0
+
+    @property
+    def precision(self) -> float:
+        """Share of the detections that lie on taken tracks."""
+        return 1 - self.rejected / self.detections if self.detections else 0.0
+
+    def collapsed(self, start: RoundScores) -> str | None:
+        """In what way the models have collapsed since the ``start``; None where they have not."""
+        if self.boxes < (FEWEST if self.fixed else FEWEST_MOVING) * start.boxes:
+            return f"it finds {self.boxes:.1f} people a frame, before {start.boxes:.1f}"
+        if self.rejected > MOST * max(start.rejected, ALLOWED * self.boxes):
+            return f"it rejects {self.rejected:.1f} detections a frame, before {start.rejected:.1f}"
+        return None
+
+
+def agreement(detections: Sequence[Detections], tracks: Sequence[Track], frames: Sequence[int]) -> float:
+    """Mean F1 over `OVERLAPS` of the detections of ``frames`` against the boxes of ``tracks`` there; 0 without any.
+
+    Args:
+        detections: one entry for each of ``frames``.
+        tracks: with filled boxes.
+        frames: their numbers.
+    """
+    rows = np.concatenate([np.empty(0, np.int64), *(t.frames for t in tracks)])
+    boxes: FloatArray = np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)])
+    hits, detected, tracked = np.zeros(len(OVERLAPS)), 0, 0
+    for frame, found in zip(frames, detections, strict=True):
+        there = boxes[rows == frame]
+        overlaps = iou_matrix(found.boxes, there)
+        hits += [len(assign_overlaps(overlaps, least)[0]) for least in OVERLAPS]
+        detected, tracked = detected + len(found), tracked + len(there)
+    return float(np.mean(2 * hits / (detected + tracked))) if detected + tracked else 0.0
+
+
+def agreement_held_out(
+    videos: Sequence[RoundVideo], detections: Sequence[Sequence[Detections]], score_threshold: float
+) -> float:
+    """`agreement` with the tracks of a round on the held-out frames, the mean over its videos.
+
+    Args:
+        videos: of the camera.
+        detections: of each, its held-out frames alone.
+        score_threshold: from which detections count.
+    """
+    ends = [each.watched.held_out for each in videos]
+    agreements = [
+        agreement(above(found, score_threshold), each.labels.tracks, end)
+        for each, found, end in zip(videos, detections, ends, strict=True)
+    ]
+    return float(np.average(agreements, weights=[len(end) for end in ends]))
+
+
+def round_scores(videos: Sequence[RoundVideo], score_threshold: float) -> RoundScores:
+    """How a round did in the videos of a camera; detections from ``score_threshold`` on count."""
+    certain = [above(each.tracked.detections, score_threshold) for each in videos]
+    ends = [each.tracked.detections[-len(each.watched.held_out) :] for each in videos]
+    tracks = [track for each in videos for track in each.labels.tracks]
+    frames = sum(each.watched.length for each in videos)
+    detections = sum(len(found) for every in certain for found in every)
+    return RoundScores(
+        agreement_held_out(videos, ends, score_threshold),
+        len(tracks),
+        sum(map(len, tracks)) / frames,
+        detections / frames,
+        max(detections - sum(int(track.observed.sum()) for track in tracks), 0) / frames,
+        float(np.mean([np.abs(each.labels.offset).mean() for each in videos])),
+        all(each.watched.empty is not None for each in videos),
+        sum(each.tracked.seconds * each.watched.length for each in videos) / frames,
+    )
+
+
+_DONE = "finished.pickle"
+# Number of the round that only detects, with the default detector.
+DEFAULT = -1
+
+
+@dataclass(frozen=True)
+class Round:
+    """What came of a round.
+
+    Attributes:
+        number: 0 for the detector that it starts from, `DEFAULT` for what `tsuiseki track people` takes.
+        detector: of the round: a file, or one that is open.
+        scores: how it did.
+        columns: tiles across for the detector.
+        labels: of each video, with everyone who was followed.
+        detections: in each frame of each video, from its first one on.
+    """
+
+    number: int
+    detector: Path | SizedDetect
+    scores: RoundScores
+    columns: int
+    labels: tuple[TrackLabels, ...] = field(compare=False, repr=False)
+    detections: tuple[list[Detections], ...] = field(compare=False, repr=False)
+
+
+def keep_round(finished: Round, folder: Path) -> None:
+    """Write a round; its presence says that it is finished."""
+    with whole_file(folder / _DONE) as file:
+        pickle.dump(replace(finished, detector=Path()), file)
+
+
+def kept_round(folder: Path, detector: Path | SizedDetect) -> Round | None:
+    """What `keep_round` wrote in ``folder``; None where the round is not finished."""
+    done = folder / _DONE
+    return replace(pickle.loads(done.read_bytes()), detector=detector) if done.is_file() else None
+
 
 # What a detector must not lose against the default, share of its detections on tracks; and how much longer a frame may
 # take.
@@ -53,23 +272,25 @@ class Adaptation:
     """What the rounds of a camera share.
 
     Attributes:
-        camera: what to learn.
+        videos: of the camera, at least one.
         start: exported detector to begin with.
         work: folder for what the rounds make.
         settings: how.
         default: what `tsuiseki track people` takes, which a learnt detector must beat.
         teacher: detector of the first round, in place of ``start``; may be of another project.
         certain: what corrections say of the only video.
+        view: tiles of a frame, see `parse_view`.
         tell: gets a line about what is being done.
     """
 
-    camera: CameraVideos
+    videos: tuple[Watched, ...]
     start: Path
     work: Path
     settings: AdaptSettings
     default: Path
     teacher: SizedDetect | None = None
     certain: CertainBoxes | None = None
+    view: str = "auto"
     tell: Callable[[str], None] = print
 
     def folder(self, number: int) -> Path:
@@ -89,7 +310,7 @@ def rounds(adaptation: Adaptation) -> Iterator[Round]:
         RequestError: no person is tracked with confidence, or a file is no such model.
     """
     first = best = _detect_and_track(adaptation, 0, adaptation.teacher or adaptation.start)
-    _check_people(first, adaptation.camera)
+    _check_people(first, adaptation.videos)
     yield first
     for number in range(1, adaptation.settings.rounds + 1):
         here = _detect_and_track(adaptation, number, _learn(adaptation, number, best))
@@ -173,16 +394,15 @@ def best_of(finished: Sequence[Round]) -> Round:
 
 def _learn(adaptation: Adaptation, number: int, taught_by: Round) -> Path:
     """The detector of round ``number``, from the labels of the one before."""
-    folder, camera = adaptation.folder(number), adaptation.camera
+    folder = adaptation.folder(number)
     detector = folder / "detector.onnx"
     if detector.is_file():
         return detector
-    videos = _teaching(camera.videos, taught_by)
+    videos = _teaching(adaptation.videos, taught_by)
     layout = layout_of(adaptation.start)
     before = adaptation.work / f"round-{number - 1}" / CHECKPOINT
     start = before if before.is_file() else adaptation.start
-    taken = sum(one.verdict == TAKEN for verdicts in taught_by.verdicts for one in verdicts)
-    adaptation.tell(f"round {number}: learning from {taken} people")
+    adaptation.tell(f"round {number}: learning from {taught_by.scores.people} people")
     checkpoint = fine_tune(start, layout, videos, taught_by.columns, number, folder, adaptation.settings)
     view = (taught_by.columns, None)
     export_calibrated(checkpoint, layout.size, videos, view, detector)
@@ -196,10 +416,10 @@ def _teaching(videos: Sequence[Watched], taught_by: Round) -> list[Watched]:
         RequestError: there is none.
     """
     teaching = []
-    for n, video in enumerate(videos):
-        frames = np.concatenate([np.empty(0, np.int64), *(t.frames for t in taught_by.taken(n))])
+    for video, labels in zip(videos, taught_by.labels, strict=True):
+        frames = np.concatenate([np.empty(0, np.int64), *(t.frames for t in labels.tracks)])
         if np.isin(video.frames[: video.learnt(KEPT_BACK)], frames).any():
-            write_ground_truth(Path(video.folder) / "gt" / "gt.txt", taught_by.people[n])
+            write_ground_truth(Path(video.folder) / "gt" / "gt.txt", labels.people)
             teaching.append(video)
     if not teaching:
         raise RequestError(
@@ -210,7 +430,7 @@ def _teaching(videos: Sequence[Watched], taught_by: Round) -> list[Watched]:
 
 def _detect_and_track(adaptation: Adaptation, number: int, detector: Path | SizedDetect) -> Round:
     """Run the ``detector``, or read the detections of an earlier call."""
-    folder, camera, settings = adaptation.folder(number), adaptation.camera, adaptation.settings
+    folder, settings = adaptation.folder(number), adaptation.settings
     if (done := kept_round(folder, detector)) is not None:
         return done
     # The shipped costs know the scores of the shipped detectors, not those that were learnt here.
@@ -218,46 +438,45 @@ def _detect_and_track(adaptation: Adaptation, number: int, detector: Path | Size
     # Boxes that were learnt from silhouettes are not moved again.
     onto = 0.0 if number > 0 else ONTO_SILHOUETTES
     videos = []
-    for video, foreground in zip(camera.videos, camera.foregrounds, strict=True):
+    for video in adaptation.videos:
         task = f"detecting in {video.source}"
         adaptation.tell(f"{task} with the default" if number == DEFAULT else f"round {number}: {task}")
-        found = find(video, detector, settings, camera.view, affinity)
-        videos.append(labelled(video, foreground, found, settings.sitting, onto, adaptation.certain))
+        found = find(video, detector, settings, adaptation.view, affinity)
+        kept = [found.detections[frame - video.span[0]] for frame in video.frames]
+        labels = label(video, found.tracks, kept, settings.sitting, onto, adaptation.certain)
+        videos.append(RoundVideo(video, found, labels))
     scores = round_scores(videos, settings.score_threshold)
     if not number and adaptation.teacher is not None:
         scores = replace(scores, agreement=_before_learning(adaptation, videos))
-    labels = [each.labels for each in videos]
-    here = Round(
+    finished = Round(
         number,
         detector,
         scores,
-        tuple(each.verdicts for each in labels),
         max(each.tracked.columns for each in videos),
-        tuple(each.everyone for each in labels),
-        tuple(tuple(above(each.tracked.detections, 0.0)) for each in videos),
-        tuple(each.people for each in labels),
+        tuple(each.labels for each in videos),
+        tuple(above(each.tracked.detections, 0.0) for each in videos),
     )
-    keep_round(here, folder)
-    return here
+    keep_round(finished, folder)
+    return finished
 
 
 def _before_learning(adaptation: Adaptation, videos: Sequence[RoundVideo]) -> float:
     """How well the detector that is to learn agrees with the tracks of its teacher."""
     detections = []
-    for each in videos:
-        end = replace(each.watched, span=(each.held_out, each.watched.span[1]))
+    for video in adaptation.videos:
+        end = replace(video, span=(video.held_out.start, video.span[1]))
         adaptation.tell(f"round 0: detecting in the end of {end.source} with {adaptation.start.name}")
-        found = find(end, adaptation.start, adaptation.settings, adaptation.camera.view)
-        detections.append(found.detections[each.held_out - found.first :])
+        found = find(end, adaptation.start, adaptation.settings, adaptation.view)
+        detections.append(found.detections[-len(video.held_out) :])
     return agreement_held_out(videos, detections, adaptation.settings.score_threshold)
 
 
-def _check_people(first: Round, camera: CameraVideos) -> None:
+def _check_people(first: Round, videos: Sequence[Watched]) -> None:
     """Without anybody there is nothing to learn from."""
     if first.scores.people:
         return
-    names = ", ".join(video.source for video in camera.videos)
-    others = sum(map(len, first.verdicts))
+    names = ", ".join(video.source for video in videos)
+    others = sum(len(labels.verdicts) for labels in first.labels)
     rest = f"{others} uncertain tracks" if others else "no person"
     raise RequestError(
         f"expected people to learn from in {names}, found {rest}; give another video, or a `teacher` that sees them"

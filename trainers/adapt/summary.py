@@ -11,21 +11,22 @@ from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.report.adapted import AdaptedReport, BeforeAndAfter, example_crop
 from tsuiseki.tracking.types import Detections, ImageArray, Track
-from tsuiseki.trainers.adapt.round import Round, above
-from tsuiseki.trainers.adapt.rounds import Adaptation
+from tsuiseki.trainers.adapt.rounds import Adaptation, Round, above
 from tsuiseki.trainers.adapt.track_labels import DELETED, SHORT, STILL, TAKEN, TWICE, UNSURE
 from tsuiseki.trainers.adapt.watch import HELD_OUT, Watched
 
 _PICTURES, _EXAMPLES = 4, 12
+_FILLED = "filled"
+# What became of boxes, in the order in which examples are shown.
 _MEANINGS = {
     TAKEN: "Taken as labels",
+    _FILLED: "Taken as labels where nothing was detected",
     STILL: "Refused, and background to learn from: never moves",
     TWICE: "Refused, and background to learn from: lies on surer tracks",
     DELETED: "Refused, and background to learn from: deleted by a correction",
     UNSURE: "Refused, and left out: unsure",
     SHORT: "Refused, and left out: too short",
 }
-_FILLED = "Taken as labels where nothing was detected"
 
 
 def summary(
@@ -43,10 +44,10 @@ def summary(
     # Where nothing was better than the start, the last round shows why.
     shown = best if best.number else finished[-1]
     return AdaptedReport(
-        [video.source for video in adaptation.camera.videos],
+        [video.source for video in adaptation.videos],
         [asdict(here.scores) for here in finished],
         best.number,
-        [pair for n in range(len(adaptation.camera.videos)) for pair in _compared(adaptation, finished[0], shown, n)],
+        [pair for n in range(len(adaptation.videos)) for pair in _compared(adaptation, finished[0], shown, n)],
         _examples(adaptation, finished[0 if best.number == 0 else best.number - 1]),
         shown.number,
         notes,
@@ -56,7 +57,7 @@ def summary(
 
 def _compared(adaptation: Adaptation, start: Round, later: Round, number: int) -> list[BeforeAndAfter]:
     """The held-out pictures, some time apart, in which either finds most that the other does not."""
-    video, threshold = adaptation.camera.videos[number], adaptation.settings.score_threshold
+    video, threshold = adaptation.videos[number], adaptation.settings.score_threshold
     before, after = (above(here.detections[number], threshold) for here in (start, later))
     unseen = {n: video.frames[n] - video.span[0] for n in range(video.learnt(HELD_OUT), len(video.frames))}
     apart = {n: _differences(before[row], after[row]) for n, row in unseen.items()}
@@ -85,24 +86,22 @@ def _differences(first: Detections, second: Detections) -> int:
 
 
 def _examples(adaptation: Adaptation, taught_by: Round) -> dict[str, list[ImageArray]]:
+    """Some boxes of each kind, by their meanings."""
     rng = np.random.default_rng(0)
     places: dict[str, list[tuple[Watched, int, np.ndarray]]] = {}
-    for n, video in enumerate(adaptation.camera.videos):
+    for video, labels in zip(adaptation.videos, taught_by.labels, strict=True):
         number_of = {frame: picture for picture, frame in enumerate(video.frames)}
-        for track, verdict in zip(taught_by.tracks[n], taught_by.verdicts[n], strict=True):
+        for track, verdict in zip(labels.everyone, labels.verdicts, strict=True):
             for row in _rows(rng, track):
                 frame = int(track.frames[row])
-                name = _MEANINGS[verdict.verdict]
-                if verdict.verdict == TAKEN and not track.observed[row]:
-                    name = _FILLED
+                kind = _FILLED if verdict.verdict == TAKEN and not track.observed[row] else verdict.verdict
                 if frame in number_of:
-                    places.setdefault(name, []).append((video, number_of[frame], track.boxes[row]))
-    names = [_MEANINGS[TAKEN], _FILLED, *(_MEANINGS[v] for v in (STILL, TWICE, DELETED, UNSURE, SHORT))]
-    return {
-        name: [example_crop(video.picture(picture), box) for video, picture, box in _some(rng, places[name])]
-        for name in names
-        if name in places
-    }
+                    places.setdefault(kind, []).append((video, number_of[frame], track.boxes[row]))
+    examples = {}
+    for kind in [kind for kind in _MEANINGS if kind in places]:
+        some = [places[kind][i] for i in rng.permutation(len(places[kind]))[:_EXAMPLES]]
+        examples[_MEANINGS[kind]] = [example_crop(video.picture(picture), box) for video, picture, box in some]
+    return examples
 
 
 def _rows(rng: np.random.Generator, track: Track) -> list[int]:
@@ -112,10 +111,3 @@ def _rows(rng: np.random.Generator, track: Track) -> list[int]:
         rows = np.flatnonzero(kind)
         chosen += rng.choice(rows, min(4, len(rows)), replace=False).tolist()
     return chosen
-
-
-def _some(
-    rng: np.random.Generator, places: list[tuple[Watched, int, np.ndarray]]
-) -> list[tuple[Watched, int, np.ndarray]]:
-    order = rng.permutation(len(places))[:_EXAMPLES]
-    return [places[i] for i in order]

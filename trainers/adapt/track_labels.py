@@ -1,4 +1,4 @@
-"""Labels out of tracks: whom the tracker is sure of, what it rejects, and what never moves.
+"""Labels out of tracks: whom the tracker is sure of, what it rejects, what never moves, and what a reviewer corrected.
 
 A confident track is labelled in every frame, also where it was filled in: those are the misses that teach most. What no
 label covers is background to learn from, except where somebody unknown may stand, or somebody known is hidden behind
@@ -7,18 +7,20 @@ others: there nothing is learnt.
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
+from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.datamodules.identity_crops import uncovered
 from tsuiseki.tracking.association.tracklets import EXPLAINED, explained_boxes, is_straddling
-from tsuiseki.tracking.geometry import areas, clip_boxes, intersections, iou_matrix, shared_with_all
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.geometry import areas, clip_boxes, intersections, iou_matrix, iou_pairs, shared_with_all
+from tsuiseki.tracking.review.correction_log import CORRECTIONS_FILE, CorrectedVideo, Correction, read_corrections
+from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.adapt.certain import BACKGROUND, PERSON, SAME, CertainBoxes
 from tsuiseki.trainers.adapt.foreground import (
     Difference,
     covered_share,
@@ -27,7 +29,7 @@ from tsuiseki.trainers.adapt.foreground import (
     moving_blobs,
     usual_offset,
 )
-from tsuiseki.trainers.adapt.watch import Foreground, Watched
+from tsuiseki.trainers.adapt.watch import Watched
 
 TAKEN, STILL, UNSURE, SHORT, TWICE, DELETED = "taken", "never moves", "unsure", "short", "twice", "deleted"
 # Least mean score of the detections of a track that becomes labels, and least seconds of them.
@@ -41,6 +43,65 @@ _SOMEBODY = 0.35
 _COVERED = 0.5
 _LOWEST_PERSON = 0.6
 _NAMES_OF_OTHERS = 1_000_000
+
+
+BACKGROUND, PERSON, DRAWN = 0, 1, 2
+SAME = 0.5
+"""Intersection over union from which two boxes of a frame are one."""
+
+
+@dataclass(frozen=True)
+class CertainBoxes(Columns):
+    """What corrections say of boxes.
+
+    Attributes:
+        frames: ``(N,)`` 0-based.
+        boxes: ``(N, 4)`` pixels.
+        kinds: ``(N,)`` `BACKGROUND`, `PERSON`, or `DRAWN` for a person whose box was drawn by hand.
+    """
+
+    frames: IntArray
+    boxes: FloatArray
+    kinds: IntArray
+
+    def on(self, frames: IntArray, boxes: FloatArray) -> IntArray:
+        """Kinds of those that lie on a track, whose ``(T,)`` ``frames`` increase."""
+        place = np.searchsorted(frames, self.frames).clip(max=len(frames) - 1)
+        alike = iou_pairs(boxes[place], self.boxes) >= SAME
+        return np.asarray(self.kinds[alike & (frames[place] == self.frames)])
+
+
+def corrections_in(path: Path, sources: Sequence[str]) -> Path:
+    """The file of corrections of the only source: itself, or that of a reviewed result.
+
+    Raises:
+        RequestError: it is not there, or there are more sources.
+    """
+    if len(sources) > 1:
+        raise RequestError(f"`corrections` speak of one video, got {len(sources)}; adapt to the corrected one")
+    file = path / CORRECTIONS_FILE if path.is_dir() else path
+    if not file.is_file():
+        raise RequestError(f"`corrections`: expected a reviewed result or its {CORRECTIONS_FILE}, got {path}")
+    return file
+
+
+def certain_boxes(file: Path, size: tuple[int, int]) -> CertainBoxes:
+    """The boxes of corrections of a video of a ``size``.
+
+    Raises:
+        RequestError: they cannot be read, or speak of a video of another size.
+    """
+    labelled = [row for one in read_corrections(file, CorrectedVideo("", size, 0)).given for row in _boxes(one)]
+    rows = np.array(labelled, dtype=np.float64).reshape(-1, 6)
+    boxes = np.column_stack([rows[:, 1:3], rows[:, 1:3] + rows[:, 3:5]])
+    return CertainBoxes(rows[:, 0].astype(np.int64), boxes, rows[:, 5].astype(np.int64))
+
+
+def _boxes(one: Correction) -> Iterator[tuple[float, ...]]:
+    for part in one.parts:
+        yield from _boxes(part)
+    kind = {"not_person": BACKGROUND, "delete": BACKGROUND, "box": DRAWN}.get(one.kind, PERSON)
+    yield from ((*box, kind) for box in one.there[-1 if one.kind == "box" else 0 :])
 
 
 @dataclass(frozen=True)
@@ -88,25 +149,35 @@ class TrackLabels:
 
 
 @dataclass(frozen=True)
-class _Entries:
-    """What tracks say: ``(N,)`` frames, ids, whether the box is an example, and was detected; ``(N, 4)`` boxes."""
+class _Entries(Columns):
+    """Boxes ``(N, 4)`` of tracks with ``(N,)`` frames, places of the tracks, ids, and whether each was detected."""
 
     frames: IntArray
+    places: IntArray
     ids: IntArray
     boxes: FloatArray
-    sure: BoolArray
     detected: BoolArray
+    sure: BoolArray
+    """Whether the box is an example."""
 
-    def select(self, which: BoolArray) -> _Entries:
-        """Those at a mask ``(N,)``."""
-        return _Entries(self.frames[which], self.ids[which], self.boxes[which], self.sure[which], self.detected[which])
+    @classmethod
+    def of(cls, tracks: Sequence[Track]) -> _Entries:
+        """All boxes, none of them an example."""
+        places = np.repeat(np.arange(len(tracks)), [len(track) for track in tracks])
+        return cls(
+            np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)]),
+            places,
+            np.array([track.id for track in tracks], dtype=np.int64)[places],
+            np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)]),
+            np.concatenate([np.empty(0, np.bool_), *(track.observed for track in tracks)]),
+            np.zeros(len(places), dtype=np.bool_),
+        )
 
 
 def label(
     watched: Watched,
-    foreground: Foreground | None,
     tracks: Sequence[Track],
-    found: Sequence[Detections],
+    detections: Sequence[Detections],
     sitting: bool = False,
     onto_silhouettes: float = ONTO_SILHOUETTES,
     certain: CertainBoxes | None = None,
@@ -115,54 +186,50 @@ def label(
 
     Args:
         watched: the video.
-        foreground: of its kept pictures; None where the camera moves.
         tracks: of the video, frames counted as in the video.
-        found: detections of each kept picture; those that lie on no track are rejected.
+        detections: of each kept picture; those that lie on no track are rejected.
         sitting: what never moves is left out of the learning; otherwise it is background to learn from.
         onto_silhouettes: share of the way that boxes are moved onto silhouettes, in [0, 1].
         certain: what corrections say of the video.
     """
-    number_of = {frame: number for number, frame in enumerate(watched.frames)}
-    shares = _moving(tracks, foreground, number_of)
+    every = _Entries.of(tracks)
+    shares = _moving(every, len(tracks), watched)
     verdicts = [_judge(track, share, watched.frame_rate) for track, share in zip(tracks, shares, strict=True)]
     verdicts = [_as_given(one, track, certain) for one, track in zip(verdicts, tracks, strict=True)]
     # Of each track the boxes that lie on those of tracks that are taken.
     covered = explained_boxes(tracks, [one.verdict == TAKEN for one in verdicts])
     verdicts = [_unless_twice(one, track, on) for one, track, on in zip(verdicts, tracks, covered, strict=True)]
     verdicts = [_as_given(one, track, certain) for one, track in zip(verdicts, tracks, strict=True)]
-    offset = _offset(tracks, verdicts, foreground, number_of, onto_silhouettes)
+    taken = np.array([one.verdict == TAKEN for one in verdicts], dtype=np.bool_)[every.places]
+    offset = _offset(every.select(taken & every.detected), watched, onto_silhouettes)
     # A box that was filled in where others are shows a person who is hidden: no example.
-    entries = _together([
-        _entries(track, one, on & ~track.observed, sitting)
-        for track, one, on in zip(tracks, verdicts, covered, strict=True)
-    ])  # fmt: skip
-    rejected = _rejected(watched.frames, found, tracks)
+    hidden = np.concatenate([np.empty(0, np.bool_), *covered]) & ~every.detected
+    unlearnt = {TWICE, DELETED} if sitting else {TWICE, DELETED, STILL}
+    background = np.array([one.verdict in unlearnt for one in verdicts], dtype=np.bool_)[every.places]
+    entries = replace(every, sure=taken & ~hidden).select(~background)
     rows = []
-    for number, frame in enumerate(watched.frames):
-        picture = None if foreground is None else foreground.picture(number)
-        people = _placed(entries.select(entries.frames == frame), found[number], picture, offset, onto_silhouettes)
-        people = people.select(_reach_in(people.boxes, watched.size))
-        given = None if certain is None else certain.at(frame)
-        rows.append(_rows(number, people, rejected[number], picture, given))
+    for number, (frame, found) in enumerate(zip(watched.frames, detections, strict=True)):
+        picture, people = watched.difference(number), entries.select(entries.frames == frame)
+        boxes = detected_boxes(people.boxes, people.detected, found.boxes)
+        if picture is not None:
+            boxes = drawn_to_silhouettes(boxes, people.detected, picture, offset, onto_silhouettes)
+        people = replace(people, boxes=boxes).select(_reach_in(boxes, watched.size))
+        rejected = found.select(~_on(found.boxes, every.boxes[every.frames == frame]))
+        given = None if certain is None else certain.select(certain.frames == frame)
+        rows.append(_rows(number, people, rejected, picture, given))
     moved = tuple(_moved(track, offset, watched.size) for track in tracks)
-    columns = ("frames", "ids", "boxes", "evaluated", "ignored", "visibility")
-    joined = GroundTruth(*(np.concatenate([getattr(part, name) for part in rows]) for name in columns))
-    return TrackLabels(joined, tuple(verdicts), moved, offset)
+    return TrackLabels(reduce(GroundTruth.and_then, rows), tuple(verdicts), moved, offset)
 
 
-def _moving(tracks: Sequence[Track], foreground: Foreground | None, number_of: dict[int, int]) -> list[float]:
-    """Of each track the median share of its boxes that differs from the empty view; 1 where nothing tells."""
-    if foreground is None:
-        return [1.0] * len(tracks)
-    frames = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
-    boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
-    shares = np.full(len(frames), np.nan)
-    for frame, number in number_of.items():
-        here = np.flatnonzero(frames == frame)
-        if len(here):
-            shares[here] = covered_share(foreground.picture(number).different, boxes[here])
-    ends = np.cumsum([0, *map(len, tracks)])
-    own = [shares[first:end] for first, end in itertools.pairwise(ends)]
+def _moving(every: _Entries, count: int, watched: Watched) -> list[float]:
+    """Of each of ``count`` tracks the median share of its boxes that is not the empty view; 1 where nothing tells."""
+    shares = np.full(len(every), np.nan)
+    for number, frame in enumerate(watched.frames):
+        rows = np.flatnonzero(every.frames == frame)
+        picture = watched.difference(number) if len(rows) else None
+        if picture is not None:
+            shares[rows] = covered_share(picture.different, every.boxes[rows])
+    own = [shares[every.places == place] for place in range(count)]
     return [float(np.nanmedian(each)) if np.isfinite(each).any() else 1.0 for each in own]
 
 
@@ -194,70 +261,29 @@ def _as_given(verdict: Verdict, track: Track, certain: CertainBoxes | None) -> V
     return replace(verdict, verdict=TAKEN) if (kinds != BACKGROUND).any() else verdict
 
 
-def _offset(
-    tracks: Sequence[Track],
-    verdicts: Sequence[Verdict],
-    foreground: Foreground | None,
-    number_of: dict[int, int],
-    share: float,
-) -> FloatArray:
-    """By how much to move boxes: part of what those of taken tracks usually lie off their silhouettes."""
-    if foreground is None or share == 0:
+def _offset(taken: _Entries, watched: Watched, share: float) -> FloatArray:
+    """By how much to move boxes: part of what the detected ones of taken tracks usually lie off their silhouettes."""
+    if share == 0:
         return np.zeros(4)
-    boxes: dict[int, list[FloatArray]] = {}
-    for track, verdict in zip(tracks, verdicts, strict=True):
-        if verdict.verdict == TAKEN:
-            for frame, box in zip(track.frames[track.observed].tolist(), track.boxes[track.observed], strict=True):
-                boxes.setdefault(frame, []).append(box)
-    found = [
-        foreground.picture(number).offsets(np.stack(boxes[frame]))
-        for frame, number in number_of.items()
-        if frame in boxes
-    ]
-    return share * usual_offset(np.concatenate([np.empty((0, 4)), *found]))
+    offsets = [np.empty((0, 4))]
+    for number, frame in enumerate(watched.frames):
+        boxes = taken.boxes[taken.frames == frame]
+        picture = watched.difference(number) if len(boxes) else None
+        if picture is not None:
+            offsets.append(picture.offsets(boxes))
+    return share * usual_offset(np.concatenate(offsets))
 
 
 def _moved(track: Track, offset: FloatArray, size: tuple[int, int]) -> Track:
     boxes = track.boxes + offset * np.tile(track.boxes[:, 2:] - track.boxes[:, :2], 2)
-    kept_rows = _reach_in(boxes, size)
-    return Track(
-        track.id, track.frames[kept_rows], boxes[kept_rows], track.scores[kept_rows], track.observed[kept_rows]
-    )
+    kept = _reach_in(boxes, size)
+    return Track(track.id, track.frames[kept], boxes[kept], track.scores[kept], track.observed[kept])
 
 
 def _reach_in(boxes: FloatArray, size: tuple[int, int]) -> BoolArray:
     """``(N,)`` of which boxes more than a line lies in the picture."""
     inside = clip_boxes(boxes, *size)
     return np.asarray(((inside[:, 2:] - inside[:, :2]) >= 2).all(axis=1))
-
-
-def _entries(track: Track, verdict: Verdict, unseen: BoolArray, sitting: bool) -> _Entries:
-    """What a track says in each frame; nothing, where it is background to learn from."""
-    background = verdict.verdict in (TWICE, DELETED) or (verdict.verdict == STILL and not sitting)
-    sure = (verdict.verdict == TAKEN) & ~unseen
-    every = _Entries(track.frames, np.full(len(track), track.id), track.boxes, sure, track.observed)
-    return every.select(np.full(len(track), not background))
-
-
-def _together(parts: Sequence[_Entries]) -> _Entries:
-    """What all tracks say."""
-    return _Entries(
-        np.concatenate([np.empty(0, np.int64), *(each.frames for each in parts)]),
-        np.concatenate([np.empty(0, np.int64), *(each.ids for each in parts)]),
-        np.concatenate([np.empty((0, 4)), *(each.boxes for each in parts)]),
-        np.concatenate([np.empty(0, np.bool_), *(each.sure for each in parts)]),
-        np.concatenate([np.empty(0, np.bool_), *(each.detected for each in parts)]),
-    )
-
-
-def _placed(
-    people: _Entries, found: Detections, picture: Difference | None, offset: FloatArray, share: float
-) -> _Entries:
-    """What tracks say in one frame, each box where its person is in that frame."""
-    boxes = detected_boxes(people.boxes, people.detected, found.boxes)
-    if picture is not None:
-        boxes = drawn_to_silhouettes(boxes, people.detected, picture, offset, share)
-    return replace(people, boxes=boxes)
 
 
 def _rows(
@@ -280,7 +306,7 @@ def _corrected(people: _Entries, given: CertainBoxes) -> _Entries:
     kept = people.select(~_alike(people.boxes, given.boxes[given.kinds != PERSON]))
     boxes = given.boxes[(given.kinds != BACKGROUND) & ~_alike(given.boxes, kept.boxes)]
     numbers, there = _NAMES_OF_OTHERS - 1 - np.arange(len(boxes)), np.ones(len(boxes), dtype=np.bool_)
-    return _together([kept, _Entries(numbers, numbers, boxes, there, there)])
+    return kept.and_then(_Entries(numbers, numbers, numbers, boxes, there, there))
 
 
 def _alike(boxes: FloatArray, others: FloatArray) -> BoolArray:
@@ -309,10 +335,3 @@ def _on(boxes: FloatArray, known: FloatArray) -> BoolArray:
     shared = intersections(boxes[:, None], known[None])
     on_one = (shared > _COVERED * areas(boxes)[:, None]).any(axis=1)
     return np.asarray(on_one | (shared_with_all(boxes, known) >= EXPLAINED))
-
-
-def _rejected(kept: Sequence[int], found: Sequence[Detections], tracks: Sequence[Track]) -> list[Detections]:
-    """The detections of each kept picture, of frames ``kept``, that lie on no track."""
-    frames: IntArray = np.concatenate([np.empty(0, np.int64), *(t.frames for t in tracks)])
-    boxes = np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)])
-    return [here.select(~_on(here.boxes, boxes[frames == frame])) for frame, here in zip(kept, found, strict=True)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 
 import cv2
@@ -26,7 +26,6 @@ from tsuiseki.trainers.adapt.foreground import CameraMotion, Difference, differe
 # that no weight is learnt from and that says what scores mean.
 HELD_OUT, CALIBRATED = 0.15, 0.1
 KEPT_BACK = HELD_OUT + CALIBRATED
-
 
 FEWEST_FRAMES = 100
 _QUALITY = 95
@@ -53,6 +52,7 @@ class Watched:
         motion: of the camera.
         turned: 0-based frame at which a camera that stands still otherwise has turned; None where it has not.
         fps: frames a second that were given; None for what the source says.
+        empty: ``(H, W, 3)`` uint8 RGB, the view without people; None where the camera moves.
     """
 
     source: str
@@ -65,6 +65,7 @@ class Watched:
     motion: CameraMotion
     turned: int | None = None
     fps: float | None = None
+    empty: ImageArray | None = field(default=None, compare=False, repr=False)
 
     @property
     def fixed(self) -> bool:
@@ -79,30 +80,14 @@ class Watched:
         """The kept picture ``number``, 0-based, ``(H, W, 3)`` uint8 RGB."""
         return read_image(Path(self.folder) / "img1" / f"{number + 1:06d}.jpg")
 
-    def learnt(self, held_out: float) -> int:
-        """How many of the kept pictures, from the first on, may be learnt from."""
-        last = self.span[0] + (1 - held_out) * self.length
-        return max(1, int(np.searchsorted(self.frames, last)))
-
-
-@dataclass(frozen=True)
-class Foreground:
-    """What of a video's kept pictures is not its empty view, found once a picture: every round labels the same ones.
-
-    Attributes:
-        watched: the video.
-        empty: ``(H, W, 3)`` uint8 RGB, its view without people.
-    """
-
-    watched: Watched
-    empty: ImageArray
-
-    def picture(self, number: int) -> Difference:
-        """Of the kept picture ``number``, 0-based."""
-        file = Path(self.watched.folder) / "foreground" / f"{number + 1:06d}.png"
+    def difference(self, number: int) -> Difference | None:
+        """What of the kept picture ``number`` is not the empty view, found once; None where there is no such view."""
+        if self.empty is None:
+            return None
+        file = Path(self.folder) / "foreground" / f"{number + 1:06d}.png"
         levels = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) if file.is_file() else None
         if levels is None:
-            different, bright = difference(self.watched.picture(number), self.empty)
+            different, bright = difference(self.picture(number), self.empty)
             levels = np.where(bright, _BRIGHT, np.where(different, _SHADOW, _SAME)).astype(np.uint8)
             _, content = cv2.imencode(".png", levels, [cv2.IMWRITE_PNG_COMPRESSION, 1])
             # Whole or not at all: a run that is stopped must not leave half a picture.
@@ -110,25 +95,19 @@ class Foreground:
                 picture.write(content.tobytes())
         return Difference(np.asarray(levels != _SAME), np.asarray(levels == _BRIGHT))
 
+    def learnt(self, held_out: float) -> int:
+        """How many of the kept pictures, from the first on, may be learnt from."""
+        last = self.span[0] + (1 - held_out) * self.length
+        return max(1, int(np.searchsorted(self.frames, last)))
 
-@dataclass(frozen=True)
-class CameraVideos:
-    """The videos of a camera and the detection in them.
-
-    Attributes:
-        videos: at least one.
-        foregrounds: what is not the empty view of each; None where the camera moves.
-        view: tiles of a frame, see `parse_view`.
-    """
-
-    videos: tuple[Watched, ...]
-    foregrounds: tuple[Foreground | None, ...]
-    view: str = "auto"
+    @property
+    def held_out(self) -> range:
+        """Frames of the end that teaches nothing."""
+        first = self.span[0]
+        return range(first + round((1 - HELD_OUT) * self.length), first + self.length)
 
 
-def open_camera(
-    sources: Sequence[str], span: FrameRange, work: Path, settings: AdaptSettings, view: str = "auto"
-) -> CameraVideos:
+def open_camera(sources: Sequence[str], span: FrameRange, work: Path, settings: AdaptSettings) -> tuple[Watched, ...]:
     """Read the videos of a camera once, and keep pictures of them.
 
     Args:
@@ -136,7 +115,6 @@ def open_camera(
         span: frames of each to read.
         work: folder for the pictures.
         settings: how many.
-        view: tiles of a frame.
 
     Raises:
         RequestError: see `watch`; or the videos are of two cameras.
@@ -145,11 +123,9 @@ def open_camera(
     share = max(20, settings.pictures // len(sources))
     videos = [watch(source, span, work / f"video-{n}", share, settings.fps) for n, source in enumerate(sources)]
     refuse_other_sizes(videos)
-    foregrounds = [foreground_of(video) if video.fixed else None for video in videos]
-    fixed = [foreground for foreground in foregrounds if foreground is not None]
-    if len(fixed) > 1:
-        refuse_two_cameras([each.watched for each in fixed], [each.empty for each in fixed])
-    return CameraVideos(tuple(videos), tuple(foregrounds), view)
+    videos = [with_empty_view(video) if video.fixed else video for video in videos]
+    refuse_two_cameras(videos)
+    return tuple(videos)
 
 
 def watch(source: str, span: FrameRange, folder: Path, most: int, fps: float | None = None) -> Watched:
@@ -231,15 +207,11 @@ def _spread(count: int, most: int) -> list[int]:
     return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int)).tolist() if count else []
 
 
-def foreground_of(watched: Watched) -> Foreground:
-    """What of the kept pictures of a fixed camera is not its empty view."""
-    return Foreground(watched, plain_view(watched))
-
-
-def plain_view(watched: Watched, most: int = 45) -> ImageArray:
-    """The median of each pixel over the kept pictures: what is there most of the time."""
-    empty = np.empty((0, 4)), np.empty(0, dtype=np.bool_)
-    return empty_view([Example(watched.picture(n), *empty) for n in _spread(len(watched.frames), most)], most).image
+def with_empty_view(watched: Watched, most: int = 45) -> Watched:
+    """The video with its view without people: the median of each pixel over up to so many of its kept pictures."""
+    none = np.empty((0, 4)), np.empty(0, dtype=np.bool_)
+    examples = [Example(watched.picture(n), *none) for n in _spread(len(watched.frames), most)]
+    return replace(watched, empty=empty_view(examples, most).image)
 
 
 def refuse_other_sizes(videos: Sequence[Watched]) -> None:
@@ -263,19 +235,16 @@ def refuse_other_sizes(videos: Sequence[Watched]) -> None:
             )
 
 
-def refuse_two_cameras(videos: Sequence[Watched], views: Sequence[ImageArray]) -> None:
+def refuse_two_cameras(videos: Sequence[Watched]) -> None:
     """Refuse videos of different cameras.
 
-    Args:
-        videos: with still cameras.
-        views: their empty views.
-
     Raises:
-        RequestError: their views do not show the same place.
+        RequestError: two empty views do not show the same place.
     """
-    for video, view in zip(videos[1:], views[1:], strict=True):
-        if edge_correlation(views[0], view) < _SAME_VIEW:
+    views = [(video.source, video.empty) for video in videos if video.empty is not None]
+    for source, view in views[1:]:
+        if edge_correlation(views[0][1], view) < _SAME_VIEW:
             raise RequestError(
-                f"expected videos of one camera, but {videos[0].source} and {video.source} show different places; "
+                f"expected videos of one camera, but {views[0][0]} and {source} show different places; "
                 "adapt to one camera at a time"
             )

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -33,17 +34,17 @@ from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth
-from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences
+from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.output import check_output_file, output_file
 from tsuiseki.tracking.people.flow_input import FlowInput, solve_window
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped, shipped_or_file
-from tsuiseki.trainers.association.pair_samples import match_boxes
+from tsuiseki.trainers.association.videos import match_boxes
 
 
 @dataclass(frozen=True)
-class LinkSamples:
+class LinkSamples(Columns):
     """Links that a flow considered.
 
     Attributes:
@@ -86,8 +87,8 @@ def link_samples(
     for one in observations:
         path.follow(one.motion or CameraStep(STANDS_STILL))
     given = FlowInput(flow.input, InferenceTimes(frame_rate), size, path)
-    found = [replace(o.detections, actions=averaged(o.actions)) for o in observations if o.actions is not None]
-    table, scores, _ = given.rows(found)
+    detections = [replace(o.detections, actions=averaged(o.actions)) for o in observations if o.actions is not None]
+    table, scores, _ = given.rows(detections)
     assert table.actions is not None
     window = FlowWindow(costs, frame_rate, size)
     window.add(table)
@@ -121,13 +122,13 @@ def fit_action_cost(samples: Sequence[LinkSamples]) -> ActionCost:
     Raises:
         RequestError: there are no links of both kinds.
     """
-    same = np.concatenate([clip.same for clip in samples])
+    every = reduce(LinkSamples.and_then, samples)
+    same = every.same
     if same.all() or not same.any():
         raise RequestError("expected links between the same person and between two, got one kind only; give more clips")
-    cost = np.concatenate([clip.cost for clip in samples])
     weights, neutral = [], []
-    for distance in (np.concatenate([c.single for c in samples]), np.concatenate([c.means for c in samples])):
-        a, b, _ = _logistic(np.column_stack([cost, distance]), same, np.ones(len(same)))
+    for distance in (every.single, every.means):
+        a, b, _ = _logistic(np.column_stack([every.cost, distance]), same, np.ones(len(same)))
         slope, offset = _logistic(distance[:, None], same, np.where(same, 1 / same.sum(), 1 / (~same).sum()))
         weights.append(max(b / a, 0.0))
         neutral.append(-offset / slope)
@@ -154,7 +155,6 @@ def fit_action_costs(
     appearance: Path | None = None,
     detector: Path | None = None,
     cache: Path | None = None,
-    scored: list[Path] | None = None,
     overwrite: bool = False,
 ) -> None:
     """Fit what a difference of actions costs in `track drone` to labelled clips.
@@ -170,16 +170,13 @@ def fit_action_costs(
         appearance: exported appearance network; by default the shipped one.
         detector: exported detector, or the name of a shipped one; by default that of `track drone`.
         cache: folder that keeps what the networks say.
-        scored: sequences, or folders of them, that the costs are to be scored on; refused where one of them is fitted
-            to, by its labels, wherever it lies.
         overwrite: replace an existing file.
 
     Raises:
-        RequestError: unusable folders or models, a clip that is scored, no links of both kinds, or the file exists.
+        RequestError: unusable folders or models, no links of both kinds, or the file exists.
     """
     check_output_file(out, overwrite)
     sequences = [s for folder in folders for s in find_sequences(folder)]
-    check_apart(sequences, [s for folder in scored or [] for s in find_sequences(folder)])
     streams = actions or [shipped(f"action_drone_{name}") for name in STREAMS]
     appearance = appearance or shipped("appearance_people")
     detector = shipped(DRONE_DETECTOR) if detector is None else shipped_or_file("detector", detector)
@@ -199,20 +196,6 @@ def fit_action_costs(
     with output_file(out, overwrite=overwrite) as work:
         work.write_text(yaml.safe_dump(content), encoding="utf-8")
     print(f"{out}: {_summary(samples)}")
-
-
-def check_apart(fitted: Sequence[MotSequence], scored: Sequence[MotSequence]) -> None:
-    """Refuse clips of which one is fitted to and scored.
-
-    Raises:
-        RequestError: two have the same labels.
-    """
-    labels = {file_digest(s.ground_truth_path): s.folder for s in scored}
-    for one in fitted:
-        if (same := labels.get(file_digest(one.ground_truth_path))) is not None:
-            raise RequestError(
-                f"{one.folder}: its labels are those of {same}, which is to be scored; costs are fitted on other clips"
-            )
 
 
 def _summary(samples: Sequence[LinkSamples]) -> str:

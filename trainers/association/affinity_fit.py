@@ -4,19 +4,17 @@ The probability that two detections show the same person means: of all pairs lik
 gate, that share does, detections in between or not. Costs are logarithms of it, so it is calibrated: no class is
 weighted, and the trees' overconfidence is measured on parts they were not fitted on and taken back.
 
-Where a detector or an appearance network was trained, it is right more often than elsewhere. Costs that are fitted
-there trust it too much: on later frames of PETS a detector of frames 1-400 with costs fitted to them reaches an IDF1
-of .764, with costs that are not fitted to them .864. An exported network says in words what it was trained on
-(`ModelCard.training_data`), such as "PETS09-S2L1-first frames 1-300; streets".
+Where a network was trained, it is right more often than elsewhere, and costs that are fitted there trust it too much.
+On later frames of PETS a detector of frames 1-400 with costs fitted to them reaches an IDF1 of .764, with other costs
+.864. An exported network says what it was trained on (`ModelCard.training_data`).
 """
 
 from __future__ import annotations
 
-import itertools
 import re
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
@@ -27,58 +25,34 @@ from sklearn.metrics import log_loss
 from threadpoolctl import threadpool_limits
 
 from tsuiseki.datamodules.simulated_detections import DetectorFaults
-from tsuiseki.tracking.association.costs import ObservationCost
-from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, FeatureSet
-from tsuiseki.tracking.association.pairwise_flow import PRINTED_GATE, GateSettings
+from tsuiseki.tracking.association.costs import ObservationCost, pair_features
+from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, FeatureSet, feature_rows
+from tsuiseki.tracking.association.pairwise_flow import PRINTED_GATE, GateSettings, candidate_pairs
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.coverage import UNMATCHED
 from tsuiseki.tracking.evaluation.reidentification import area_under_roc
 from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser
 from tsuiseki.tracking.features.exported import Appearance, Detector
-from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.onnx import ModelCard, OnnxModel
 from tsuiseki.tracking.options import OutputFile, Seed, Shared
-from tsuiseki.tracking.types import BoolArray
+from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray
+from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.weights import shipped, shipped_or_file
-from tsuiseki.trainers.association.pair_samples import (
-    LabelledDetections,
-    PairSamples,
-    every_nth,
-    join_samples,
-    labelled_parts,
-    pair_samples,
-    spans,
-    with_unknown,
+from tsuiseki.trainers.association.videos import (
+    RIGHT_OVERLAP,
+    described,
+    detected,
+    labelled_sequences,
+    match_boxes,
+    span_of,
 )
-from tsuiseki.trainers.association.videos import labelled_sequences
+from tsuiseki.trainers.association.videos import acting as with_actions
 from tsuiseki.trainers.exporting.export_costs import export_affinity
 
 # Shorter words, such as "MOT" or "all", name no sequence.
 SHORTEST_NAME = 4
 _RANGE = re.compile(r"(\d+)\s*[-–]\s*(\d+)")
-
-
-@dataclass(frozen=True)
-class NetworkUse:
-    """A network that is to run on frames of a sequence.
-
-    Attributes:
-        path: its file.
-        card: what it says of itself.
-        sequence: name of the sequence.
-        first: frame, counted from 1.
-        last: likewise, included.
-    """
-
-    path: Path
-    card: ModelCard
-    sequence: str
-    first: int
-    last: int
-
-    @property
-    def trained_there(self) -> bool:
-        """Whether it was trained on one of the frames, as far as it says."""
-        ranges = trained_frames(self.card.training_data, self.sequence)
-        return any(first <= self.last and self.first <= last for first, last in ranges)
 
 
 def trained_frames(training_data: str, sequence: str) -> list[tuple[float, float]]:
@@ -103,25 +77,141 @@ def trained_frames(training_data: str, sequence: str) -> list[tuple[float, float
     return found
 
 
-def check_trained_elsewhere(uses: Sequence[NetworkUse]) -> None:
+def check_trained_elsewhere(models: Sequence[OnnxModel], frames: Sequence[tuple[str, int, int]]) -> None:
     """Refuse networks that were trained on the frames they run on; warn of those that do not state it.
+
+    Args:
+        models: the networks.
+        frames: names of the sequences with the first and last frame of each, counted from 1.
 
     Raises:
         RequestError: one was, by its own words.
     """
-    for use in uses:
-        if use.trained_there:
-            raise RequestError(
-                f"{use.path}: expected a {use.card.kind} that was not trained on frames {use.first}-{use.last} of "
-                f"{use.sequence}, got one trained on {use.card.training_data!r}; costs fitted there trust it too "
-                "much. Give other `frames`, or networks that each leave a part out (`cross_fit`), or take it all the "
-                "same with `seen`"
+    for model in models:
+        path, card = model.path, model.card
+        for sequence, first, last in frames:
+            if any(a <= last and first <= b for a, b in trained_frames(card.training_data, sequence)):
+                raise RequestError(
+                    f"{path}: expected a {card.kind} that was not trained on frames {first}-{last} of {sequence}, got "
+                    f"one trained on {card.training_data!r}; costs fitted there trust it too much. Give other "
+                    "`frames`, or take it all the same with `seen`"
+                )
+        if not card.training_data:
+            warnings.warn(
+                f"{path} does not say what it was trained on; costs fitted to frames it was trained on trust it too "
+                "much",
+                stacklevel=2,
             )
-    for path in dict.fromkeys(use.path for use in uses if not use.card.training_data):
-        warnings.warn(
-            f"{path} does not say what it was trained on; costs fitted to frames it was trained on trust it too much",
-            stacklevel=2,
-        )
+
+
+@dataclass(frozen=True)
+class LabelledDetections(Columns):
+    """All detections of some frames of a video and whom they show.
+
+    Attributes:
+        frames: ``(N,)`` frame numbers.
+        boxes: ``(N, 4)`` pixels.
+        scores: ``(N,)`` of the detector.
+        features: ``(N, D)`` appearance, or None.
+        ids: ``(N,)`` identities, `UNMATCHED` where a detection shows no labelled person.
+        right: ``(N,)`` whether the box lies right, with an IoU of at least 0.5.
+        actions: ``(N, A)`` probabilities of actions, or None.
+    """
+
+    frames: IntArray
+    boxes: FloatArray
+    scores: FloatArray
+    features: FloatArray | None
+    ids: IntArray
+    right: BoolArray
+    actions: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class PairSamples(Columns):
+    """Pairs within the gate.
+
+    Attributes:
+        rows: ``(P, F)`` float32 features.
+        same: ``(P,)`` whether both show the same person.
+        group: ``(P,)`` number of the sequence and the part of it; pairs of one group are not independent.
+    """
+
+    rows: FloatArray
+    same: BoolArray
+    group: IntArray
+
+
+def label_detections(detections: Sequence[Detections], truth: GroundTruth, first: int) -> LabelledDetections:
+    """Match the detections of every frame to the labels: first those with an IoU of 0.5, then what is left with 0.25.
+
+    Detections that only an ignored label explains are left out: it is unknown whether they are right.
+
+    Args:
+        detections: of the frames from ``first`` on.
+        truth: labels.
+        first: 0-based frame of the first entry.
+    """
+    ids, right, kept = [np.empty(0, np.int64)], [np.empty(0, np.bool_)], []
+    for frame, one in enumerate(detections, start=first):
+        rows = truth.between(frame, frame)
+        people, ignored = rows.select(rows.evaluated), rows.select(rows.ignored)
+        person, lies_right = match_boxes(one.boxes, people.boxes)
+        hidden = (iou_matrix(one.boxes, ignored.boxes) >= RIGHT_OVERLAP).any(axis=1) & (person < 0)
+        names = np.append(people.ids, UNMATCHED)[person]
+        ids.append(names[~hidden])
+        right.append(lies_right[~hidden])
+        kept.append(one.select(~hidden))
+    features = [d.features for d in kept if d.features is not None]
+    actions = [d.actions for d in kept if d.actions is not None]
+    return LabelledDetections(
+        np.repeat(np.arange(first, first + len(kept)), [len(d) for d in kept]),
+        np.concatenate([np.empty((0, 4)), *(d.boxes for d in kept)]),
+        np.concatenate([np.empty(0), *(d.scores for d in kept)]),
+        np.concatenate(features) if features else None,
+        np.concatenate(ids),
+        np.concatenate(right),
+        np.concatenate(actions) if actions else None,
+    )
+
+
+def every_nth(detections: LabelledDetections, skip: int) -> LabelledDetections:
+    """The detections of every ``skip``-th frame, as of a video with that much fewer frames."""
+    kept = detections.frames % skip == 0
+    return replace(detections.select(kept), frames=detections.frames[kept] // skip)
+
+
+def pair_samples(detections: LabelledDetections, features: FeatureSet, gate: GateSettings, groups: int) -> PairSamples:
+    """The pairs that the tracker would ask about, in ``groups`` spans of equal length by the earlier detection.
+
+    Pairs of two false detections are left out: that they are false is what their observation costs say, and a thing
+    that is taken for a person again and again is one thing.
+    """
+    i, j, gap = candidate_pairs(detections.frames, detections.boxes, gate)
+    kept = (detections.ids[i] != UNMATCHED) | (detections.ids[j] != UNMATCHED)
+    i, j, gap = i[kept], j[kept], gap[kept]
+    pairs = pair_features(detections.boxes, detections.features, i, j, gap, detections.actions)
+    start, stop = (int(detections.frames.min()), int(detections.frames.max()) + 1) if len(detections) else (0, 1)
+    return PairSamples(
+        feature_rows(pairs, features).astype(np.float64),
+        detections.ids[i] == detections.ids[j],
+        (detections.frames[i] - start) * groups // (stop - start),
+    )
+
+
+def join_samples(parts: Sequence[PairSamples]) -> PairSamples:
+    """All pairs of ``parts``, whose groups stay apart."""
+    joined = parts[0]
+    for part in parts[1:]:
+        joined = joined.and_then(replace(part, group=part.group + int(joined.group.max(initial=-1)) + 1))
+    return joined
+
+
+def with_unknown(samples: PairSamples, column: int, share: float, rng: np.random.Generator) -> PairSamples:
+    """A ``share`` of the pairs once more without the feature of a ``column``, so that trees weigh it unknown, too."""
+    more = samples.select(rng.random(len(samples)) < share)
+    more.rows[:, column] = np.nan
+    return samples.and_then(more)
 
 
 # More of it makes two people alike less alike for no feature but the gap.
@@ -133,6 +223,8 @@ GROUPS, WINDOW, UNKNOWN_SHARE = 5, 10, 0.1
 LEARNING_RATE, LEAVES, LEAST_SAMPLES, REGULARISATION = 0.1, 12, 60, 5.0
 # b, the bias of the observation cost (eq. 2.12).
 BIAS = -0.5
+# Of simulated detections.
+FAULTS = DetectorFaults()
 
 
 @dataclass(frozen=True)
@@ -145,11 +237,9 @@ class AffinityVideo(Shared):
         detections: ``given`` takes det/det.txt of each sequence; ``simulated`` draws faulty ones from the labels.
         detector: exported detector, or the name of a shipped one, to use in place of both.
         appearance: exported appearance network, likewise; without one the appearance counts as unknown.
-        cross_fit: exported appearance networks, one for each of as many equal parts, in place of ``appearance``.
         actions: exported action streams, for features with actions; by default the shipped ones.
         seen: take networks also where they were trained.
         skips: also learn from every n-th frame only, for other frame rates; 1 is the video itself.
-        faults: of simulated detections.
     """
 
     folders: list[Path]
@@ -157,11 +247,9 @@ class AffinityVideo(Shared):
     detections: Literal["given", "simulated"] = "given"
     detector: Path | None = None
     appearance: Path | None = None
-    cross_fit: list[Path] | None = None
     actions: list[Path] | None = None
     seen: bool = False
     skips: list[int] | None = None
-    faults: DetectorFaults | None = None
 
     def parts(self, rng: np.random.Generator, *, acting: bool = False) -> list[LabelledDetections]:
         """The detections of every part, described, with who they are.
@@ -173,30 +261,20 @@ class AffinityVideo(Shared):
         Raises:
             RequestError: unusable folders or models, or a network that was trained on the frames it runs on.
         """
-        models = {path: Appearance(path) for path in _files("appearance", self.cross_fit or [self.appearance])}
-        detectors = {path: Detector(path) for path in _files("detector", [self.detector])}
-        videos = list(labelled_sequences(self.folders))
+        appearance = None if self.appearance is None else Appearance(shipped_or_file("appearance", self.appearance))
+        detector = None if self.detector is None else Detector(shipped_or_file("detector", self.detector))
+        videos = [(video, span_of(video, self.frames)) for video in labelled_sequences(self.folders)]
         if not self.seen:
-            uses = list[NetworkUse]()
-            kinds: tuple[list[tuple[Path, Appearance | Detector]], ...] = ([*models.items()], [*detectors.items()])
-            for video, few in itertools.product(videos, kinds):
-                # One network runs on all frames, or each on its own.
-                for k, (start, stop) in enumerate(spans(video, self.frames, len(models)) if few else []):
-                    path, network = few[k % len(few)]
-                    uses.append(NetworkUse(path, network.model.card, video.name, start + 1, stop))
-            check_trained_elsewhere(uses)
-        find, faults = next(iter(detectors.values()), self.detections), self.faults or DetectorFaults()
+            frames = [(video.name, start + 1, stop) for video, (start, stop) in videos]
+            check_trained_elsewhere([one.model for one in (appearance, detector) if one is not None], frames)
         streams = self.actions or [shipped(f"action_drone_{name}") for name in STREAMS]
         recognise = ActionRecogniser(streams) if acting else None
-        return [
-            part
-            for video in videos
-            for part in labelled_parts(video, self.frames, find, [*models.values()], faults, rng, recognise)
-        ]
-
-
-def _files(kind: str, given: Sequence[Path | None]) -> list[Path]:
-    return [shipped_or_file(kind, path) for path in given if path is not None]
+        parts = []
+        for video, (start, stop) in videos:
+            whole = detected(video, detector or self.detections, rng, FAULTS, self.frames)
+            whole = with_actions(described(whole, appearance, (start, stop)), recognise)
+            parts.append(label_detections(whole.detections[start:stop], video.truth, start))
+        return parts
 
 
 @dataclass(frozen=True)
@@ -243,8 +321,7 @@ def fit_affinity(
     """Fit the transition and observation costs of the flow to labelled video, and export them to one ONNX file.
 
     A network that was trained on the same frames does better there than in other video, and the costs would
-    learn to trust it too much. One that says so of itself is refused. With ``cross_fit`` the frames are cut into as
-    many equal parts as there are networks, and network k, which must not be trained on part k, runs on it.
+    learn to trust it too much. One that says so of itself is refused.
 
     Args:
         out: ONNX file to write.
@@ -259,18 +336,23 @@ def fit_affinity(
     out, features = output.out, settings.features
     gate = PRINTED_GATE if features.startswith("thesis") else GateSettings(window=WINDOW)
     rng = np.random.default_rng(chance.seed)
-    found = video.parts(rng, acting="action" in FEATURE_SETS[features])
+    parts = video.parts(rng, acting="action" in FEATURE_SETS[features])
     samples = join_samples(
         [
-            pair_samples(every_nth(part, skip), features, gate, groups=max(1, -(-GROUPS // len(found))))
-            for part in found
+            pair_samples(every_nth(part, skip), features, gate, groups=max(1, -(-GROUPS // len(parts))))
+            for part in parts
             for skip in video.skips or [1]
         ]
     )
-    check_kinds(samples)
+    positives = int(samples.same.sum())
+    if positives in (0, len(samples)):
+        raise RequestError(
+            f"expected pairs of the same person and of different people, got {positives} and "
+            f"{len(samples) - positives}; give longer or busier video"
+        )
     samples = with_unknown(samples, FEATURE_SETS[features].index("appearance"), UNKNOWN_SHARE, rng)
     trees, report = fit_transition(samples, FEATURE_SETS[features], settings.trees, chance.seed)
-    observation = fit_observation(found)
+    observation = fit_observation(parts)
     card = affinity_card(features, observation, report, video)
     export_affinity(trees, (report.scale, report.shift), card, out, samples.rows, output.overwrite)
     print(f"{out}: {report.pairs} pairs, {report.positives} of the same person")
@@ -332,10 +414,10 @@ def _boost(
     return trees.fit(rows[which], samples.same[which])
 
 
-def fit_observation(found: Sequence[LabelledDetections]) -> ObservationCost:
+def fit_observation(parts: Sequence[LabelledDetections]) -> ObservationCost:
     """alpha and beta of eq. 2.13: logistic regression of "lies right on a labelled person" on the score."""
-    scores = np.concatenate([part.scores for part in found])
-    right = np.concatenate([part.right for part in found])
+    scores = np.concatenate([part.scores for part in parts])
+    right = np.concatenate([part.right for part in parts])
     if right.all() or not right.any():
         raise RequestError(
             "expected right and wrong detections to learn the observation cost from, got only "
@@ -343,16 +425,6 @@ def fit_observation(found: Sequence[LabelledDetections]) -> ObservationCost:
         )
     fitted = LogisticRegression(C=1e3).fit(scores[:, None], right)
     return ObservationCost(alpha=-float(fitted.intercept_[0]), beta=-float(fitted.coef_[0, 0]), b=BIAS)
-
-
-def check_kinds(samples: PairSamples) -> None:
-    """Refuse pairs of one kind alone."""
-    positives = int(samples.same.sum())
-    if positives == 0 or positives == len(samples.same):
-        raise RequestError(
-            f"expected pairs of the same person and of different people, got {positives} and "
-            f"{len(samples.same) - positives}; give longer or busier video"
-        )
 
 
 def affinity_card(

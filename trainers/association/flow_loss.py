@@ -17,7 +17,7 @@ In each the solver is asked for minima only, so it may be any; nothing is differ
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 import torch
@@ -90,91 +90,57 @@ class FlowLoss:
             names = ", ".join(get_args(FlowLossName))
             raise RequestError(f"expected the loss {names}, epsilon above 0 and pairs from 1")
 
-    def asked(self, costs: FloatArray, arcs: Arcs, rng: np.random.Generator) -> list[FloatArray]:
-        """At what costs the solver is asked for ``(3 N + P,)`` ones: perturbed, then less the difference from x*."""
-        asked = []
+    def value(self, costs: FloatArray, arcs: Arcs, rng: np.random.Generator) -> tuple[float, FloatArray]:
+        """The loss at ``(3 N + P,)`` costs and its gradient there, from minima at other costs.
+
+        These are perturbed for ``fenchel_young``, and less the difference from x* for ``hinge``.
+        """
+        asked, constant = list[FloatArray](), 0.0
         if self.name != "hinge":
             draws = self.epsilon * rng.standard_normal((self.pairs, len(costs)))
             asked += [costs + sign * draw for draw in draws for sign in (1, -1)]
         if self.name != "fenchel_young":
-            asked.append(costs - differing(arcs)[1])
-        return asked
-
-    def value(
-        self, costs: FloatArray, arcs: Arcs, asked: list[FloatArray], flows: list[FloatArray]
-    ) -> tuple[float, FloatArray]:
-        """The loss at the costs and its ``(3 N + P,)`` gradient, from the solver's answers."""
+            constant, slope = differing(arcs)
+            asked.append(costs - slope)
+        flows = [cheapest(one, arcs.tail, arcs.head) for one in asked]
         least = np.array([one @ flow for one, flow in zip(asked, flows, strict=True)])
+        least[-1] -= constant
         share = np.full(len(asked), 1 / len(asked))
         if self.name == "both":
             share[:] = 0.25 / self.pairs
             share[-1] = 0.5
-        if self.name != "fenchel_young":
-            least[-1] -= differing(arcs)[0]
         return float(costs @ arcs.labelled - share @ least), arcs.labelled - share @ np.array(flows)
 
     def __call__(self, costs: Tensor, arcs: Arcs, rng: np.random.Generator) -> Tensor:
         """The loss of ``(3 N + P,)`` costs, a scalar whose gradient goes on to what made them."""
-        loss: Tensor = _ThroughTheSolver.apply(costs, self, arcs, rng)
-        return loss
+        here = costs.detach()
+        value, gradient = self.value(here.double().cpu().numpy(), arcs, rng)
+        return value + (costs - here) @ torch.as_tensor(gradient, dtype=costs.dtype, device=costs.device)
 
 
-class _ThroughTheSolver(torch.autograd.Function):
-    """Costs ``(3 N + P,)`` in, the loss ``()`` out; the gradient ``(3 N + P,)`` is x* − the mean of the flows."""
-
-    @staticmethod
-    def forward(ctx: Any, costs: Tensor, loss: FlowLoss, arcs: Arcs, rng: np.random.Generator) -> Tensor:
-        """Ask the solver and keep the gradient."""
-        known = costs.detach().double().cpu().numpy()
-        asked = loss.asked(known, arcs, rng)
-        value, gradient = loss.value(known, arcs, asked, [cheapest(one, arcs.tail, arcs.head) for one in asked])
-        ctx.save_for_backward(torch.as_tensor(gradient, dtype=costs.dtype, device=costs.device))
-        return costs.new_tensor(value)
-
-    @staticmethod
-    def backward(ctx: Any, *gradients: Tensor) -> tuple[Tensor, None, None, None]:
-        """The chain rule: the kept gradient times what comes from above."""
-        (gradient,) = ctx.saved_tensors
-        return gradients[0] * gradient, None, None, None
+# What Δ counts for a detection that is used and false, or right and not used; for a start or an end where the labelled
+# flow has none; and for a link between detections that are not of one person.
+MISSED, BROKEN, WRONG = 1.0, 0.5, 2.0
 
 
-@dataclass(frozen=True)
-class DifferenceWeights:
-    """What Δ counts for a difference from the labelled flow.
+def difference_weights(owners: IntArray, tail: IntArray, head: IntArray, labelled: FloatArray) -> FloatArray:
+    """``(3 N + P,)`` what Δ counts for arcs that differ from the labelled flow.
 
     A link to the next but one detection of the same person counts nothing, since the missed detection does; nor does an
-    arc that is not taken, since what is taken in its stead does. So a missed detection within a track costs
-    ``detection``, one at its end an end more, one over which there is no link two ends more; a broken track costs two
-    ends; two people who are swapped cost two wrong links. With the defaults that is 1, 1.5, 2, 1 and 4: a switch costs
-    more than a missed box.
+    arc that is not taken, since what is taken in its stead does. So a missed detection within a track costs 1, one at
+    its end 1.5, one over which there is no link 2; a broken track costs 1; two people who are swapped cost two wrong
+    links, 4: a switch costs more than a missed box.
 
-    Attributes:
-        detection: used and false, or right and not used.
-        end: a start or an end where the labelled flow has none.
-        wrong: a link between detections that are not of one person.
+    Args:
+        owners: ``(N,)`` whose each detection is, below 0 for a false positive.
+        tail: ``(P,)``.
+        head: ``(P,)``.
+        labelled: ``(3 N + P,)`` x*.
     """
-
-    detection: float = 1.0
-    end: float = 0.5
-    wrong: float = 2.0
-
-    def __post_init__(self) -> None:
-        if min(self.detection, self.end, self.wrong) < 0 or 2 * self.wrong <= self.detection + 2 * self.end:
-            raise RequestError("expected weights from 0, and two wrong links above a detection and two ends")
-
-    def of(self, owners: IntArray, tail: IntArray, head: IntArray, labelled: FloatArray) -> FloatArray:
-        """``(3 N + P,)`` weights of the arcs.
-
-        Args:
-            owners: ``(N,)`` whose each detection is, below 0 for a false positive.
-            tail: ``(P,)``.
-            head: ``(P,)``.
-            labelled: ``(3 N + P,)`` x*.
-        """
-        count = len(owners)
-        same: BoolArray = (owners[tail] == owners[head]) & (owners[tail] >= 0)
-        ends = np.where(labelled[count : 3 * count] > 0, 0.0, self.end)
-        return np.concatenate([np.full(count, self.detection), ends, np.where(same, 0.0, self.wrong)])
+    count = len(owners)
+    same: BoolArray = (owners[tail] == owners[head]) & (owners[tail] >= 0)
+    ends = np.where(labelled[count : 3 * count] > 0, 0.0, BROKEN)
+    return np.concatenate([np.full(count, MISSED), ends, np.where(same, 0.0, WRONG)])
 
 
 def finite(values: Tensor, name: str, what: str = "loss") -> Tensor:

@@ -1,5 +1,9 @@
 """A labelled sequence with its detections, its flow networks, the labelled flow x* in them, and windows of them.
 
+**Networks.** The tracker runs over the given detections; at its last round its links, their features and their costs by
+default are kept. So the network learns on exactly what it will be asked, second level included: the tracklets found and
+the joins of their ends form a network of the same kind.
+
 **Labelled flow.** A detection is a person's whom it overlaps by 0.5, one to one. Detections of a person that follow
 each other are linked where the tracker considers that link; where it does not, the labelled track ends and starts
 again. False positives are not used. Those on an ignored label are taken out, for it is unknown whether they are
@@ -16,19 +20,33 @@ cost, as in the tracker. These costs are constants: no gradient goes through the
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any, TypeVar
 
 import numpy as np
 
+from tsuiseki.tracking.association.chain_motion import beliefs_along
+from tsuiseki.tracking.association.detection_tables import DetectionTable
+from tsuiseki.tracking.association.evidence import (
+    DETECTION_FEATURES,
+    JOIN_FEATURES,
+    LinkParts,
+    LinkWeigher,
+    detection_evidence,
+    link_evidence,
+)
+from tsuiseki.tracking.association.flow_rounds import AVERAGED, mean_features
+from tsuiseki.tracking.association.flow_window import FlowWindow
+from tsuiseki.tracking.association.inference_times import InferenceTimes
+from tsuiseki.tracking.association.network_flow import Ends
+from tsuiseki.tracking.association.tracklets import MISS_OF_JOIN, MOST_FOR_JOIN, evidence_of_joins, join_parts
+from tsuiseki.tracking.evaluation.coverage import IGNORED, UNMATCHED, owners_of
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
+from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
+from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.association.flow_loss import Arcs, DifferenceWeights
-
-T = TypeVar("T")
+from tsuiseki.trainers.association.flow_loss import Arcs, difference_weights
 
 
 @dataclass(frozen=True)
@@ -67,14 +85,8 @@ class DetectedVideo:
         return path
 
 
-def picked(table: T, which: BoolArray) -> T:
-    """A dataclass of arrays with a row each, of which some are kept; what is no array stays."""
-    columns = {name: value[which] for name, value in vars(table).items() if isinstance(value, np.ndarray)}
-    return replace(table, **columns)  # type: ignore[type-var]
-
-
 @dataclass(frozen=True)
-class Origin:
+class Origin(Columns):
     """Where the detections of a network come from, for a detector to learn.
 
     Attributes:
@@ -83,44 +95,30 @@ class Origin:
         slope: of the straight line that fits the logits of the probabilities, which the tracker takes scores for, to
             those of the scores.
         cost_slope: by how much a detection costs more a unit of the logit of its probability; below 0.
-        truth: labels of the sequence.
     """
 
     anchors: IntArray
     logits: FloatArray
     slope: float
     cost_slope: float
-    truth: GroundTruth
 
 
 @dataclass(frozen=True)
-class Others:
+class Others(Columns):
     """Detections of tracks of which labels do not say whether they are right: appearance is averaged over them, too.
 
     Attributes:
         frames: ``(M,)``.
         boxes: ``(M, 4)`` where the image shows them, pixels.
         tracks: ``(M,)`` track of each by default.
-        features: ``(M, D)`` as those of `Graph`; None where nothing described them.
     """
 
     frames: IntArray
     boxes: FloatArray
     tracks: IntArray
-    features: FloatArray | None = None
-
-    def and_more(self, more: Others) -> Others:
-        """These, and ``more``; an empty one says nothing of features."""
-        if not len(more.frames) or not len(self.frames):
-            return self if len(self.frames) else more
-        parts = [(getattr(self, x.name), getattr(more, x.name)) for x in fields(Others)]
-        both: list[Any] = [None if one is None or two is None else np.concatenate([one, two]) for one, two in parts]
-        return Others(*both)
 
 
-def no_others() -> Others:
-    """None of them."""
-    return Others(np.empty(0, dtype=np.int64), np.empty((0, 4)), np.empty(0, dtype=np.int64))
+NO_OTHERS = Others(np.empty(0, dtype=np.int64), np.empty((0, 4)), np.empty(0, dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -144,8 +142,7 @@ class Graph:
         people: frames of the labelled boxes, those without a detection included.
         images: files of the sequence, one a frame; none where not needed.
         origin: where the detections come from; None where not known.
-        features: ``(N, D)`` what the detections look like, of unit length, NaN where not known; None where nothing
-            described them.
+        truth: labels of the sequence; None where not needed.
         others: detections that are in tracks and not in the network.
     """
 
@@ -165,15 +162,15 @@ class Graph:
     people: IntArray
     images: tuple[Path, ...] = ()
     origin: Origin | None = None
-    features: FloatArray | None = None
-    others: Others = field(default_factory=no_others)
+    truth: GroundTruth | None = None
+    others: Others = NO_OTHERS
 
     def __len__(self) -> int:
         return len(self.frames)
 
-    def arcs(self, weights: DifferenceWeights) -> Arcs:
+    def arcs(self) -> Arcs:
         """The arcs with what Δ counts for them."""
-        weight = weights.of(self.owners, self.tail, self.head, self.labelled)
+        weight = difference_weights(self.owners, self.tail, self.head, self.labelled)
         return Arcs(self.tail, self.head, self.labelled, weight)
 
 
@@ -223,9 +220,8 @@ def next_of_owner(frames: IntArray, owners: IntArray) -> IntArray:
 
 def taken_out(graph: Graph, which: BoolArray) -> Graph:
     """The graph without some of its detections, of which those in tracks become its others; x* is to be made anew."""
-    every = Others(graph.frames, graph.boxes, graph.tracks, graph.features)
-    more = picked(every, which & (graph.tracks >= 0))
-    return replace(without(graph, which), others=graph.others.and_more(more))
+    more = Others(graph.frames, graph.boxes, graph.tracks).select(which & (graph.tracks >= 0))
+    return replace(without(graph, which), others=graph.others.and_then(more))
 
 
 def without(graph: Graph, which: BoolArray) -> Graph:
@@ -244,8 +240,7 @@ def kept_of(graph: Graph, nodes: BoolArray, links: BoolArray) -> Graph:
         tail=place[graph.tail[links]],
         head=place[graph.head[links]],
         links=graph.links[links],
-        origin=None if graph.origin is None else picked(graph.origin, nodes),
-        features=None if graph.features is None else graph.features[nodes],
+        origin=None if graph.origin is None else graph.origin.select(nodes),
     )
 
 
@@ -257,6 +252,141 @@ def short_runs(graph: Graph, fewest: int) -> BoolArray:
     for tail, head in sorted(zip(graph.tail[taken].tolist(), graph.head[taken].tolist(), strict=True)):
         label[head] = label[tail]
     return np.asarray((np.bincount(label, minlength=count)[label] < fewest) & (graph.owners >= 0))
+
+
+# Scores nearer to 0 and 1 count as this; a video that trusts all scores alike still lets a little gradient through.
+CERTAIN, FLATTEST = 1e-6, 0.1
+
+
+def sequence_graphs(video: DetectedVideo, settings: FlowSettings | None = None) -> Graphs:
+    """The networks of both levels of a sequence, at the tracker's costs by default.
+
+    Args:
+        video: the sequence.
+        settings: of the tracker.
+    """
+    settings = settings or FlowSettings().alike()
+    preparing = FlowInput(settings.input, InferenceTimes(video.frame_rate), video.size, video.path())
+    table, scores, _ = preparing.rows(list(video.detections) or [Detections.empty()])
+    settings = replace(settings, costs=preparing.flow_costs(settings.costs))
+    probability = preparing.probability(scores)
+    observation = settings.input.detection(probability, video.frame_rate)
+    logit = np.log(probability / (1 - probability))
+    window = FlowWindow(settings.costs, video.frame_rate, video.size)
+    window.add(table)
+    if len(table):
+        window.solve(observation, first_costs=preparing.first_costs(scores))
+    owners = owners_of(table.frames, table.image, video.truth)
+    labels = window.labels() if len(table) else np.empty(0, np.int64)
+    parts = _link_parts(table, window, labels, settings)
+    graph = _detection_graph(video, table, owners, labels, parts, observation, logit, settings)
+    return Graphs(graph, _tracklet_graph(video, table, owners, labels, settings))
+
+
+def _link_parts(table: DetectionTable, window: FlowWindow, labels: IntArray, settings: FlowSettings) -> LinkParts:
+    """All links that the tracker considers, at the costs along its tracks without learnt changes."""
+    links, cost = window.links, settings.costs.link
+    pairs = np.searchsorted(table.numbers, links.tail), np.searchsorted(table.numbers, links.head)
+    means = None if table.features is None else mean_features(table, labels, table.features, AVERAGED)
+    weigher = LinkWeigher(table, cost, beliefs_along(labels, table.measured, cost.motion), means=means, labels=labels)
+    return weigher.parts(pairs, np.inf, links.hidden)[1]
+
+
+def _detection_graph(
+    video: DetectedVideo,
+    table: DetectionTable,
+    owners: IntArray,
+    tracks: IntArray,
+    parts: LinkParts,
+    observation: FloatArray,
+    logit: FloatArray,
+    settings: FlowSettings,
+) -> Graph:
+    costs = settings.costs
+    features = detection_evidence(table, observation, logit)
+    links = link_evidence(table, parts, costs.link.motion)
+    graph = Graph(
+        video.name,
+        video.frame_rate,
+        table.frames,
+        owners,
+        table.image,
+        tracks,
+        np.concatenate([observation, np.full(len(table), costs.entry), np.full(len(table), costs.exit), parts.cost]),
+        np.zeros(3 * len(table), dtype=np.bool_),
+        features,
+        parts.i,
+        parts.j,
+        links,
+        np.zeros(3 * len(table) + len(parts.i)),
+        video.truth.select(video.truth.evaluated).frames,
+        tuple(video.images),
+        _origin(video, table, logit, settings) if video.anchors else None,
+        video.truth,
+    )
+    graph = labelled(taken_out(graph, owners == IGNORED))
+    short = short_runs(graph, settings.fewest(video.frame_rate))
+    return labelled(taken_out(graph, short))
+
+
+def _origin(video: DetectedVideo, table: DetectionTable, logit: FloatArray, settings: FlowSettings) -> Origin:
+    """The anchors and scores of the detections that the tracker took, which leaves out duplicates."""
+    anchors, scores = np.empty(len(table), dtype=np.int64), np.empty(len(table))
+    for frame in np.unique(table.frames):
+        here, detections = np.flatnonzero(table.frames == frame), video.detections[frame]
+        which = (table.image[here, None] == detections.boxes[None]).all(axis=2).argmax(axis=1)
+        anchors[here], scores[here] = video.anchors[frame][which], detections.scores[which]
+    given = np.clip(scores, CERTAIN, 1 - CERTAIN)
+    given = np.log(given / (1 - given))
+    spread = float(((given - given.mean()) ** 2).sum()) if len(given) else 0.0
+    slope = float(((given - given.mean()) * logit).sum()) / spread if spread > 0 else 0.0
+    detection = settings.input.detection
+    low, high = detection(np.array([0.4, 0.6]), video.frame_rate)
+    logit_cost = float(high - low) / (2 * np.log(1.5))
+    return Origin(anchors, given, max(slope, FLATTEST), logit_cost)
+
+
+def _tracklet_graph(
+    video: DetectedVideo, table: DetectionTable, owners: IntArray, labels: IntArray, settings: FlowSettings
+) -> Graph:
+    """Tracklets in place of detections, joins of their ends in place of links; an owner has half of one."""
+    ends = Ends.of(labels)
+    count = len(ends.track)
+    none = np.empty(0, dtype=np.int64)
+    i, j, cost, rows = none, none, np.empty(0), np.empty((0, len(JOIN_FEATURES)))
+    if count:
+        link = replace(settings.costs.link, miss=MISS_OF_JOIN)
+        parts = join_parts(table, labels, None, link)
+        near = np.flatnonzero(parts.cost < 3 * MOST_FOR_JOIN)
+        i, j = (np.searchsorted(ends.track, labels[end[near]]) for end in (parts.i, parts.j))
+        cost = parts.cost[near] - MOST_FOR_JOIN
+        rows = evidence_of_joins(table, labels, parts, link)[near]
+    majority = np.array([_majority(owners[labels == track]) for track in ends.track.tolist()], dtype=np.int64)
+    graph = Graph(
+        f"{video.name}, tracklets",
+        video.frame_rate,
+        table.frames[ends.first],
+        majority,
+        table.image[ends.first],
+        np.arange(count),
+        np.concatenate([np.full(count, -ALWAYS), np.zeros(2 * count), cost]),
+        np.ones(3 * count, dtype=np.bool_),
+        np.empty((count, len(DETECTION_FEATURES))),
+        i,
+        j,
+        rows,
+        np.zeros(3 * count + len(i)),
+        none,
+    )
+    # It is unknown what follows an ignored one.
+    return labelled(without(graph, majority == IGNORED), all_used=True)
+
+
+def _majority(owners: IntArray) -> int:
+    """Who has half of the detections of a tracklet or more; `UNMATCHED` for nobody."""
+    values, counts = np.unique(owners, return_counts=True)
+    best = int(counts.argmax())
+    return int(values[best]) if 2 * counts[best] >= len(owners) else UNMATCHED
 
 
 def windows(graph: Graph, seconds: float) -> list[Graph]:
@@ -281,7 +411,7 @@ def window(graph: Graph, first: int, end: int) -> Graph:
     people = graph.people[(graph.people >= first) & (graph.people < end)]
     cut = replace(graph, costs=costs, fixed=fixed, people=people, name=f"{graph.name}, frames {first + 1}-{end}")
     always = bool(count) and bool((graph.costs[:count] <= -ALWAYS).all())
-    others = picked(graph.others, (graph.others.frames >= first) & (graph.others.frames < end))
+    others = graph.others.select((graph.others.frames >= first) & (graph.others.frames < end))
     return labelled(replace(without(cut, ~inside), others=others), all_used=always)
 
 
@@ -296,7 +426,6 @@ class FlowCounts:
         false: used false positives.
         switches: links between two people.
         people: labelled boxes.
-        windows: their names.
     """
 
     agreeing: float = 0.0
@@ -305,7 +434,6 @@ class FlowCounts:
     false: float = 0.0
     switches: float = 0.0
     people: float = 0.0
-    windows: list[str] = field(default_factory=list)
 
     def add(self, graph: Graph, flow: FloatArray) -> None:
         """Take in the flow ``(3 N + P,)`` of a window."""
@@ -321,12 +449,11 @@ class FlowCounts:
         self.false += float((used & (owners < 0)).sum())
         tail, head = owners[graph.tail[links]], owners[graph.head[links]]
         self.switches += float(((tail != head) & (tail >= 0) & (head >= 0)).sum())
-        self.windows.append(graph.name)
 
     @classmethod
     def together(cls, parts: Sequence[FlowCounts]) -> FlowCounts:
         """The sum of counts."""
-        return cls(*(sum((getattr(one, x.name) for one in parts), getattr(cls(), x.name)) for x in fields(cls)))
+        return cls(*(sum(getattr(one, x.name) for one in parts) for x in fields(cls)))
 
     @property
     def agreement(self) -> float:

@@ -4,55 +4,39 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import lightning
 import numpy as np
 import onnx
 import torch
 from lightning.pytorch.cli import instantiate_module
-from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn
 
-from tsuiseki.models.association_network import AppearanceProjection, AssociationNetwork
+from tsuiseki.models.association_network import AssociationNetwork
 from tsuiseki.tracking.association.learnt_costs import FeatureNames
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped_or_file
-from tsuiseki.trainers.association.flow_loss import DifferenceWeights, FlowLoss, cheapest, finite
+from tsuiseki.trainers.association.flow_loss import FlowLoss, cheapest, finite
 from tsuiseki.trainers.association.graphs import FlowCounts, Graph, Graphs
-from tsuiseki.trainers.association.window_costs import CostMakers, contrast_within
-from tsuiseki.trainers.association.window_detector import FrozenTrunk, own_loss
+from tsuiseki.trainers.association.window_costs import (
+    FrozenTrunk,
+    contrast_within,
+    distances,
+    own_loss,
+    rescored,
+    score_logits,
+    with_new_distances,
+)
 from tsuiseki.trainers.association.windows import AssociationData, TrainingWindow
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.exported_weights import fold_normalisations, layout_of, opened_onnx
 from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
 from tsuiseki.trainers.networks.detector_training import DetectorTraining
-from tsuiseki.trainers.networks.modules import Optimisation, gathered, plain_hyperparameters, read_checkpoint
-
-
-def projection_of(graphs: Sequence[Graphs], kept: int) -> AppearanceProjection:
-    """A projection to ``kept`` numbers along the principal axes of what the detections of sequences look like.
-
-    Raises:
-        RequestError: nothing described them, or by fewer numbers.
-    """
-    described = [one.detections.features for one in graphs if one.detections.features is not None]
-    rows = np.concatenate(described) if described else np.empty((0, 0))
-    rows = rows[~np.isnan(rows).any(axis=1)]
-    if not len(rows):
-        raise RequestError(
-            "expected --data.appearance ONNX with --model.appearance.projection, for features to project; got none"
-        )
-    if kept > rows.shape[1]:
-        raise RequestError(
-            f"expected --model.appearance.projection up to {rows.shape[1]}, the length of a feature, got {kept}"
-        )
-    projection = AppearanceProjection(rows.shape[1], kept)
-    projection.start(torch.as_tensor(rows))
-    return projection
+from tsuiseki.trainers.networks.modules import Optimisation, Tested, plain_hyperparameters, read_checkpoint
 
 
 def siamese_of(path: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
@@ -107,14 +91,7 @@ def detector_of(path: Path) -> tuple[DetectorTraining, dict[str, Any]]:
                 f"{path}: expected a detector of people alone, got {', '.join(detector.card.class_names)}"
             )
         return heads_only(detector), {**made_of, "weights": None, "start": None, "teacher": {}}
-    layout = layout_of(path)
-    height, width = layout.size
-    parts: dict[str, Any] = {
-        "trunk": layout.trunk,
-        "anchors": layout.anchors,
-        "channels": layout.channels,
-    }
-    made_of = {**parts, "height": height, "width": width, "loss": "quality", "box_weight": 2.0}
+    made_of = {**layout_of(path).arguments, "loss": "quality", "box_weight": 2.0}
     detector = DetectorTraining(**made_of, start=path)
     # Normalisations of an exported file are part of its convolutions: here they only add a bias.
     fold_normalisations(detector)
@@ -147,17 +124,12 @@ class AppearanceLearning:
         file: checkpoint of a Siamese network (`tsuiseki train appearance`), or one that was exported, that is trained
             on with the crops of the windows; the data then needs it exported, too. null compares no appearance.
         rate: its learning rate, a share of the others'.
-        contrast: weight of its own loss, and of a projection's, which knows who is who in a window.
-        projection: how many numbers appearance features are projected to before they are compared, by a linear map that
-            learns; the data then needs ``appearance``. 0 compares them as they come.
-        projection_rate: its learning rate, a share of the others'.
+        contrast: weight of its own loss, which knows who is who in a window.
     """
 
     file: Path | None = None
     rate: float = 0.03
     contrast: float = 0.1
-    projection: int = 0
-    projection_rate: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -176,14 +148,13 @@ class HeadsLearning:
     weight: float = 0.3
 
 
-class AssociationTraining(lightning.LightningModule):
+class AssociationTraining(Tested):
     """The association network, the loss of whole flows, and its schedule; validates by agreement with the labels.
 
     Args:
         trust: share of the learnt change of what using a detection costs that is taken outside of training: scores and
             sizes mean other things in other videos, so half of it carries over better than all.
         loss: of the flow.
-        switch: what Δ of ``hinge`` and ``both`` counts for a wrong link; a missed detection counts 1.
         joins: weight of the loss of the second level, the joins of tracklets; 0 leaves it out.
         appearance: how appearance learns with the costs.
         detector: how a detector learns with the costs.
@@ -195,7 +166,6 @@ class AssociationTraining(lightning.LightningModule):
         self,
         trust: float = 0.5,
         loss: FlowLoss = FlowLoss(),  # noqa: B008
-        switch: float = 2.0,
         joins: float = 0.2,
         appearance: AppearanceLearning = AppearanceLearning(),
         detector: HeadsLearning = HeadsLearning(),
@@ -207,7 +177,7 @@ class AssociationTraining(lightning.LightningModule):
         plain_hyperparameters(self)
         names = FeatureNames()
         self.network = AssociationNetwork(len(names.links), len(names.detections), len(names.joins), trust)
-        self.loss, self.weights, self.joins = loss, DifferenceWeights(wrong=switch), joins
+        self.loss, self.joins = loss, joins
         self.optimisation, self.seed = optimisation, seed
         self.appearance, self.heads, self.link_cost = appearance, detector, LinkCost()
         self.siamese: AppearanceTraining | None = None
@@ -219,7 +189,6 @@ class AssociationTraining(lightning.LightningModule):
         self.trunk = FrozenTrunk()
         if detector.file is not None:
             self.detector, self._detector_made_of = detector_of(detector.file)
-        self._counts: list[FlowCounts] = []
         self._planned = (-1, -1)
 
     def transfer_batch_to_device(
@@ -235,20 +204,11 @@ class AssociationTraining(lightning.LightningModule):
         self._planned = (self.trainer.max_epochs or -1, self.trainer.max_steps)
         if isinstance(data, AssociationData):
             self.link_cost = data.settings.costs.link
-            if self.appearance.projection and self.siamese is None:
-                # Features that stay as they are need no crops.
-                data.images = replace(data.images, crops=None)
             if stage == "fit":
                 self.standardise(data.learnt)
 
     def standardise(self, graphs: Sequence[Graphs]) -> None:
-        """Take mean and deviation of the features, and the axes of a new projection, from the networks of sequences.
-
-        Raises:
-            RequestError: there is to be a projection, and nothing described the detections, or by fewer numbers.
-        """
-        if self.appearance.projection and self.network.projection is None:
-            self.network.projection = projection_of(graphs, self.appearance.projection).to(self.device)
+        """Take mean and deviation of the features from the networks of sequences."""
         for part, rows in (
             (self.network.links, [one.detections.links for one in graphs]),
             (self.network.detections, [one.detections.detections for one in graphs]),
@@ -256,9 +216,52 @@ class AssociationTraining(lightning.LightningModule):
         ):
             part.standardise(torch.as_tensor(np.concatenate(rows), dtype=torch.float32))
 
-    def makers(self) -> CostMakers:
-        """The networks that make the costs of a window."""
-        return CostMakers(self.network, self.siamese, self.detector, self.trunk, self.link_cost)
+    def outputs(self, batch: TrainingWindow) -> tuple[Tensor | None, tuple[Tensor, Tensor] | None]:
+        """What the networks that learn with the costs say of a window.
+
+        The normalisations of the Siamese network keep the statistics that they were trained with: a window of one
+        street is no fair sample of crops.
+
+        Returns:
+            ``(N + M, D)`` what its detections and its others look like, of unit length, and raw heads of the detector
+            on its images, ``(T, A, 2)`` and ``(T, A, 4)``; None for a network that does not learn.
+
+        Raises:
+            RequestError: crops without a network or frames without a detector, or the other way round.
+        """
+        for network, given, what in (
+            (self.siamese, batch.crops, "--model.appearance.file FILE and --data.appearance ONNX"),
+            (self.detector, batch.frames, "--model.detector.file FILE, --data.detector ONNX and --data.heads true"),
+        ):
+            if (network is None) != (given is None):
+                raise RequestError(f"expected {what} together, got one of them alone")
+        features = heads = None
+        if self.siamese is not None and batch.crops is not None:
+            features = self.siamese.eval()(torch.as_tensor(batch.crops.images, device=self.device))
+        if self.detector is not None and batch.frames is not None:
+            heads = self.trunk.heads(self.detector, batch.frames.batch.images)
+        return features, heads
+
+    def costs(self, batch: TrainingWindow, features: Tensor | None, heads: tuple[Tensor, Tensor] | None) -> Tensor:
+        """``(3 N + P,)`` costs of the arcs of a window of detections: by default, and what the `outputs` change.
+
+        Raises:
+            RunError: one is no number, as those of weights that ran away are; names the window.
+        """
+        graph, count = batch.detections, len(batch.detections)
+        base, rows, links = (self._tensor(part) for part in (graph.costs, graph.detections, graph.links))
+        if features is not None and batch.crops is not None:
+            links, dearer = with_new_distances(links, distances(features, batch.crops, graph), self.link_cost)
+            base = base + torch.cat([base.new_zeros(3 * count), dearer])
+        if heads is not None and batch.frames is not None:
+            rows, dearer = rescored(rows, score_logits(heads[0], batch.frames, graph), graph)
+            base = base + torch.cat([dearer, base.new_zeros(len(base) - count)])
+        changes = self.network.detections(rows).T.reshape(3 * count)
+        changes = torch.where(torch.as_tensor(graph.fixed, device=self.device), torch.zeros_like(changes), changes)
+        return finite(base + torch.cat([changes, self.network.links(links)[:, 0]]), graph.name, "cost")
+
+    def _tensor(self, values: FloatArray) -> Tensor:
+        return torch.as_tensor(values, dtype=torch.float32, device=self.device)
 
     def training_step(self, batch: TrainingWindow, batch_index: int) -> Tensor | None:
         """The loss of a window, and of the joins of its sequence; None for a window without detections.
@@ -278,55 +281,44 @@ class AssociationTraining(lightning.LightningModule):
 
     def losses(self, batch: TrainingWindow, loss: FlowLoss, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         """The loss of the flow of a window with detections, a detection; and all others, by their weights."""
-        graph, makers = batch.detections, self.makers()
-        outputs = makers.outputs(batch)
-        costs = makers.costs(batch, outputs)
-        objective = loss(costs.double(), graph.arcs(self.weights), rng) / len(graph)
+        graph = batch.detections
+        features, heads = self.outputs(batch)
+        costs = self.costs(batch, features, heads)
+        objective = loss(costs.double(), graph.arcs(), rng) / len(graph)
         others = objective.new_zeros(())
-        if outputs.features is not None and self.appearance.contrast:
-            others = others + self.appearance.contrast * contrast_within(outputs.features[: len(graph)], graph)
-        if self.detector is not None and outputs.heads is not None and batch.frames is not None and self.heads.weight:
-            others = others + self.heads.weight * own_loss(self.detector, outputs.heads, batch.frames)
+        if features is not None and self.appearance.contrast:
+            others = others + self.appearance.contrast * contrast_within(features[: len(graph)], graph)
+        if self.detector is not None and heads is not None and batch.frames is not None and self.heads.weight:
+            others = others + self.heads.weight * own_loss(self.detector, heads, batch.frames)
         if self.joins and len(batch.tracklets.tail):
-            others = others + self.joins * self._join_loss(makers, batch.tracklets, loss, rng)
+            others = others + self.joins * self._join_loss(batch.tracklets, loss, rng)
         return objective, others
 
-    def _join_loss(self, makers: CostMakers, graph: Graph, loss: FlowLoss, rng: np.random.Generator) -> Tensor:
-        """The loss of the flow over tracklets, a tracklet."""
-        costs = makers.join_costs(graph).double()
-        return loss(costs, graph.arcs(self.weights), rng) / len(graph)
+    def _join_loss(self, graph: Graph, loss: FlowLoss, rng: np.random.Generator) -> Tensor:
+        """The loss of the flow over tracklets, a tracklet; of their costs only those of joins change."""
+        joins = self.network.joins(self._tensor(graph.links))[:, 0]
+        costs = self._tensor(graph.costs) + torch.cat([joins.new_zeros(3 * len(graph)), joins])
+        costs = finite(costs, graph.name, "cost").double()
+        return loss(costs, graph.arcs(), rng) / len(graph)
 
     def validation_step(self, batch: TrainingWindow, batch_index: int) -> None:
         """Count what the flow does right and wrong."""
         del batch_index
         graph = batch.detections
         with torch.no_grad():
-            costs = self.makers().costs(batch).double().cpu().numpy()
-        self._counts.append(FlowCounts())
-        self._counts[-1].add(graph, cheapest(costs, graph.tail, graph.head))
+            costs = self.costs(batch, *self.outputs(batch)).double().cpu().numpy()
+        self.validated.append(FlowCounts())
+        self.validated[-1].add(graph, cheapest(costs, graph.tail, graph.head))
 
-    def on_validation_epoch_end(self) -> None:
-        """Log agreement with the labelled flow, MOTA and switches of all windows."""
-        if not self.trainer.sanity_checking:
-            counts = FlowCounts.together(gathered(self, self._counts))
-            for name in ("agreement", "mota", "switches"):
-                self.log(f"val/{name}", getattr(counts, name), prog_bar=True, sync_dist=True)
-        self._counts = []
-
-    def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
-        """AdamW under a warm-up and a cosine."""
-        return self.optimisation.scheduled(self.parameter_groups(), self.trainer)
+    def scores(self, rows: list[FlowCounts]) -> dict[str, float]:
+        """Agreement with the labelled flow, MOTA and switches of all windows."""
+        counts = FlowCounts.together(rows)
+        return {name: getattr(counts, name) for name in ("agreement", "mota", "switches")}
 
     def parameter_groups(self) -> list[dict[str, Any]]:
         """What learns, and how fast."""
-        parts: list[tuple[nn.Module | None, float]] = [
-            (self.network.projection, self.appearance.projection_rate),
-            (self.siamese, self.appearance.rate),
-            (self.detector, self.heads.rate),
-        ]
-        costs = nn.ModuleList([self.network.links, self.network.detections, self.network.joins])
-        groups = self.optimisation.groups(costs)
-        for part, share in parts:
+        groups = super().parameter_groups()
+        for part, share in ((self.siamese, self.appearance.rate), (self.detector, self.heads.rate)):
             if part is not None:
                 groups += self.optimisation.groups(part, share)
         return groups
@@ -342,10 +334,6 @@ class AssociationTraining(lightning.LightningModule):
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Make the other networks that the checkpoint has weights for; how far changes are trusted is as asked now."""
         checkpoint["state_dict"] |= {f"network.{name}": value for name, value in self.network.trusts().items()}
-        matrix = checkpoint["state_dict"].get("network.projection.matrix")
-        if matrix is not None and self.network.projection is None:
-            kept, features = matrix.shape
-            self.network.projection = AppearanceProjection(features, kept)
         if self.detector is None and "detector" in checkpoint:
             self._detector_made_of = checkpoint["detector"]
             self.detector = heads_only(instantiate_module(DetectorTraining, self._detector_made_of))

@@ -11,6 +11,7 @@ import numpy as np
 
 from tsuiseki.datamodules.labelled_images import picture_files, read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
+from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import owners_of
@@ -20,7 +21,8 @@ from tsuiseki.tracking.features.exported import Describe, Detector
 from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, find_sequences
-from tsuiseki.tracking.types import Detections, ImageArray, IntArray
+from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association.graphs import DetectedVideo
 
@@ -28,6 +30,9 @@ from tsuiseki.trainers.association.graphs import DetectedVideo
 LIKE_REAL = DetectorFaults(jitter=0.03, steady=0.8)
 # Okutama-Action's videos.
 OTHER_RATE = 30.0
+RIGHT_OVERLAP = 0.5
+# A badly placed box still shows its person: links through it are right, though the box itself counts as wrong.
+SAME_OVERLAP = 0.25
 # Where detections come from: det/det.txt, drawn from the labels, or a detector.
 Find: TypeAlias = Detector | Literal["given", "simulated"]
 
@@ -110,11 +115,24 @@ def detected(
         )
     first, last = frames or (1, len(video.images))
     nothing = Detections.empty(), np.empty(0, dtype=np.int64)
-    found: list[tuple[Detections, IntArray]] = [
+    every: list[tuple[Detections, IntArray]] = [
         find.detect_at_anchors([read_image(path)])[0] if first <= number <= last else nothing
         for number, path in enumerate(video.images, start=1)
     ]
-    return replace(video, detections=[here for here, _ in found], anchors=tuple(anchors for _, anchors in found))
+    return replace(video, detections=[one for one, _ in every], anchors=tuple(anchors for _, anchors in every))
+
+
+def span_of(video: DetectedVideo, frames: tuple[int, int] | None) -> tuple[int, int]:
+    """The first of some ``frames`` of a sequence, which count from 1, and the one after the last, both from 0.
+
+    Raises:
+        RequestError: the sequence has no such frame.
+    """
+    length = len(video.detections)
+    first, last = (1, length) if frames is None else (max(frames[0], 1), min(frames[1], length))
+    if first > last:
+        raise RequestError(f"{video.name}: no frame lies within {frames}; it has {length}")
+    return first - 1, last
 
 
 def detected_videos(
@@ -152,8 +170,8 @@ def described(video: DetectedVideo, appearance: Describe | None, span: tuple[int
     _check_images(video, "the appearance")
     first, end = span or (0, len(video.detections))
     detections = [
-        found.with_features(appearance.describe(read_image(path), found.boxes)) if first <= frame < end else found
-        for frame, (found, path) in enumerate(zip(video.detections, video.images, strict=False))
+        one.with_features(appearance.describe(read_image(path), one.boxes)) if first <= frame < end else one
+        for frame, (one, path) in enumerate(zip(video.detections, video.images, strict=False))
     ]
     return replace(video, detections=detections)
 
@@ -168,9 +186,9 @@ def acting(video: DetectedVideo, recognise: ActionRecogniser | None) -> Detected
         return video
     _check_images(video, "the actions")
     detections, images = [], list[ImageArray]()
-    for found, path in zip(video.detections, video.images, strict=False):
+    for one, path in zip(video.detections, video.images, strict=False):
         images = [*images, read_image(path)][-1 - recognise.history :]
-        detections.append(replace(found, actions=averaged(recognise.recognise(images, found.boxes))))
+        detections.append(replace(one, actions=averaged(recognise.recognise(images, one.boxes))))
     return replace(video, detections=detections)
 
 
@@ -182,8 +200,8 @@ def filmed(video: DetectedVideo) -> DetectedVideo:
     """
     _check_images(video, "the camera's motion")
     path, steps = CameraPath(), []
-    for found, image in zip(video.detections, video.images, strict=False):
-        path.add(read_image(image), found.boxes)
+    for one, image in zip(video.detections, video.images, strict=False):
+        path.add(read_image(image), one.boxes)
         steps.append(path.step(len(path) - 1))
     return replace(video, camera=tuple(steps))
 
@@ -204,8 +222,8 @@ def check_video(video: DetectedVideo) -> None:
         raise RequestError(
             f"{video.name}: expected labels of people who count, got none; see columns 7 and 8 of gt.txt"
         )
-    counts = [len(found) for found in video.detections]
-    boxes = np.concatenate([found.boxes for found in video.detections]) if sum(counts) else np.empty((0, 4))
+    counts = [len(one) for one in video.detections]
+    boxes = np.concatenate([one.boxes for one in video.detections]) if sum(counts) else np.empty((0, 4))
     owners = owners_of(np.repeat(np.arange(len(counts)), counts), boxes, truth)
     if len(boxes) and not (owners >= 0).any():
         raise RequestError(
@@ -232,6 +250,25 @@ def between(video: DetectedVideo, first: int, end: int) -> DetectedVideo:
     first, end = max(first, 0), min(end, len(video.detections))
     truth: GroundTruth = video.truth.between(first, end - 1)
     moved = replace(truth, frames=truth.frames - first)
-    found, images, anchors = list(video.detections[first:end]), video.images[first:end], video.anchors[first:end]
+    detections, images, anchors = list(video.detections[first:end]), video.images[first:end], video.anchors[first:end]
     camera = video.camera[first:end]
-    return replace(video, detections=found, truth=moved, images=images, anchors=anchors, camera=camera)
+    return replace(video, detections=detections, truth=moved, images=images, anchors=anchors, camera=camera)
+
+
+def match_boxes(boxes: FloatArray, labelled: FloatArray) -> tuple[IntArray, BoolArray]:
+    """``(N,)`` index of the label that each detected box shows, -1 for none, and whether the box lies right."""
+    overlaps = iou_matrix(boxes, labelled)
+    person = _assign(overlaps, RIGHT_OVERLAP)
+    right = person >= 0
+    # What is matched already takes no further part.
+    overlaps[right] = 0
+    overlaps[:, person[right]] = 0
+    return np.maximum(person, _assign(overlaps, SAME_OVERLAP)), right
+
+
+def _assign(overlaps: FloatArray, least: float) -> IntArray:
+    """``(N,)`` column assigned to each row, best total first (Hungarian), -1 where there is none."""
+    result = np.full(len(overlaps), -1, dtype=np.int64)
+    rows, columns = assign_overlaps(overlaps, least)
+    result[rows] = columns
+    return result

@@ -1,40 +1,47 @@
-"""The costs of the arcs of a window: the tracker's own, and what the networks that learn change of them.
+"""What networks that learn with the costs say of a window, with gradients into them: appearance, and scores.
 
-Three networks have a say. The association network changes costs by features of links, detections and joins. The
-Siamese network, or a projection of what it says, changes how unlike the two ends of a link look. The detector's heads
-change the score of a detection. The chain rule goes through all of it.
+**Appearance.** The tracker averages features along the track found so far, over some time before a link and after it
+(eq. 5.3, one-sided), and weighs the cosine distance d of the two averages: weight · (d − neutral), and d is a feature
+of the network of costs. Both are computed here again from the features that the Siamese network gives the crops of a
+window. By how much a link is dearer than its rivals is held fixed within a step.
 
-The tracker averages features along the track found so far, over some time before a link and after it (eq. 5.3,
-one-sided), and weighs the cosine distance d of the two averages: weight · (d − neutral), and d is a feature of the
-network of costs. Both are computed here again from the features of the window. By how much a link is dearer than its
-rivals is held fixed within a step.
+**Scores.** The tracker takes a score s for the probability p that the video's own calibration gives it, and logit p,
+times a weight, is what a detection is worth. That calibration is a staircase without a useful slope. So a step takes
+the tracker's cost where the training began, and from there on a straight line: with ℓ the logit of s at the detection's
+anchor and ℓ₀ what it was at first,
+
+    Δ logit p = slope · (ℓ − ℓ₀),      Δ cost = κ · Δ logit p,
+
+slope that of the line which fits logit p to ℓ over the sequence, κ < 0 the cost of a logit. Both features of the
+network of costs that hold them change likewise. Boxes, and how well they are measured, are held fixed within a step.
 """
 
 from __future__ import annotations
 
+import hashlib
+from collections import OrderedDict
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
 from torch import Tensor
 from torch.nn import functional
 
+from tsuiseki.datamodules.augmentation import Example
+from tsuiseki.datamodules.detection_data import DetectionBatch, collate
 from tsuiseki.datamodules.labelled_images import read_image
 from tsuiseki.models.appearance import softmax_contrastive_loss
-from tsuiseki.models.association_network import AssociationNetwork
-from tsuiseki.tracking.association.evidence import LINK_FEATURES
+from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, LINK_FEATURES
 from tsuiseki.tracking.association.flow_rounds import AVERAGED
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.nearby import gaps
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.preprocessing import crop_boxes
+from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.preprocessing import crop_boxes, fit_image
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
-from tsuiseki.trainers.association.flow_loss import finite
 from tsuiseki.trainers.association.graphs import Graph
-from tsuiseki.trainers.association.window_detector import FrozenTrunk, rescored, score_logits
-from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
 from tsuiseki.trainers.networks.detector_training import DetectorTraining
+from tsuiseki.trainers.networks.modules import normalised
 
 COST, DISTANCE, KNOWN = (LINK_FEATURES.index(name) for name in ("cost", "appearance", "appearance_known"))
 # Of the softmax over the views of a window, as of those that the network was trained on.
@@ -42,55 +49,30 @@ TEMPERATURE = 0.1
 
 
 @dataclass(frozen=True)
-class Averages:
-    """Along which detections of a window features are averaged: its N, then its M others.
+class WindowCrops:
+    """The crops of a window's N detections and then of its M others, and along which of them the tracker averages.
 
     Attributes:
-        past: ``(N, N + M)`` which detections are averaged before a link from each.
+        images: ``(N + M, H, W, 3)`` uint8 RGB.
+        past: ``(N, N + M)`` 1 for those that are averaged before a link from each detection.
         future: ``(N, N + M)`` likewise after a link to each.
     """
 
+    images: ImageArray
     past: FloatArray
     future: FloatArray
 
 
-@dataclass(frozen=True)
-class WindowCrops:
-    """The crops of a window.
-
-    Attributes:
-        images: ``(N + M, H, W, 3)`` uint8 RGB, those of its others last.
-        averages: along which of them features are averaged.
-    """
-
-    images: ImageArray
-    averages: Averages
-
-
 def crops_of(graph: Graph, height: int, width: int) -> WindowCrops:
     """The crops of a window's detections and others, stretched to ``height`` by ``width``."""
-    frames, boxes = np.append(graph.frames, graph.others.frames), np.concatenate([graph.boxes, graph.others.boxes])
+    frames, tracks = np.append(graph.frames, graph.others.frames), np.append(graph.tracks, graph.others.tracks)
+    boxes = np.concatenate([graph.boxes, graph.others.boxes])
     images = np.empty((len(frames), height, width, 3), dtype=np.uint8)
     for frame in np.unique(frames):
         here = np.flatnonzero(frames == frame)
         images[here] = crop_boxes(read_image(graph.images[frame]), boxes[here], height, width)
-    return WindowCrops(images, averages_of(graph))
-
-
-def features_of(graph: Graph) -> FloatArray | None:
-    """``(N + M, D)`` features of a window's detections and others, 0 where not known; None if none were described."""
-    if graph.features is None:
-        return None
-    more = graph.others.features
-    rows = graph.features if more is None else np.concatenate([graph.features, more])
-    return np.asarray(np.nan_to_num(rows))
-
-
-def averages_of(graph: Graph) -> Averages:
-    """Along which detections of a window the tracker averages features."""
-    frames, tracks = np.append(graph.frames, graph.others.frames), np.append(graph.tracks, graph.others.tracks)
     past = averaged(frames, tracks, gaps(AVERAGED, graph.frame_rate))
-    return Averages(past[: len(graph)], past.T[: len(graph)].copy())
+    return WindowCrops(images, past[: len(graph)], past.T[: len(graph)].copy())
 
 
 def averaged(frames: IntArray, tracks: IntArray, reach: int) -> FloatArray:
@@ -102,22 +84,20 @@ def averaged(frames: IntArray, tracks: IntArray, reach: int) -> FloatArray:
     return within
 
 
-def distances(features: Tensor, averages: Averages, graph: Graph) -> Tensor:
-    """``(P,)`` cosine distances of the averages at both ends of every link, NaN where one has none.
+def distances(features: Tensor, crops: WindowCrops, graph: Graph) -> Tensor:
+    """``(P,)`` cosine distances of the averages at both ends of every link.
 
     Args:
-        features: ``(N + M, D)`` of unit length, 0 where not known.
-        averages: of the window.
+        features: ``(N + M, D)`` of the crops, of unit length.
+        crops: of the window.
         graph: the window.
     """
     past, future = (
         functional.normalize(torch.as_tensor(part, dtype=features.dtype, device=features.device) @ features, dim=1)
-        for part in (averages.past, averages.future)
+        for part in (crops.past, crops.future)
     )
     tail, head = (torch.as_tensor(part, device=features.device) for part in (graph.tail, graph.head))
-    known = past.detach().any(dim=1)[tail] & future.detach().any(dim=1)[head]
-    distance = 1 - (past[tail] * future[head]).sum(dim=1)
-    return torch.where(known, distance, torch.full_like(distance, float("nan")))
+    return 1 - (past[tail] * future[head]).sum(dim=1)
 
 
 def with_new_distances(rows: Tensor, distance: Tensor, cost: LinkCost) -> tuple[Tensor, Tensor]:
@@ -125,17 +105,15 @@ def with_new_distances(rows: Tensor, distance: Tensor, cost: LinkCost) -> tuple[
 
     Args:
         rows: ``(P, F)`` the features, with another distance or none.
-        distance: ``(P,)``, NaN where not known, which leaves a link as it is.
+        distance: ``(P,)``.
         cost: what a distance costs.
     """
     weight, neutral = cost.appearance[1], cost.neutral[1]
-    known = ~torch.isnan(distance)
-    distance = torch.where(known, distance, rows[:, DISTANCE])
     before = torch.where(rows[:, KNOWN] > 0, rows[:, DISTANCE] - neutral, torch.zeros_like(distance))
-    change = torch.where(known, weight * (distance - neutral - before), torch.zeros_like(distance))
+    change = weight * (distance - neutral - before)
     columns = list(rows.unbind(dim=1))
     columns[COST] = columns[COST] + change
-    columns[DISTANCE], columns[KNOWN] = distance, torch.where(known, torch.ones_like(distance), rows[:, KNOWN])
+    columns[DISTANCE], columns[KNOWN] = distance, torch.ones_like(distance)
     return torch.stack(columns, dim=1), change
 
 
@@ -151,107 +129,112 @@ def contrast_within(features: Tensor, graph: Graph) -> Tensor:
     )
 
 
-if TYPE_CHECKING:
-    from tsuiseki.trainers.association.windows import TrainingWindow
+DETECTION_COST, LOGIT = (DETECTION_FEATURES.index(name) for name in ("cost", "logit"))
 
 
 @dataclass(frozen=True)
-class NetworkOutputs:
-    """What the networks that learn with the costs say of a window.
+class WindowFrames:
+    """The images of a window.
 
     Attributes:
-        features: ``(N + M, D)`` what its detections and its others look like, of unit length, 0 where not known; None
-            where no part that learns needs them.
-        heads: raw heads of the detector on its images, ``(T, A, 2)`` and ``(T, A, 4)``; None where no detector learns.
+        batch: T images fitted into the detector, with the labels of their people.
+        which: ``(N,)`` image of each detection.
     """
 
-    features: Tensor | None = None
-    heads: tuple[Tensor, Tensor] | None = None
+    batch: DetectionBatch
+    which: IntArray
 
 
-@dataclass(frozen=True)
-class CostMakers:
-    """The networks that make the costs of a window.
+def frames_of(graph: Graph, card: ModelCard) -> WindowFrames:
+    """The images of a window's frames, from the first to the last one with a detection.
 
-    Attributes:
-        network: changes costs.
-        siamese: compares appearance; None where that stays as it is.
-        detector: scores detections; likewise.
-        trunk: keeps what the detector's trunk, which does not learn, makes of images.
-        link_cost: what a distance of appearance costs the tracker.
+    Raises:
+        RequestError: nothing says where the detections come from.
+    """
+    if graph.origin is None or graph.truth is None:
+        raise RequestError(f"{graph.name}: expected detections of --data.detector, whose heads are to learn")
+    frames = range(int(graph.frames.min(initial=0)), int(graph.frames.max(initial=-1)) + 1)
+    examples = []
+    for frame in frames:
+        image, scale = fit_image(read_image(graph.images[frame]), card)
+        people = graph.truth.between(frame, frame)
+        people = people.select(people.evaluated | people.ignored)
+        examples.append(Example(image, people.boxes * np.tile(scale, 2), ~people.evaluated))
+    nothing = torch.empty(0, card.input_height, card.input_width, 3, dtype=torch.uint8)
+    none = DetectionBatch(nothing, torch.empty(0, 0, 4), torch.empty(0, 0, dtype=torch.int64))
+    return WindowFrames(collate(examples) if examples else none, graph.frames - frames.start)
+
+
+class FrozenTrunk:
+    """The maps that a trunk which does not learn makes of images: those of the latest images are kept.
+
+    Args:
+        most: images that are kept; one of 640 by 480 pixels takes about 2.5 MB.
     """
 
-    network: AssociationNetwork
-    siamese: AppearanceTraining | None
-    detector: DetectorTraining | None
-    trunk: FrozenTrunk
-    link_cost: LinkCost
+    def __init__(self, most: int = 320) -> None:
+        self.most = most
+        # Each image's place in the maps, the latest last. One block a level: many small ones would scatter the memory.
+        self._place: OrderedDict[bytes, int] = OrderedDict()
+        self._levels: list[Tensor] = []
 
-    def outputs(self, batch: TrainingWindow) -> NetworkOutputs:
-        """What the networks say of a window.
-
-        The normalisations of the Siamese network keep the statistics that they were trained with: a window of one
-        street is no fair sample of crops.
+    def heads(self, detector: DetectorTraining, images: Tensor) -> tuple[Tensor, Tensor]:
+        """Raw heads of ``(T, H, W, 3)`` uint8 images; all normalisations keep the statistics they were trained with.
 
         Raises:
-            RequestError: crops without a network or frames without a detector, or the other way round.
+            RequestError: there are more images than are kept.
         """
-        for network, given, what in (
-            (self.siamese, batch.crops, "--model.appearance.file FILE and --data.appearance ONNX"),
-            (self.detector, batch.frames, "--model.detector.file FILE, --data.detector ONNX and --data.heads true"),
-        ):
-            if (network is None) != (given is None):
-                raise RequestError(f"expected {what} together, got one of them alone")
-        heads = None
-        if self.detector is not None and batch.frames is not None:
-            heads = self.trunk.heads(self.detector, batch.frames.batch.images)
-        return NetworkOutputs(self._features(batch), heads)
+        if len(images) > self.most:
+            raise RequestError(f"expected windows of at most {self.most} frames for the detector, got {len(images)}")
+        detector.eval()
+        places = [self._placed(detector, image) for image in images]
+        logits, offsets = detector.network.heads([level[places] for level in self._levels])
+        return logits, offsets
 
-    def _features(self, batch: TrainingWindow) -> Tensor | None:
-        features = None
-        if self.siamese is not None and batch.crops is not None:
-            self.siamese.eval()
-            features = self.siamese(torch.as_tensor(batch.crops.images, device=self._device))
-        if self.network.projection is None:
-            return features
-        known = features_of(batch.detections)
-        if features is None and known is not None:
-            features = self._tensor(known)
-        return None if features is None else self.network.projection(features)
+    def _placed(self, detector: DetectorTraining, image: Tensor) -> int:
+        key = hashlib.blake2b(image.cpu().numpy().tobytes(), digest_size=16).digest()
+        if key not in self._place:
+            with torch.no_grad():
+                maps = detector.network.features(normalised(image[None].to(detector.device), detector.card))
+            if not self._levels:
+                self._levels = [one.new_empty(self.most, *one.shape[1:]) for one in maps]
+            full = len(self._place) == self.most
+            place = self._place.popitem(last=False)[1] if full else len(self._place)
+            for level, one in zip(self._levels, maps, strict=True):
+                level[place] = one[0]
+            self._place[key] = place
+        self._place.move_to_end(key)
+        return self._place[key]
 
-    def costs(self, batch: TrainingWindow, outputs: NetworkOutputs | None = None) -> Tensor:
-        """``(3 N + P,)`` costs of the arcs of a window of detections: by default, and what the networks change.
 
-        Raises:
-            RunError: one is no number, as those of weights that ran away are; names the window.
-        """
-        graph, outputs = batch.detections, outputs or self.outputs(batch)
-        count = len(graph)
-        base, rows, links = (self._tensor(part) for part in (graph.costs, graph.detections, graph.links))
-        if outputs.features is not None:
-            averages = averages_of(graph) if batch.crops is None else batch.crops.averages
-            links, dearer = with_new_distances(links, distances(outputs.features, averages, graph), self.link_cost)
-            base = base + torch.cat([base.new_zeros(3 * count), dearer])
-        if outputs.heads is not None and batch.frames is not None:
-            rows, dearer = rescored(rows, score_logits(outputs.heads[0], batch.frames, graph), graph)
-            base = base + torch.cat([dearer, base.new_zeros(len(base) - count)])
-        changes = self.network.detections(rows).T.reshape(3 * count)
-        changes = torch.where(torch.as_tensor(graph.fixed, device=self._device), torch.zeros_like(changes), changes)
-        return finite(base + torch.cat([changes, self.network.links(links)[:, 0]]), graph.name, "cost")
+def score_logits(logits: Tensor, frames: WindowFrames, graph: Graph) -> Tensor:
+    """``(N,)`` logits of the scores of a window's detections, from the raw heads ``(T, A, 2)`` of its images."""
+    assert graph.origin is not None
+    which, anchors = (torch.as_tensor(part, device=logits.device) for part in (frames.which, graph.origin.anchors))
+    chosen = logits[which, anchors]
+    return chosen[:, 1] - chosen[:, 0]
 
-    def join_costs(self, graph: Graph) -> Tensor:
-        """``(3 N + P,)`` costs of the arcs between tracklets, of which only those of joins change.
 
-        Raises:
-            RunError: as `costs`.
-        """
-        joins = self.network.joins(self._tensor(graph.links))[:, 0]
-        costs = self._tensor(graph.costs) + torch.cat([joins.new_zeros(3 * len(graph)), joins])
-        return finite(costs, graph.name, "cost")
+def rescored(rows: Tensor, logits: Tensor, graph: Graph) -> tuple[Tensor, Tensor]:
+    """Features of the detections at other scores, and by how much that changes the default's costs.
 
-    @property
-    def _device(self) -> torch.device:
-        return self.network.links.mean.device
+    Args:
+        rows: ``(N, G)`` features at the scores where the training began.
+        logits: ``(N,)`` of the scores now.
+        graph: the window.
+    """
+    origin = graph.origin
+    assert origin is not None
+    surer = origin.slope * (logits - torch.as_tensor(origin.logits, dtype=logits.dtype, device=logits.device))
+    columns = list(rows.unbind(dim=1))
+    columns[LOGIT] = columns[LOGIT] + surer
+    columns[DETECTION_COST] = columns[DETECTION_COST] + origin.cost_slope * surer
+    return torch.stack(columns, dim=1), origin.cost_slope * surer
 
-    def _tensor(self, values: FloatArray) -> Tensor:
-        return torch.as_tensor(values, dtype=torch.float32, device=self._device)
+
+def own_loss(detector: DetectorTraining, outputs: tuple[Tensor, Tensor], frames: WindowFrames) -> Tensor:
+    """The loss that the detector is trained by apart, on the images of a window."""
+    boxes, labels = (part.to(detector.device) for part in frames.batch[1:])
+    class_loss, box_loss = detector.loss(*outputs, detector.network.anchors, boxes, labels)
+    total: Tensor = class_loss + box_loss
+    return total

@@ -18,11 +18,9 @@ from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.weights import shipped_or_file
-from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, kept_of, window, windows
-from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
+from tsuiseki.trainers.association.graphs import DetectedVideo, Graph, Graphs, kept_of, sequence_graphs, window, windows
 from tsuiseki.trainers.association.videos import OTHER_RATE, acting, described, detected_videos, filmed, part_of
-from tsuiseki.trainers.association.window_costs import WindowCrops, crops_of
-from tsuiseki.trainers.association.window_detector import WindowFrames, frames_of
+from tsuiseki.trainers.association.window_costs import WindowCrops, WindowFrames, crops_of, frames_of
 
 TrackerName = Literal["people", "drone"]
 FLOWS: dict[TrackerName, FlowSettings] = {"people": FlowSettings().alike(), "drone": DRONE_FLOW}
@@ -67,14 +65,9 @@ class WindowImages:
 
 
 class RandomWindows(Dataset[TrainingWindow]):
-    """Windows at random places, longer sequences the more often; each is decided by seed, epoch and number alone.
+    """Windows of so many ``seconds`` at random places, longer sequences the more often, ``count`` an epoch.
 
-    Args:
-        graphs: of the sequences.
-        seconds: length of a window.
-        count: windows an epoch.
-        seed: of the places, and of the epoch, asked anew for every window.
-        images: those of a window.
+    Each is decided by seed, epoch and number alone; the first two are asked anew for every window.
     """
 
     def __init__(
@@ -193,23 +186,19 @@ class AssociationData(lightning.LightningDataModule):
         del stage
         if self.learnt:
             return
-        detector = (
-            None
-            if self.detector is None
-            else Detector(shipped_or_file("detector", self.detector), self.score_threshold)
-        )
-        find = detector or self.detections
-        appearance = None if self.appearance is None else Appearance(shipped_or_file("appearance", self.appearance))
-        self.images = WindowImages(
-            None if appearance is None else (appearance.model.card.input_height, appearance.model.card.input_width),
-            detector.model.card if detector is not None and self.heads else None,
-        )
+        detector = appearance = crops = None
+        if self.detector is not None:
+            detector = Detector(shipped_or_file("detector", self.detector), self.score_threshold)
+        if self.appearance is not None:
+            appearance = Appearance(shipped_or_file("appearance", self.appearance))
+            crops = appearance.model.card.input_height, appearance.model.card.input_width
+        self.images = WindowImages(crops, detector.model.card if detector is not None and self.heads else None)
         recognise = ActionRecogniser(self.action) if self.action else None
 
         def detected(folders: list[Path], frames: tuple[int, int] | None) -> list[DetectedVideo]:
-            found = detected_videos(folders, find, frames, self.seed, frame_rate=self.frame_rate)
-            found = map(filmed, found) if self.tracker == "drone" else found
-            return [acting(described(video, appearance), recognise) for video in found]
+            videos = detected_videos(folders, detector or self.detections, frames, self.seed, self.frame_rate)
+            videos = map(filmed, videos) if self.tracker == "drone" else videos
+            return [acting(described(video, appearance), recognise) for video in videos]
 
         videos = detected(self.train, self.frames)
         if self.validation is None:
@@ -243,15 +232,13 @@ def graphs_of(
     Raises:
         RequestError: no sequence has two people that could be taken for each other; only with ``check``.
     """
-    found = [sequence_graphs(video, settings) for video in videos]
-    graphs = [replace(one, detections=affordable(one.detections)) for one in found if len(one.detections)]
-    if not check:
-        return graphs
-    several = [one for one, video in zip(found, videos, strict=True) if _teaches(one.detections, video.name)]
-    if not several:
-        names = ", ".join(video.name for video in videos) or "nothing"
-        raise RequestError(f"expected a sequence with two people, who could be taken for each other; got {names}")
-    return [replace(one, detections=affordable(one.detections)) for one in several]
+    graphs = [sequence_graphs(video, settings) for video in videos]
+    if check:
+        graphs = [one for one, video in zip(graphs, videos, strict=True) if _teaches(one.detections, video.name)]
+        if not graphs:
+            names = ", ".join(video.name for video in videos) or "nothing"
+            raise RequestError(f"expected a sequence with two people, who could be taken for each other; got {names}")
+    return [replace(one, detections=affordable(one.detections)) for one in graphs if len(one.detections)]
 
 
 def _teaches(graph: Graph, name: str) -> bool:

@@ -16,8 +16,7 @@ from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.flow_loss import FlowLoss, finite
-from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs
-from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
+from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs, sequence_graphs
 from tsuiseki.trainers.association.training import AssociationTraining
 from tsuiseki.trainers.association.windows import RandomWindows, affordable
 from tsuiseki.trainers.experiments import association

@@ -106,25 +106,29 @@ def export_onnx(
     several = tuple(torch.cat((one, one)) if len(one) == 1 else one for one in inputs.values())
     batch = torch.export.Dim("batch")
     tolerance = FLOAT16_TOLERANCE if float16 else FLOAT32_TOLERANCE
-    with _evaluating(module):
+    training = module.training
+    module.eval()
+    try:
         model = convert_module(module, several, tuple(inputs), outputs, tuple({0: batch} for _ in several))
         if float16:
             store_float16(model)
         return write_checked(
             model, card, path, lambda work: check_parity(module, work, several, tolerance, spread), overwrite
         )
+    finally:
+        module.train(training)
 
 
 def write_checked(
     model: onnx.ModelProto, card: ModelCard, path: Path, check: Callable[[Path], float], overwrite: bool = False
 ) -> float:
-    """Write ``model`` with ``card`` in its metadata; it appears under its name only when complete and checked.
+    """Write ``model`` with ``card`` in its metadata; see `export_onnx`.
 
     Args:
         model: to write.
         card: what the file will say about itself; the version of the project is filled in.
-        path: of the file.
-        check: gives the largest difference of a file to what was trained.
+        path: of the file, which appears only when complete and checked.
+        check: gives the largest difference of a file to what was trained, and raises RunError where it is another.
         overwrite: replace an existing file.
 
     Returns:
@@ -132,7 +136,6 @@ def write_checked(
 
     Raises:
         RequestError: the path cannot be written to.
-        RunError: raised by ``check``, where the file gives something else than what was trained.
     """
     card = dataclasses.replace(card, project_version=metadata.version("tsuiseki"))
     model.metadata_props.add(key=METADATA_KEY, value=card.to_json())
@@ -243,7 +246,8 @@ def convert_module(
         outputs: names of what comes out.
         dynamic: for each input the axes whose length may vary.
     """
-    with quiet_exporter():
+    # The exporter prints its progress and notices about itself.
+    with quiet("torch.onnx", "onnxscript", "onnx_ir"), contextlib.redirect_stdout(io.StringIO()):
         program = torch.onnx.export(
             module,
             inputs,
@@ -278,24 +282,14 @@ def _difference(file: str, output: str, expected: NDArray[Any], got: NDArray[Any
 
 
 @contextlib.contextmanager
-def _evaluating(module: nn.Module) -> Iterator[None]:
-    training = module.training
-    module.eval()
-    try:
-        yield
-    finally:
-        module.train(training)
-
-
-@contextlib.contextmanager
-def quiet_exporter() -> Iterator[None]:
-    """Without the exporter's progress lines and notices about itself."""
-    loggers = [logging.getLogger(name) for name in ("torch.onnx", "onnxscript", "onnx_ir")]
+def quiet(*names: str) -> Iterator[None]:
+    """Without warnings, and without what loggers of these ``names`` say below an error."""
+    loggers = [logging.getLogger(name) for name in names]
     levels = [logger.level for logger in loggers]
     for logger in loggers:
         logger.setLevel(logging.ERROR)
     try:
-        with warnings.catch_warnings(), contextlib.redirect_stdout(io.StringIO()):
+        with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             yield
     finally:

@@ -16,7 +16,6 @@ from skl2onnx import to_onnx
 from skl2onnx.common.data_types import FloatTensorType
 from sklearn.ensemble import HistGradientBoostingClassifier
 from threadpoolctl import threadpool_limits
-from torch import nn
 
 from tsuiseki.models.association_network import AssociationNetwork
 from tsuiseki.tracking.association.learnt_costs import CostNetwork, FeatureNames
@@ -24,10 +23,8 @@ from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import ModelCard, OnnxModel
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.trainers.association.training import PLANNED, PLANNED_STEPS, AssociationTraining
-from tsuiseki.trainers.exporting.export import ModelFile, convert_module, export_onnx, load_module, write_checked
-from tsuiseki.trainers.exporting.export_networks import OUTPUTS as DETECTOR_OUTPUTS
-from tsuiseki.trainers.exporting.export_networks import RawHeads, write_appearance
-from tsuiseki.trainers.networks.detector_training import DetectorTraining
+from tsuiseki.trainers.exporting.export import ModelFile, convert_module, load_module, write_checked
+from tsuiseki.trainers.exporting.export_networks import write_appearance, write_heads
 
 # Costs and probabilities, absolute: float32 sums in another order differ by about 1e-6 of a cost of up to 8. Of trees a
 # share of rows may lie on a threshold, where rounding decides.
@@ -36,8 +33,6 @@ OPSET = 18
 NEAR_CERTAIN = 1e-6
 INPUTS = ("links", "detections", "joins")
 OUTPUTS = ("link_changes", "detection_changes", "join_changes")
-# The fourth of each, where appearance is projected.
-APPEARANCE, PROJECTED = "appearance", "projected"
 
 
 def export_trained(
@@ -83,7 +78,9 @@ def export_trained(
     if detector is not None:
         if module.detector is None:
             raise RequestError(f"{checkpoint}: expected a detector, but the training had no --model.detector.file")
-        export_heads(module.detector, detector, training_data, overwrite)
+        # Their scores are as they come, not calibrated again.
+        card = replace(module.detector.card, training_data=training_data)
+        write_heads(module.detector.network, card, ModelFile(out=detector, overwrite=overwrite))
         print(f"{detector}: the detector")
     worst = export_association(network, out, training_data, overwrite=overwrite)
     print(f"{out}: no cost differs from torch's by more than {worst:.1g}")
@@ -107,26 +104,13 @@ def _check_ended(checkpoint: Path, unfinished: bool) -> None:
     print(f"{checkpoint}: of a training {had}; --ckpt_path goes on with it")
 
 
-def export_heads(detector: DetectorTraining, out: Path, data: str = "", overwrite: bool = False) -> float:
-    """Write a detector whose heads were trained on; its scores are as they come, not calibrated again.
-
-    Returns:
-        The largest relative difference to torch.
-    """
-    card = replace(detector.card, training_data=data)
-    network = detector.network.to(memory_format=torch.contiguous_format)
-    example = torch.zeros(2, 3, card.input_height, card.input_width)
-    return export_onnx(RawHeads(network), card, out, example, DETECTOR_OUTPUTS, overwrite=overwrite)
-
-
 def export_association(
-    network: AssociationNetwork, path: Path, training_data: str = "", name: str = "perceptron", overwrite: bool = False
+    network: AssociationNetwork, path: Path, training_data: str = "", overwrite: bool = False
 ) -> float:
     """Write the network as ``path``, once it gives what torch gives.
 
     The graph maps ``links`` ``(P, 25)``, ``detections`` ``(N, 15)`` and ``joins`` ``(J, 29)`` to changes of costs
-    ``(P,)``, ``(N, 3)`` and ``(J,)``, all float32; any of P, N and J may be 0. A network that projects appearance maps
-    ``appearance`` ``(A, D)`` to ``projected`` ``(A, d)``, too.
+    ``(P,)``, ``(N, 3)`` and ``(J,)``, all float32; any of P, N and J may be 0.
 
     Returns:
         The largest difference to torch, in costs.
@@ -137,14 +121,16 @@ def export_association(
     """
     card = ModelCard(
         kind="association",
-        name=name,
+        name="perceptron",
         layout="NF",
-        feature_length=0 if network.projection is None else network.projection.matrix.shape[1],
         settings={part: list(names) for part, names in asdict(FeatureNames()).items()},
         training_data=training_data,
     )
     network.eval()
-    return write_checked(_converted(network), card, path, lambda work: network_parity(network, work), overwrite)
+    examples = tuple(torch.ones(3 + k, len(getattr(network, part).mean)) for k, part in enumerate(INPUTS))
+    rows = tuple({0: torch.export.Dim(f"{part}_rows", min=0)} for part in INPUTS)
+    model = convert_module(network, examples, INPUTS, OUTPUTS, rows)
+    return write_checked(model, card, path, lambda work: network_parity(network, work), overwrite)
 
 
 def network_parity(network: AssociationNetwork, path: Path) -> float:
@@ -158,32 +144,15 @@ def network_parity(network: AssociationNetwork, path: Path) -> float:
         for part in INPUTS:
             change = getattr(network, part)
             rows = rng.normal(0, 3, (count, len(change.mean))) * change.deviation.numpy() + change.mean.numpy()
-            worst = max(worst, _differing(change, getattr(model, part)(rows), rows, f"changes of {part}"))
-        if network.projection is not None:
-            rows = rng.normal(size=(count, network.projection.matrix.shape[1]))
-            worst = max(worst, _differing(network.projection, model.project(rows), rows, "projected numbers"))
+            with torch.no_grad():
+                expected = change(torch.as_tensor(rows, dtype=torch.float32)).numpy()
+            got = getattr(model, part)(rows)
+            if got.size != expected.size:
+                raise RunError(f"parity check failed: expected {expected.size} changes of {part}, got {got.size}")
+            worst = max(worst, float(np.abs(got.ravel() - expected.ravel()).max(initial=0.0)))
     if not worst <= TOLERANCE:
         raise RunError(f"parity check failed: a cost differs by {worst:.2g} from torch, expected {TOLERANCE:g} at most")
     return worst
-
-
-def _differing(part: nn.Module, got: FloatArray, rows: FloatArray, what: str) -> float:
-    with torch.no_grad():
-        expected = part(torch.as_tensor(rows, dtype=torch.float32)).numpy()
-    if got.size != expected.size:
-        raise RunError(f"parity check failed: expected {expected.size} {what}, got {got.size}")
-    return float(np.abs(got.ravel() - expected.ravel()).max(initial=0.0))
-
-
-def _converted(network: AssociationNetwork) -> onnx.ModelProto:
-    sizes = {part: len(getattr(network, part).mean) for part in INPUTS}
-    outputs: tuple[str, ...] = OUTPUTS
-    if network.projection is not None:
-        sizes[APPEARANCE], outputs = network.projection.matrix.shape[1], (*OUTPUTS, PROJECTED)
-    # Of appearance no row of zeros, which has no direction.
-    examples = tuple(torch.ones(3 + k, size) for k, size in enumerate(sizes.values()))
-    rows = tuple({0: torch.export.Dim(f"{part}_rows", min=0)} for part in sizes)
-    return convert_module(network, examples, tuple(sizes), outputs, rows)
 
 
 def export_affinity(

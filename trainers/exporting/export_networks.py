@@ -17,14 +17,15 @@ from tsuiseki.models.detector import AnchorDetector, OneClass, people_detector
 from tsuiseki.models.ssd import CocoArchitecture, coco_person_detector
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import StreamName
+from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
 from tsuiseki.trainers.exporting.export import ModelFile, ModelFiles, export_onnx, load_module
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
 from tsuiseki.trainers.networks.action_training import ActionTraining
 from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
-from tsuiseki.trainers.networks.detector_labels import calibration_of
-from tsuiseki.trainers.networks.detector_network import COCO_NORMALISATIONS, FIXED_SIDES, detector_card
+from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
+from tsuiseki.trainers.networks.detector_network import COCO_NORMALISATIONS, FIXED_SIDES, detector_card, take_over
 from tsuiseki.trainers.networks.detector_training import DetectorTraining
 
 OUTPUTS = ("logits", "offsets", "anchors")
@@ -98,7 +99,7 @@ def export_detector(
     if blend is not None:
         blend_weights(network, card, blend)
     card = dataclasses.replace(card, training_data=output.training_data or card.training_data)
-    difference = _written(network, card, output, calibrate)
+    difference = write_heads(network, card, output, calibrate)
     output.report(output.out, difference)
     return difference
 
@@ -106,7 +107,7 @@ def export_detector(
 def write_detector(checkpoint: Path, out: Path) -> None:
     """Write the detector of a training as ONNX; errors are those of `export_detector`."""
     network, card = _trained(checkpoint, None)
-    _written(network, card, ModelFile(out=out), None)
+    write_heads(network, card, ModelFile(out=out))
 
 
 def _trained(checkpoint: Path, size: tuple[int, int] | None) -> tuple[AnchorDetector | OneClass, ModelCard]:
@@ -128,9 +129,7 @@ def _exported(path: Path, size: tuple[int, int] | None) -> tuple[AnchorDetector,
     height, width = layout.size if size is None else size
     trunk = build_trunk(cast(TrunkName, layout.trunk))
     network = people_detector(trunk, (height, width), layout.anchors, layout.channels, len(card.class_names))
-    missing = network.load_state_dict(exported_weights(path), strict=False).missing_keys
-    missing = [name for name in missing if not name.endswith("num_batches_tracked")]
-    if missing:
+    if missing := take_over(network, path):
         raise RequestError(f"{path}: expected a trained detector, got no weights for {', '.join(missing[:3])}")
     fold_normalisations(network)
     settings = {name: value for name, value in card.settings.items() if name != "score_calibration"}
@@ -166,8 +165,14 @@ def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[AnchorDet
     return network.eval(), dataclasses.replace(card, training_data="COCO 2017, torchvision's weights")
 
 
-def _written(network: AnchorDetector | OneClass, card: ModelCard, output: ModelFile, calibrate: Path | None) -> float:
-    """Write the file, its scores calibrated on labelled pictures where there are some."""
+def write_heads(
+    network: AnchorDetector | OneClass, card: ModelCard, output: ModelFile, calibrate: Path | None = None
+) -> float:
+    """Write a detector, its scores calibrated on labelled pictures where there are some.
+
+    Returns:
+        The largest relative difference to torch.
+    """
     network.to(memory_format=torch.contiguous_format)
     example = torch.zeros(2, 3, card.input_height, card.input_width)
     calibration = (1.0, 0.0)
@@ -178,7 +183,7 @@ def _written(network: AnchorDetector | OneClass, card: ModelCard, output: ModelF
         with tempfile.TemporaryDirectory() as folder:
             raw = Path(folder) / "raw.onnx"
             export_onnx(RawHeads(network), card, raw, example, OUTPUTS)
-            calibration = calibration_of(raw, calibrate)
+            calibration = fit_calibration(*matched_scores(Detector(raw, LOWEST_SCORE), calibrate))
         card = dataclasses.replace(card, settings={**card.settings, "score_calibration": list(calibration)})
     heads = RawHeads(network, calibration)
     return export_onnx(heads, card, output.out, example, OUTPUTS, output.float16, output.overwrite)
@@ -248,7 +253,7 @@ def export_action(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
         network: nn.Module = FusedProbability(module.network)
         if group != "fused":
             examples = {"images": examples[one]}
-            network = StreamProbability(module.network.streams[one])  # type: ignore[arg-type]
+            network = StreamProbability(module.network.streams[one])
         how = output.float16, output.overwrite, spread
         written[path] = export_onnx(network, card, path, examples, ("probability",), *how)
     for path, difference in written.items():

@@ -8,8 +8,6 @@ and further training has normalisations to work with.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,11 +41,11 @@ class ExportedLayout:
     channels: int
     card: ModelCard
 
-    def window(self, share: float) -> tuple[int, int]:
-        """Height and width of windows of ``share`` of the input, multiples of the coarsest stride."""
-        stride = 4 * 2 ** len(self.anchors)
-        high, wide = (max(1, round(share * side / stride)) * stride for side in self.size)
-        return high, wide
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """What `DetectorTraining` makes such a network of."""
+        parts = {"trunk": self.trunk, "anchors": self.anchors, "channels": self.channels}
+        return {**parts, "height": self.size[0], "width": self.size[1]}
 
 
 def layout_of(path: Path, people: bool = True) -> ExportedLayout:
@@ -145,8 +143,18 @@ def restore_normalisations(network: nn.Module, images: Tensor) -> None:
     bias.
     """
     fold_normalisations(network)
-    with torch.no_grad(), _measuring(network) as measured:
+    measured: dict[nn.BatchNorm2d, tuple[Tensor, Tensor]] = {}
+
+    def measure(norm: nn.Module, inputs: tuple[Any, ...]) -> None:
+        assert isinstance(norm, nn.BatchNorm2d)
+        variance, mean = torch.var_mean(inputs[0], dim=(0, 2, 3))
+        measured[norm] = mean, variance
+
+    hooks = [m.register_forward_pre_hook(measure) for m in network.modules() if isinstance(m, nn.BatchNorm2d)]
+    with torch.no_grad():
         network.eval()(images)
+        for hook in hooks:
+            hook.remove()
         for norm, (mean, variance) in measured.items():
             assert norm.running_mean is not None
             assert norm.running_var is not None
@@ -154,21 +162,3 @@ def restore_normalisations(network: nn.Module, images: Tensor) -> None:
             norm.running_var.copy_(variance)
             norm.bias.add_(norm.weight * mean)
             norm.weight.mul_((variance + norm.eps).sqrt())
-
-
-@contextmanager
-def _measuring(network: nn.Module) -> Iterator[dict[nn.BatchNorm2d, tuple[Tensor, Tensor]]]:
-    """Mean and variance of what enters each normalisation during a pass."""
-    measured: dict[nn.BatchNorm2d, tuple[Tensor, Tensor]] = {}
-
-    def measure(norm: nn.Module, inputs: tuple[Any, ...]) -> None:
-        assert isinstance(norm, nn.BatchNorm2d)
-        variance, mean = torch.var_mean(inputs[0], dim=(0, 2, 3))
-        measured[norm] = (mean, variance)
-
-    hooks = [m.register_forward_pre_hook(measure) for m in network.modules() if isinstance(m, nn.BatchNorm2d)]
-    try:
-        yield measured
-    finally:
-        for hook in hooks:
-            hook.remove()

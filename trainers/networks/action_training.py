@@ -6,7 +6,6 @@ from typing import Literal
 
 import numpy as np
 import torch
-from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor
 
 from tsuiseki.datamodules.action_data import ActionBatch, ActionData
@@ -18,7 +17,7 @@ from tsuiseki.tracking.features.action import STREAMS, ActionInput, StreamName
 from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import BoolArray, FloatArray
-from tsuiseki.trainers.networks.modules import Optimisation, Tested, gathered, normalised, plain_hyperparameters
+from tsuiseki.trainers.networks.modules import Optimisation, Tested, normalised, plain_hyperparameters
 
 OKUTAMA_ACTIONS = 12
 # Largest weight of rare actions, see `positive_weights`.
@@ -71,7 +70,6 @@ class ActionTraining(Tested):
         self.trunk, self.actions, self.names = trunk, actions, tuple(f"action {n + 1}" for n in range(actions))
         self.optimisation, self.fused, self.rare_weight = optimisation, fused, rare_weight
         self.register_buffer("positive_weight", torch.ones(actions))
-        self._validated: list[tuple[dict[str, Tensor], Tensor]] = []
         # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
         self.network.to(memory_format=torch.channels_last)
 
@@ -80,14 +78,8 @@ class ActionTraining(Tested):
         return self.inputs[stream].card(self.trunk, self.names)
 
     def forward(self, crops: dict[StreamName, Tensor]) -> dict[StreamName, Tensor]:
-        """``(B, A)`` logits by stream of ``(B, K, S, S, C)`` uint8 crops, averaged over the K pictures of a sample."""
-        logits: dict[StreamName, Tensor] = {}
-        for name in self.inputs:
-            images = crops[name]
-            samples, pictures = images.shape[:2]
-            flat = normalised(images.flatten(0, 1), self.card(name))
-            logits[name] = self.network.streams[name](flat).view(samples, pictures, -1).mean(dim=1)
-        return logits
+        """``(B, A)`` logits by stream of ``(B, S, S, C)`` uint8 crops."""
+        return {n: self.network.streams[n](normalised(crops[n], self.card(n))) for n in self.inputs}
 
     def on_fit_start(self) -> None:
         """Take the names of the actions and how rare they are from the data."""
@@ -132,23 +124,15 @@ class ActionTraining(Tested):
         """Recognise a batch; the scores need all of them."""
         del batch_index
         outputs = {name: logits.float().sigmoid().cpu() for name, logits in self(batch.crops).items()}
-        self._validated.append((outputs, batch.actions.cpu()))
+        self.validated.append((outputs, batch.actions.cpu()))
 
-    def on_validation_epoch_end(self) -> None:
-        """Log the mAP of the average of all streams, and of each."""
-        if not self.trainer.sanity_checking:
-            parts, actions = zip(*gathered(self, self._validated), strict=True)
-            truth = torch.cat(actions).numpy() > 0
-            outputs = {name: torch.cat([part[name] for part in parts]).double().numpy() for name in self.inputs}
-            together = np.mean(list(outputs.values()), axis=0)
-            self.log(f"{self.stage}/map", mean_average_precision(together, truth), prog_bar=True, sync_dist=True)
-            for name, probabilities in outputs.items():
-                self.log(f"{self.stage}/map_{name}", mean_average_precision(probabilities, truth), sync_dist=True)
-        self._validated = []
-
-    def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
-        """AdamW under a linear warm-up and a cosine decay over the whole training."""
-        return self.optimisation.scheduled(self.optimisation.groups(self.network), self.trainer)
+    def scores(self, rows: list[tuple[dict[str, Tensor], Tensor]]) -> dict[str, float]:
+        """The mAP of the average of all streams, and of each."""
+        parts, actions = zip(*rows, strict=True)
+        truth = torch.cat(actions).numpy() > 0
+        outputs = {name: torch.cat([part[name] for part in parts]).double().numpy() for name in self.inputs}
+        found = {"map": np.mean(list(outputs.values()), axis=0), **{f"map_{name}": outputs[name] for name in outputs}}
+        return {name: mean_average_precision(probabilities, truth) for name, probabilities in found.items()}
 
 
 def mean_average_precision(probabilities: FloatArray, truth: BoolArray) -> float:

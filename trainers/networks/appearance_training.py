@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import torch
-from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor
 
 from tsuiseki.datamodules.appearance_data import AppearanceBatch
 from tsuiseki.models.appearance import AppearanceNetwork, contrastive_loss, softmax_contrastive_loss, triplet_loss
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.reidentification import Retrieval, evaluate_retrieval
+from tsuiseki.tracking.evaluation.reidentification import evaluate_retrieval
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.trainers.networks.modules import Optimisation, Tested, gathered, normalised, plain_hyperparameters
+from tsuiseki.trainers.networks.modules import Optimisation, Tested, normalised, plain_hyperparameters
 
 LossName = Literal["softmax", "triplet", "contrastive"]
 LOSSES = {"softmax": softmax_contrastive_loss, "triplet": triplet_loss, "contrastive": contrastive_loss}
@@ -67,7 +66,6 @@ class AppearanceTraining(Tested):
         )
         self.loss, self.margin = LOSSES[loss], margin
         self.optimisation = optimisation
-        self._validated: list[tuple[Any, ...]] = []
         # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
         self.network.to(memory_format=torch.channels_last)
 
@@ -88,25 +86,15 @@ class AppearanceTraining(Tested):
         """Describe a batch; the scores need all of them."""
         del batch_index
         rows = (self(batch.images).float(), batch.ids, batch.frames, batch.query)
-        self._validated += zip(*(values.cpu().numpy() for values in rows), strict=True)
+        self.validated += zip(*(values.cpu().numpy() for values in rows), strict=True)
 
-    def on_validation_epoch_end(self) -> None:
-        """Log rank-1 and mean average precision of the queries against the gallery."""
-        if not self.trainer.sanity_checking:
-            scores = self._score()
-            self.log(f"{self.stage}/rank1", scores.rank1, prog_bar=True, sync_dist=True)
-            self.log(f"{self.stage}/map", scores.mean_average_precision, prog_bar=True, sync_dist=True)
-        self._validated = []
-
-    def _score(self) -> Retrieval:
-        described, ids, frames, query = (np.stack(x) for x in zip(*gathered(self, self._validated), strict=True))
+    def scores(self, rows: list[tuple[np.ndarray, ...]]) -> dict[str, float]:
+        """Rank-1 and mean average precision of the queries against the gallery."""
+        described, ids, frames, query = (np.stack(x) for x in zip(*rows, strict=True))
         features = described.astype(np.float64)
         distances = 1 - features[query] @ features[~query].T
         # Views a moment apart look the same to anything; finding those says nothing.
         near = np.abs(frames[query][:, None] - frames[~query][None]) < APART
         junk = near & (ids[query][:, None] == ids[~query][None])
-        return evaluate_retrieval(distances, ids[query], ids[~query], junk)
-
-    def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
-        """AdamW under a linear warm-up and a cosine decay over the whole training."""
-        return self.optimisation.scheduled(self.optimisation.groups(self.network), self.trainer)
+        found = evaluate_retrieval(distances, ids[query], ids[~query], junk)
+        return {"rank1": found.rank1, "map": found.mean_average_precision}

@@ -20,7 +20,7 @@ from tsuiseki.datamodules.labelled_images import LabelledFrame, labelled_images
 from tsuiseki.models.anchors import propose_anchors, size_iou
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.exported import Detect, Detector
+from tsuiseki.tracking.features.exported import Detect
 from tsuiseki.tracking.formats.mot_sequence import image_size
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray
@@ -47,13 +47,13 @@ def matched_scores(
     """
     scores, right = [], []
     for sample in labelled_images(folder, frames):
-        found = detector.detect([read_image(sample.path)])[0]
+        detections = detector.detect([read_image(sample.path)])[0]
         people, ignored = sample.boxes[~sample.ignored], sample.boxes[sample.ignored]
-        matched = np.zeros(len(found), dtype=np.bool_)
-        matched[assign_overlaps(iou_matrix(found.boxes, people), MATCH_OVERLAP)[0]] = True
-        inside = intersections(found.boxes[:, None], ignored[None]) / areas(found.boxes)[:, None]
+        matched = np.zeros(len(detections), dtype=np.bool_)
+        matched[assign_overlaps(iou_matrix(detections.boxes, people), MATCH_OVERLAP)[0]] = True
+        inside = intersections(detections.boxes[:, None], ignored[None]) / areas(detections.boxes)[:, None]
         counted = matched | ~(inside > MATCH_OVERLAP).any(axis=1)
-        scores.append(found.scores[counted])
+        scores.append(detections.scores[counted])
         right.append(matched[counted])
     return np.concatenate(scores), np.concatenate(right)
 
@@ -81,11 +81,6 @@ def fit_calibration(scores: FloatArray, right: BoolArray, steepest: float = np.i
         far = steepest * float(np.abs(logit).max()) + 50
         return steepest, float(brentq(lambda shift: expit(steepest * logit + shift).mean() - right.mean(), -far, far))
     return scale, float(fit.intercept_[0])
-
-
-def calibration_of(path: Path, folder: Path) -> tuple[float, float]:
-    """Scale and shift for the exported detector at ``path`` on the labelled pictures of ``folder``."""
-    return fit_calibration(*matched_scores(Detector(path, LOWEST_SCORE), folder))
 
 
 def anchors_for(

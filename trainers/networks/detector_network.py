@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -79,8 +79,8 @@ def build_detector(
         raise RequestError(str(error)) from error
 
 
-def take_over(network: AnchorDetector, checkpoint: Path) -> int:
-    """Fill ``network`` with the tensors of a detector's ``checkpoint`` that fit; returns how many do.
+def take_over(network: AnchorDetector, checkpoint: Path) -> list[str]:
+    """Fill ``network`` with the tensors of a detector's ``checkpoint`` that fit; names of those that it has not got.
 
     Every class of ``network`` starts as people, where the checkpoint is of them alone.
 
@@ -94,9 +94,19 @@ def take_over(network: AnchorDetector, checkpoint: Path) -> int:
     if not checkpoint.is_file():
         raise RequestError(f"expected a checkpoint to start from at {checkpoint}, found none")
     if checkpoint.suffix == ".onnx":
-        return _fill(network, exported_weights(checkpoint), checkpoint)
-    found = read_checkpoint(checkpoint, "state_dict")
-    return _fill(network, {name.removeprefix("network."): value for name, value in found.items()}, checkpoint)
+        weights = exported_weights(checkpoint)
+    else:
+        state = read_checkpoint(checkpoint, "state_dict")
+        weights = {name.removeprefix("network."): value for name, value in state.items()}
+    own = network.state_dict()
+    if network.classes > 1:
+        _suit_heads(weights, own, network.classes)
+    fitting = {name: value for name, value in weights.items() if name in own and own[name].shape == value.shape}
+    if not fitting:
+        raise RequestError(f"{checkpoint}: none of its weights fit this detector; start from one with the same trunk")
+    network.load_state_dict(fitting, strict=False)
+    # Exported files hold no counts of batches.
+    return [name for name in own if name not in fitting and not name.endswith("num_batches_tracked")]
 
 
 def begin_branch(network: BranchedDetector, path: Path, anchors: list[list[tuple[float, float]]]) -> None:
@@ -113,30 +123,11 @@ def begin_branch(network: BranchedDetector, path: Path, anchors: list[list[tuple
     layout, _, _ = _described(path)
     given = [[tuple(size) for size in sizes] for sizes in layout["anchors"]]
     alike = layout["architecture"] == "people" and given == [[tuple(size) for size in sizes] for sizes in anchors[:3]]
-    kept = [name for name in network.state_dict() if not name.startswith("branch.")]
-    if not (alike and _filled(network, path, kept)):
+    if not (alike and all(name.startswith("branch.") for name in take_over(network, path))):
         raise RequestError(
             f"{path}: expected a `start` of the architecture people with the trunk of the branched detector and the "
             f"anchors of its first three maps, got trunk {layout['trunk']} and anchors {given}"
         )
-
-
-def _filled(network: AnchorDetector, path: Path, names: Iterable[str]) -> bool:
-    """Fill ``network`` from the file; whether it has all tensors of these ``names``."""
-    # Exported files hold no counts of batches.
-    wanted = [name for name in names if not (path.suffix == ".onnx" and name.endswith("num_batches_tracked"))]
-    return take_over(network, path) >= len(wanted)
-
-
-def _fill(network: AnchorDetector, weights: dict[str, Tensor], checkpoint: Path) -> int:
-    own = network.state_dict()
-    if network.classes > 1:
-        _suit_heads(weights, own, network.classes)
-    fitting = {name: value for name, value in weights.items() if name in own and own[name].shape == value.shape}
-    if not fitting:
-        raise RequestError(f"{checkpoint}: none of its weights fit this detector; start from one with the same trunk")
-    network.load_state_dict(fitting, strict=False)
-    return len(fitting)
 
 
 def _suit_heads(weights: dict[str, Tensor], own: dict[str, Tensor], classes: int) -> None:
@@ -216,7 +207,7 @@ class SoftTeacher:
                 f"{path}: expected a teacher with the anchors of the student, got {layout['anchors']}; give these as "
                 "model.anchors"
             )
-        if not _filled(self.network, path, self.network.state_dict()):
+        if take_over(self.network, path):
             raise RequestError(f"{path}: expected a whole detector to learn from, got weights of a part")
         if path.suffix == ".onnx":
             fold_normalisations(self.network)
@@ -233,9 +224,8 @@ def _described(path: Path) -> tuple[dict[str, Any], ModelCard, tuple[float, floa
     """Arguments that the network in a file is built with, what it says about itself, and its calibration."""
     if path.suffix == ".onnx":
         layout = layout_of(path)
-        parts = {"trunk": layout.trunk, "anchors": layout.anchors, "channels": layout.channels}
         scale, shift = layout.card.settings.get("score_calibration", (1.0, 0.0))
-        return {"architecture": "people", **parts}, layout.card, (float(scale), float(shift))
+        return {"architecture": "people", **layout.arguments}, layout.card, (float(scale), float(shift))
     given = read_checkpoint(path, "hyper_parameters")
     if not given.keys() >= {*_LAYOUT, "height", "width", "resize", "normalisation"}:
         raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector` to learn from")

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
-from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn
 from torchvision.ops import batched_nms
 
@@ -35,7 +34,7 @@ from tsuiseki.trainers.networks.detector_network import (
     detector_card,
     take_over,
 )
-from tsuiseki.trainers.networks.modules import Optimisation, Tested, gathered, normalised, plain_hyperparameters
+from tsuiseki.trainers.networks.modules import Optimisation, Tested, normalised, plain_hyperparameters
 
 # Widths and heights of people in street views, in pixels of a 640x480 input, at strides 8, 16, 32 and 64.
 STREET_ANCHORS: list[list[tuple[float, float]]] = [
@@ -47,8 +46,8 @@ STREET_ANCHORS: list[list[tuple[float, float]]] = [
 DetectionLossName = Literal["multibox", "quality"]
 # What scores and boxes learn by.
 LOSSES: dict[DetectionLossName, tuple[losses.ScoreTerm, losses.BoxTerm]] = {
-    "multibox": (losses.MinedEntropy(), losses.smooth_l1),
-    "quality": (losses.QualityFocal(), losses.complete_iou),
+    "multibox": (losses.mined_entropy, losses.smooth_l1),
+    "quality": (losses.overlap_focal, losses.complete_iou),
 }
 _CANDIDATES = 300
 # Pictures that tell the normalisations of an exported network their statistics.
@@ -93,6 +92,8 @@ class DetectorTraining(Tested):
         optimisation: how weights are moved.
     """
 
+    optimisation: DetectorOptimisation
+
     def __init__(
         self,
         classes: list[str] = PERSON_ALONE,
@@ -135,7 +136,6 @@ class DetectorTraining(Tested):
         self.teacher = None if teacher.file is None else SoftTeacher(teacher.file, self.network, self.card)
         self.teacher_weight = teacher.weight
         self.optimisation = optimisation
-        self._validated: list[tuple[FloatArray, IntArray, Detections]] = []
         # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
         self.network.to(memory_format=torch.channels_last)
 
@@ -177,34 +177,29 @@ class DetectorTraining(Tested):
         """Keep the detections of a batch, and its labels."""
         del batch_index
         logits, offsets = self(batch.images)
-        found = detections(logits, offsets, self.network.anchors, self.card)
         truth = zip(batch.boxes.double().cpu().numpy(), batch.labels.cpu().numpy(), strict=True)
-        for (boxes, labels), here in zip(truth, found, strict=True):
+        every = detections(logits, offsets, self.network.anchors, self.card)
+        for (boxes, labels), detected in zip(truth, every, strict=True):
             real = labels != losses.PADDING
-            self._validated.append((boxes[real], labels[real], here))
+            self.validated.append((boxes[real], labels[real], detected))
 
-    def on_validation_epoch_end(self) -> None:
-        """Log AP50 over the validation images of all devices."""
-        if not self.trainer.sanity_checking:
-            boxes, labels, found = zip(*gathered(self, self._validated), strict=True)
-            scores = evaluate_classes(boxes, labels, found, self.card.class_names)
-            means = [(one.average_precision, one.best_f1) for one in scores.values()]
-            precision, f1 = np.mean(means, axis=0).tolist()
-            self.log(f"{self.stage}/ap50", precision, prog_bar=True, sync_dist=True)
-            self.log(f"{self.stage}/f1", f1, sync_dist=True)
-            for name, one in scores.items() if len(self.card.class_names) > 1 else ():
-                self.log(f"{self.stage}/ap50_{name}", one.average_precision, sync_dist=True)
-        self._validated = []
+    def scores(self, rows: list[tuple[FloatArray, IntArray, Detections]]) -> dict[str, float]:
+        """AP50 and F1, their means over the classes, and AP50 of each of several."""
+        names = self.card.class_names
+        boxes, labels, every = zip(*rows, strict=True)
+        found = evaluate_classes(boxes, labels, every, names)
+        means = [(one.average_precision, one.best_f1) for one in found.values()]
+        precision, f1 = np.mean(means, axis=0).tolist()
+        apart = {f"ap50_{name}": one.average_precision for name, one in found.items()} if len(names) > 1 else {}
+        return {"ap50": precision, "f1": f1, **apart}
 
-    def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
-        """AdamW or SGD under a linear warm-up and a cosine decay over the whole training."""
+    def parameter_groups(self) -> list[dict[str, Any]]:
+        """What learns, and how fast."""
         if self.optimisation.features_rate == 1:
-            groups = self.optimisation.groups(self.network)
-        else:
-            heads = nn.ModuleList([self.network.class_heads, self.network.box_heads])
-            groups = self.optimisation.groups(self.network.features, self.optimisation.features_rate)
-            groups += self.optimisation.groups(heads)
-        return self.optimisation.scheduled(groups, self.trainer)
+            return super().parameter_groups()
+        heads = nn.ModuleList([self.network.class_heads, self.network.box_heads])
+        features = self.optimisation.groups(self.network.features, self.optimisation.features_rate)
+        return features + self.optimisation.groups(heads)
 
 
 def detections(logits: Tensor, offsets: Tensor, anchors: Tensor, card: ModelCard) -> list[Detections]:
@@ -227,6 +222,6 @@ def detections(logits: Tensor, offsets: Tensor, anchors: Tensor, card: ModelCard
     real = (boxes[..., 2:] - boxes[..., :2]).amin(dim=-1) >= 1
     flat = [x[real] for x in (boxes, scores, image, kind)]
     kept = batched_nms(flat[0], flat[1], flat[2] * count + flat[3], 0.5)
-    found, score, owner, kinds = (x[kept].double().cpu().numpy() for x in flat)
-    here = [owner == n for n in range(len(logits))]
-    return [Detections(found[mine], score[mine], classes=kinds[mine].astype(np.int64)) for mine in here]
+    corners, score, owner, kinds = (x[kept].double().cpu().numpy() for x in flat)
+    of_image = [owner == n for n in range(len(logits))]
+    return [Detections(corners[mine], score[mine], classes=kinds[mine].astype(np.int64)) for mine in of_image]

@@ -22,6 +22,7 @@ from tsuiseki.tracking.weights import LEARNING_DETECTOR, shipped
 from tsuiseki.trainers.exporting.export import ModelFile
 from tsuiseki.trainers.exporting.export_networks import export_detector
 from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, anchor_choice
+from tsuiseki.trainers.networks.fit import option
 
 CONFIG = "detector_fine_tune.yaml"
 # Of each video, in the order of time.
@@ -84,14 +85,12 @@ def classes_of(folder: Path, arguments: Sequence[str] = ()) -> list[str]:
         folder: labelled video of any layout, see `open_labelled`.
         arguments: of the command.
     """
-    words = list(arguments)
-    for number, word in enumerate(words):
-        if word.startswith("--model.classes"):
-            text = word.partition("=")[2] or " ".join(words[number + 1 : number + 2])
-            given = yaml.safe_load(text)
-            if not isinstance(given, list) or not given or not all(isinstance(name, str) for name in given):
-                raise RequestError(f"`model.classes`: expected names such as [person,car], got {text or 'nothing'}")
-            return given
+    text, _ = option(arguments, "--model.classes")
+    if text is not None:
+        given = yaml.safe_load(text)
+        if not isinstance(given, list) or not given or not all(isinstance(name, str) for name in given):
+            raise RequestError(f"`model.classes`: expected names such as [person,car], got {text or 'nothing'}")
+        return given
     named = {number: name for video in open_labelled(folder) if video.every for number, name in video.classes.items()}
     return list(dict.fromkeys(named[number] for number in sorted(named))) or [PEOPLE]
 
@@ -110,9 +109,9 @@ def _compared(files: dict[str, Path], held_out: Sequence[LabelledFrame], classes
         places = [next((k for k, kind in enumerate(classes, start=1) if same_class(kind, one)), 0) for one in own]
         detector = Detector(file, LOWEST_SCORE, classes=ClassChoice(own))
         every = [detector.detect([read_image(frame.path)])[0] for frame in held_out]
-        found = [replace(one, classes=np.array([0, *places])[one.classes], names={}) for one in every]
+        detections = [replace(one, classes=np.array([0, *places])[one.classes], names={}) for one in every]
         by_class = [
-            {k: one.average_precision for k, one in evaluate_classes(boxes, labels, found, classes, iou).items()}
+            {k: one.average_precision for k, one in evaluate_classes(boxes, labels, detections, classes, iou).items()}
             for iou in (0.5, 0.75)
         ]
         fifty, strict = (float(np.mean([*each.values()])) for each in by_class)

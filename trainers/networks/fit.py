@@ -6,7 +6,6 @@ import importlib
 import json
 import logging
 import re
-import signal
 import sys
 import time
 import warnings
@@ -28,6 +27,7 @@ from tsuiseki.tracking.cli.parser import named_config
 from tsuiseki.tracking.errors import Interrupted, RequestError, RunError
 from tsuiseki.tracking.formats.yolo import ABOUT
 from tsuiseki.tracking.output import RunRecord
+from tsuiseki.trainers.networks.modules import interruptible
 
 
 @dataclass(frozen=True)
@@ -205,16 +205,14 @@ def _fit(task: Task, cli: TaskCLI) -> None:
     settings = json.loads(json.dumps(cli.config.as_dict(), default=str))
     record = RunRecord(["tsuiseki", "train", task.name], settings, seed=int(settings.get("seed_everything") or 0))
     try:
-        cli.trainer.fit(cli.model, datamodule=cli.datamodule, ckpt_path=None if checkpoint is None else str(checkpoint))
-    except SystemExit as error:
-        # Lightning ends the process after an interrupt; the interrupt itself says which signal it was.
-        interrupt = error.__context__
-        if not isinstance(interrupt, KeyboardInterrupt):
-            raise
+        with interruptible():
+            path = None if checkpoint is None else str(checkpoint)
+            cli.trainer.fit(cli.model, datamodule=cli.datamodule, ckpt_path=path)
+    except Interrupted as error:
         record.partial, record.reason = True, "interrupted"
         last = cli.out / "checkpoints" / "last.ckpt"
         kept = f"go on with --ckpt_path {last}" if last.is_file() else "no epoch was finished"
-        raise Interrupted(getattr(interrupt, "number", signal.SIGINT), kept) from error
+        raise Interrupted(error.number, kept) from error
     except Exception as error:
         record.partial, record.reason = True, one_line(error)
         if type(error).__module__.partition(".")[0] in LOGGING:
@@ -333,6 +331,16 @@ class EpochLines(Callback):
         print(f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}  {values}  {pace}", flush=True)
 
 
+def option(arguments: Sequence[str], name: str) -> tuple[str | None, list[str]]:
+    """The value of an option, "" where none follows and None where it is not given; and the other arguments."""
+    for number, word in enumerate(arguments):
+        if word == name:
+            return next(iter(arguments[number + 1 :]), ""), [*arguments[:number], *arguments[number + 2 :]]
+        if word.startswith(f"{name}="):
+            return word.partition("=")[2], [*arguments[:number], *arguments[number + 1 :]]
+    return None, list(arguments)
+
+
 def folder_of(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
     """The folder of labels that ``--data FOLDER`` names, and the other arguments; None for a YAML file of options.
 
@@ -341,17 +349,13 @@ def folder_of(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
     Raises:
         RequestError: no folder follows.
     """
-    words = list(arguments)
-    for number, word in enumerate(words):
-        if word == DATA and number + 1 == len(words):
-            raise RequestError("expected a folder of labelled video after `data`, got nothing")
-        if word == DATA or word.startswith(f"{DATA}="):
-            given = Path(words[number + 1] if word == DATA else word.partition("=")[2])
-            if given.name != ABOUT and given.suffix in (".yaml", ".yml"):
-                return None, words
-            rest = words[:number] + words[number + 1 + (word == DATA) :]
-            return given.parent if given.name == ABOUT else given, rest
-    return None, words
+    value, rest = option(arguments, DATA)
+    if value == "":
+        raise RequestError("expected a folder of labelled video after `data`, got nothing")
+    given = Path(value or "")
+    if value is None or (given.name != ABOUT and given.suffix in (".yaml", ".yml")):
+        return None, list(arguments)
+    return given.parent if given.name == ABOUT else given, rest
 
 
 def _with_named_configs(arguments: Sequence[str]) -> list[str]:

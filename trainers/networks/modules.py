@@ -8,6 +8,8 @@ from __future__ import annotations
 import dataclasses
 import math
 import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -19,7 +21,7 @@ from torch import Tensor, nn
 from torch.optim import SGD, AdamW, Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.onnx import ModelCard
 
 T = TypeVar("T")
@@ -44,13 +46,18 @@ class Optimisation:
     optimiser: Literal["adamw", "sgd"] = "adamw"
 
     def groups(self, module: nn.Module, share: float | None = None) -> list[dict[str, Any]]:
-        """The trained parameters of ``module`` in two groups: those that decay, and the others; see `decay_groups`.
+        """The trained parameters in two groups: matrices and kernels, which decay, and the others, which do not.
 
         Args:
             module: whose parameters.
             share: of the learning rate; None takes the optimiser's.
         """
-        return decay_groups(module, self.weight_decay, None if share is None else self.learning_rate * share)
+        trained = [p for p in module.parameters() if p.requires_grad]
+        own: dict[str, Any] = {} if share is None else {"lr": self.learning_rate * share}
+        return [
+            {"params": [p for p in trained if p.ndim > 1], "weight_decay": self.weight_decay, **own},
+            {"params": [p for p in trained if p.ndim <= 1], "weight_decay": 0.0, **own},
+        ]
 
     def scheduled(self, groups: list[dict[str, Any]], trainer: Trainer) -> OptimizerLRSchedulerConfig:
         """The optimiser of the parameter ``groups`` under `WarmupCosine` over all steps of ``trainer``."""
@@ -62,6 +69,21 @@ class Optimisation:
         total = max(int(trainer.estimated_stepping_batches), self.warmup_steps + 1)
         falling = WarmupCosine(optimiser, self.warmup_steps, total, self.final_share)
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": falling, "interval": "step"}}
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Lightning ends the process after an interrupt, as if it had failed; here the interrupt itself comes out.
+
+    Raises:
+        Interrupted: the user ended the training.
+    """
+    try:
+        yield
+    except SystemExit as error:
+        if isinstance(error.__context__, KeyboardInterrupt):
+            raise Interrupted(signal_of(error.__context__)) from error
+        raise
 
 
 def read_checkpoint(path: Path, part: Literal["hyper_parameters", "state_dict"]) -> dict[str, Any]:
@@ -89,13 +111,37 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
-class Tested(LightningModule):
-    """A module that ``Trainer.test`` scores as ``Trainer.validate`` does, under ``test/`` instead of ``val/``."""
+# Scores that the progress bar shows.
+_ON_BAR = ("ap50", "rank1", "map", "agreement", "mota", "switches")
 
-    @property
-    def stage(self) -> str:
-        """What the names of scores begin with."""
-        return "test" if self.trainer.testing else "val"
+
+class Tested(LightningModule):
+    """A training that is scored on all of its validation; ``Trainer.test`` does so under ``test/`` instead of ``val/``.
+
+    Attributes:
+        network: what learns.
+        optimisation: how its weights are moved.
+        validated: what validation steps have kept, one for each of the samples on this device.
+    """
+
+    network: Any
+    optimisation: Optimisation
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.validated: list[Any] = []
+
+    def scores(self, rows: list[Any]) -> dict[str, float]:
+        """The scores by their names, of what validation steps have kept on all devices."""
+        raise NotImplementedError
+
+    def on_validation_epoch_end(self) -> None:
+        """Log the scores."""
+        if not self.trainer.sanity_checking:
+            stage = "test" if self.trainer.testing else "val"
+            for name, value in self.scores(gathered(self, self.validated)).items():
+                self.log(f"{stage}/{name}", value, prog_bar=name in _ON_BAR, sync_dist=True)
+        self.validated = []
 
     def test_step(self, batch: Any, batch_index: int) -> None:
         """As in validation."""
@@ -104,6 +150,14 @@ class Tested(LightningModule):
     def on_test_epoch_end(self) -> None:
         """As in validation."""
         self.on_validation_epoch_end()
+
+    def parameter_groups(self) -> list[dict[str, Any]]:
+        """What learns, and how fast."""
+        return self.optimisation.groups(self.network)
+
+    def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
+        """AdamW or SGD under a linear warm-up and a cosine decay over the whole training."""
+        return self.optimisation.scheduled(self.parameter_groups(), self.trainer)
 
 
 def gathered(module: LightningModule, rows: list[T]) -> list[T]:
@@ -126,28 +180,6 @@ def normalised(images: Tensor, card: ModelCard) -> Tensor:
     """``(B, C, H, W)`` as a network takes them, of ``(B, H, W, C)`` uint8 images; the ``card`` says how."""
     mean, std = (255 * torch.tensor(values, device=images.device).view(1, -1, 1, 1) for values in (card.mean, card.std))
     return (images.permute(0, 3, 1, 2).float() - mean) / std
-
-
-def decay_groups(module: nn.Module, weight_decay: float, learning_rate: float | None = None) -> list[dict[str, Any]]:
-    """The trained parameters in two groups: matrices and kernels, which decay, and the others, which do not.
-
-    Args:
-        module: whose parameters.
-        weight_decay: of the first group.
-        learning_rate: of both; None is the optimiser's.
-    """
-    trained = [p for p in module.parameters() if p.requires_grad]
-    own: dict[str, Any] = {} if learning_rate is None else {"lr": learning_rate}
-    return [
-        {"params": [p for p in trained if p.ndim > 1], "weight_decay": weight_decay, **own},
-        {"params": [p for p in trained if p.ndim <= 1], "weight_decay": 0.0, **own},
-    ]
-
-
-def cosine(step: int, first: int, last: int, before: float, after: float) -> float:
-    """From ``before`` at step ``first`` along half a cosine to ``after`` at ``last``, and so on from there."""
-    progress = min(1.0, (step - first) / max(last - first, 1))
-    return after + (before - after) * (1 + math.cos(math.pi * progress)) / 2
 
 
 class WarmupCosine(LambdaLR):
@@ -174,7 +206,8 @@ class WarmupCosine(LambdaLR):
         if step < self.warmup:
             return (step + 1) / self.warmup
         first, before = self.fall
-        return cosine(step, first, self.total, before, self.final_share)
+        progress = min(1.0, (step - first) / max(self.total - first, 1))
+        return self.final_share + (before - self.final_share) * (1 + math.cos(math.pi * progress)) / 2
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Go on from a checkpoint, over the steps that this training has."""

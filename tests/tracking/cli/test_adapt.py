@@ -16,12 +16,13 @@ from tests.trainers.adapt import street
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.adapt.round import DEFAULT, Round, RoundScores
-from tsuiseki.trainers.adapt.rounds import Adaptation
-from tsuiseki.trainers.adapt.track_labels import Verdict
+from tsuiseki.trainers.adapt.rounds import DEFAULT, Adaptation, Round, RoundScores
+from tsuiseki.trainers.adapt.track_labels import TrackLabels, Verdict
 
 pytest.importorskip("torch")
+NO_LABELS = GroundTruth.of_boxes(np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, 4)))
 
 
 @pytest.fixture(scope="module")
@@ -45,9 +46,10 @@ def made_up_rounds(adaptation: Adaptation, *agreements: float) -> Iterator[Round
         (folder / "detector.onnx").write_bytes(str(number).encode())
         scores = RoundScores(agreement, 5, 4.0, 5.0, 1.0, 0.1)
         tracks = (street.track_of(0), street.decoy_track())
-        found = (Detections(street.people(0), np.array([0.9, 0.4])),) * 110
+        found = [Detections(street.people(0), np.array([0.9, 0.4]))] * 110
         verdicts = (Verdict(1, "taken", 110, 0, 0.9, 1.0), Verdict(9, "never moves", 110, 0, 0.9, 0.0))
-        yield Round(number, folder / "detector.onnx", scores, (verdicts,), 1, (tracks,), (found,))
+        labels = TrackLabels(NO_LABELS, verdicts, tracks, np.zeros(4))
+        yield Round(number, folder / "detector.onnx", scores, 1, (labels,), (found,))
 
 
 def default(adaptation: Adaptation, agreement: float) -> Round:
@@ -95,9 +97,9 @@ def test_nobody(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch:
     import cv2
 
     from tsuiseki.trainers.adapt import rounds as module
-    from tsuiseki.trainers.adapt.round import TrackedPeople
+    from tsuiseki.trainers.adapt.rounds import TrackedPeople
 
-    monkeypatch.setattr(module, "find", lambda v, *_: TrackedPeople([Detections.empty()] * v.length, 0, [], 1))
+    monkeypatch.setattr(module, "find", lambda v, *_: TrackedPeople([Detections.empty()] * v.length, [], 1))
     empty = street.write_video(tmp_path / "empty", frames=100)
     for path in (empty / "img1").iterdir():
         cv2.imwrite(str(path), street.view()[..., ::-1])

@@ -82,7 +82,7 @@ def test_each_command_that_makes_the_shipped_models_finds_what_it_needs(tmp_path
         options = dict(itertools.pairwise(words))
         config = yaml.safe_load(Path(options["--config"]).read_text()) if "--config" in options else {}
         needed = [options[o] for o in ("--checkpoint", "--blend", "--calibrate", "--detector", "--appearance",
-                                       "--folders", "--assets", "--model.start", "--model.teacher")
+                                       "--folders", "--assets", "--model.start", "--model.teacher.file")
                   if options.get(o, "null") != "null"]  # fmt: skip
         sources = [
             source

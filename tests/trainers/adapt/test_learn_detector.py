@@ -22,7 +22,7 @@ from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt import learn_detector
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, TorchDetector, fine_tune
 from tsuiseki.trainers.adapt.track_labels import label
-from tsuiseki.trainers.adapt.watch import HELD_OUT, Watched, foreground_of, watch
+from tsuiseki.trainers.adapt.watch import HELD_OUT, Watched, watch, with_empty_view
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.networks.detector_training import DetectorTraining
@@ -32,8 +32,8 @@ TINY = AdaptSettings(steps=5, threads=1)
 
 @pytest.fixture(autouse=True)
 def small(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few and small windows."""
-    for name, value in {"BATCH_SIZE": 2, "WINDOW": 0.3, "GENERATED_PEOPLE": 3}.items():
+    """Few windows."""
+    for name, value in {"BATCH_SIZE": 2, "GENERATED_PEOPLE": 3}.items():
         monkeypatch.setattr(learn_detector, name, value)
 
 
@@ -42,7 +42,7 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Watched:
     folder = tmp_path_factory.mktemp("camera")
     video = watch(str(street.write_video(folder / "street")), EVERY_FRAME, folder / "kept", 20)
     tracks = [street.track_of(0), street.track_of(1)]
-    labels = label(video, foreground_of(video), tracks, [Detections.empty()] * 20)
+    labels = label(with_empty_view(video), tracks, [Detections.empty()] * 20)
     write_ground_truth(Path(video.folder) / "gt" / "gt.txt", labels.people)
     return video
 
@@ -51,6 +51,7 @@ def watched(tmp_path_factory: pytest.TempPathFactory) -> Watched:
 def test_a_stopped_training_goes_on(watched: Watched, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     start = shipped("detector_street")
     layout = layout_of(start)
+    small = replace(layout, size=(128, 192))
     steps: list[int] = []
     step = DetectorTraining.training_step
 
@@ -63,11 +64,11 @@ def test_a_stopped_training_goes_on(watched: Watched, tmp_path: Path, monkeypatc
     monkeypatch.setattr(DetectorTraining, "training_step", counted)
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(Interrupted) as stopped:
-        fine_tune(start, layout, [watched], 1, 1, tmp_path, TINY)
+        fine_tune(start, small, [watched], 1, 1, tmp_path, TINY)
     signal.signal(signal.SIGINT, before)  # Lightning ignores it from then on
     assert stopped.value.number == signal.SIGTERM
     assert not (tmp_path / CHECKPOINT).exists()
-    checkpoint = fine_tune(start, layout, [watched], 1, 1, tmp_path, TINY)
+    checkpoint = fine_tune(start, small, [watched], 1, 1, tmp_path, TINY)
     # Two steps were done and saved; the third was not.
     assert len(steps) == 3 + 3
     module = load_module(DetectorTraining, checkpoint, layout.size)
@@ -75,7 +76,7 @@ def test_a_stopped_training_goes_on(watched: Watched, tmp_path: Path, monkeypatc
     found = TorchDetector(module).detect([watched.picture(0), watched.picture(3)])
     assert len(found) == 2
     assert all((d.boxes[:, 2] <= street.SIZE[0]).all() and (d.scores <= 1).all() for d in found)
-    assert fine_tune(start, layout, [watched], 1, 1, tmp_path, replace(TINY, seed=1)) == checkpoint
+    assert fine_tune(start, small, [watched], 1, 1, tmp_path, replace(TINY, seed=1)) == checkpoint
     assert len(steps) == 6
     assert np.isfinite(sum(d.scores.sum() for d in found))
 

@@ -9,7 +9,7 @@ import pytest
 
 from tests.trainers.adapt import street
 from tsuiseki.tracking.types import Detections
-from tsuiseki.trainers.adapt.round import RoundScores, agreement
+from tsuiseki.trainers.adapt.rounds import RoundScores, agreement
 
 FRAMES = range(10, 30)
 TRACKS = [street.track_of(0), street.track_of(1)]

@@ -17,9 +17,9 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.trainers.adapt import rounds as module
-from tsuiseki.trainers.adapt.round import TrackedPeople
 from tsuiseki.trainers.adapt.rounds import (
     Adaptation,
+    TrackedPeople,
     against_default,
     best_of,
     better,
@@ -28,7 +28,7 @@ from tsuiseki.trainers.adapt.rounds import (
     resumed,
     rounds,
 )
-from tsuiseki.trainers.adapt.watch import CameraVideos, Watched, open_camera
+from tsuiseki.trainers.adapt.watch import Watched, open_camera
 
 START = Path("start.onnx")
 TEACHER: Any = Path("teacher.onnx")
@@ -41,7 +41,7 @@ def seeing(people: int, jitter: float) -> TrackedPeople:
     for frame in range(street.FRAMES):
         boxes = street.people(frame)[:people]
         detections.append(Detections(boxes + rng.normal(0, jitter, boxes.shape), np.full(len(boxes), 0.9)))
-    return TrackedPeople(detections, 0, [street.track_of(n) for n in range(people)], 1)
+    return TrackedPeople(detections, [street.track_of(n) for n in range(people)], 1)
 
 
 @pytest.fixture
@@ -64,8 +64,8 @@ def adaptation(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[lis
         source = tmp_path / "street"
         if not source.exists():
             street.write_video(source)
-        camera = open_camera([str(source)], EVERY_FRAME, tmp_path / "work", settings)
-        return Adaptation(camera, START, tmp_path / "work", settings, START, tell=lambda _: None)
+        videos = open_camera([str(source)], EVERY_FRAME, tmp_path / "work", settings)
+        return Adaptation(videos, START, tmp_path / "work", settings, START, tell=lambda _: None)
 
     return make
 
@@ -142,9 +142,9 @@ def test_a_round_competes_with_the_start_and_not_with_its_teacher(
 
 def test_labels_of_a_round_teach_the_next(adaptation: Callable[[list[TrackedPeople]], Adaptation]) -> None:
     given = adaptation([seeing(1, 1.0), seeing(2, 0.5)])
-    counted = [here.people[0].evaluated.sum() for here in rounds(given)]
+    counted = [here.labels[0].people.evaluated.sum() for here in rounds(given)]
     assert counted == [30, 60]
-    written = (Path(given.camera.videos[0].folder) / "gt" / "gt.txt").read_text().splitlines()
+    written = (Path(given.videos[0].folder) / "gt" / "gt.txt").read_text().splitlines()
     assert sum(row.split(",")[6] == "1" for row in written) == 30
 
 
@@ -173,7 +173,7 @@ def test_finished_rounds_are_not_made_again(
 
 
 def test_nobody_is_refused(adaptation: Callable[[list[TrackedPeople]], Adaptation]) -> None:
-    nobody = TrackedPeople([Detections.empty()] * street.FRAMES, 0, [], 1)
+    nobody = TrackedPeople([Detections.empty()] * street.FRAMES, [], 1)
     with pytest.raises(RequestError, match=r"expected people to learn from .* found no person"):
         next(rounds(adaptation([nobody])))
 
@@ -183,7 +183,7 @@ def test_people_in_the_held_out_end_alone_teach_nothing(
 ) -> None:
     late = street.track_of(0)
     late = Track(1, late.frames[95:], late.boxes[95:], late.scores[95:])
-    found = TrackedPeople([Detections.empty()] * street.FRAMES, 0, [late], 1)
+    found = TrackedPeople([Detections.empty()] * street.FRAMES, [late], 1)
     with pytest.raises(RequestError, match="expected people before the last 25% of a video"):
         list(rounds(adaptation([found, found])))
 
@@ -206,11 +206,10 @@ def test_two_cameras_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_moving_camera_has_no_empty_view(tmp_path: Path) -> None:
-    camera = open_camera(
-        [str(street.write_video(tmp_path / "street", pan=1))], EVERY_FRAME, tmp_path / "work", AdaptSettings()
-    )
-    assert isinstance(camera, CameraVideos)
-    assert camera.foregrounds == (None,)
+    source = str(street.write_video(tmp_path / "street", pan=1))
+    (video,) = open_camera([source], EVERY_FRAME, tmp_path / "work", AdaptSettings())
+    assert video.empty is None
+    assert video.difference(0) is None
 
 
 def test_a_video_that_was_written_anew(tmp_path: Path) -> None:

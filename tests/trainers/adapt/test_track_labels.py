@@ -13,9 +13,18 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.review.correction_log import CORRECTIONS_FILE, CorrectedVideo, Correction, append, boxes_of
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
-from tsuiseki.trainers.adapt.certain import certain_boxes, corrections_in
-from tsuiseki.trainers.adapt.track_labels import DELETED, SHORT, STILL, TAKEN, TWICE, UNSURE, label
-from tsuiseki.trainers.adapt.watch import Watched, foreground_of, watch
+from tsuiseki.trainers.adapt.track_labels import (
+    DELETED,
+    SHORT,
+    STILL,
+    TAKEN,
+    TWICE,
+    UNSURE,
+    certain_boxes,
+    corrections_in,
+    label,
+)
+from tsuiseki.trainers.adapt.watch import Watched, watch, with_empty_view
 
 NONE = Detections.empty()
 # So far to the right that the boxes touch: they are 14 wide.
@@ -32,7 +41,7 @@ def test_each_track_gets_its_verdict(watched: Watched) -> None:
     sure, doubtful = street.track_of(0), street.track_of(1, score=0.3)
     brief = street.track_of(1, frames=4)
     tracks = [sure, replace(doubtful, id=2), street.decoy_track(), replace(brief, id=3)]
-    labels = label(watched, foreground_of(watched), tracks, [NONE] * 40)
+    labels = label(with_empty_view(watched), tracks, [NONE] * 40)
     assert {v.id: v.verdict for v in labels.verdicts} == {1: TAKEN, 2: UNSURE, 9: STILL, 3: SHORT}
     assert [t.id for t in labels.tracks] == [1]
     people = labels.people
@@ -47,7 +56,7 @@ def test_who_is_boxed_twice_is_background(watched: Watched) -> None:
     pair = [street.track_of(0), replace(street.track_of(0), id=2, boxes=street.track_of(0).boxes + ASIDE)]
     between = replace(pair[0], id=3, boxes=pair[0].boxes + ASIDE / 2, scores=0.8 * pair[0].scores)
     rejected = [Detections(between.boxes[f][None], np.array([0.4])) for f in watched.frames]
-    labels = label(watched, foreground_of(watched), [*pair, between], rejected)
+    labels = label(with_empty_view(watched), [*pair, between], rejected)
     assert [v.verdict for v in labels.verdicts] == [TAKEN, TAKEN, TWICE]
     assert set(labels.people.ids[labels.people.evaluated]) == {1, 2}
     ignored = labels.people.boxes[labels.people.ignored]
@@ -60,7 +69,7 @@ def test_who_is_hidden_behind_others_is_left_out(watched: Watched) -> None:
     hidden = (np.arange(street.FRAMES) > 40) & (np.arange(street.FRAMES) < 70)
     aside = np.where(hidden, 6.0, 0.0)[:, None] * [1, 0, 1, 0] + np.where(hidden, 0.0, 45.0)[:, None] * [0, 1, 0, 1]
     third = replace(pair[0], id=3, boxes=pair[0].boxes + aside, scores=0.8 * pair[0].scores, observed=~hidden)
-    labels = label(watched, None, [*pair, third], [NONE] * 40)
+    labels = label(watched, [*pair, third], [NONE] * 40)
     assert labels.verdicts[2].verdict == TAKEN
     people = labels.people.select(labels.people.ids == 3)
     behind = hidden[np.array(watched.frames)[people.frames]]
@@ -70,8 +79,7 @@ def test_who_is_hidden_behind_others_is_left_out(watched: Watched) -> None:
 
 def test_what_never_moves_may_be_left_out(watched: Watched) -> None:
     labels = label(
-        watched,
-        foreground_of(watched),
+        with_empty_view(watched),
         [street.track_of(0), street.decoy_track()],
         [NONE] * 40,
         sitting=True,
@@ -83,17 +91,17 @@ def test_filled_boxes_are_labels_and_mostly_filled_tracks_are_not(watched: Watch
     observed = np.ones(street.FRAMES, dtype=np.bool_)
     observed[20:60] = False
     some = replace(street.track_of(0), observed=observed)
-    labels = label(watched, foreground_of(watched), [some], [NONE] * 40)
+    labels = label(with_empty_view(watched), [some], [NONE] * 40)
     assert labels.verdicts[0].filled == 40
     assert len(labels.people.frames[labels.people.evaluated]) == 40
     most = replace(some, observed=np.arange(street.FRAMES) < 40)
-    assert label(watched, foreground_of(watched), [most], [NONE] * 40).verdicts[0].verdict == UNSURE
+    assert label(with_empty_view(watched), [most], [NONE] * 40).verdicts[0].verdict == UNSURE
 
 
 @pytest.mark.parametrize("share", [0.0, 0.5, 1.0])
 def test_boxes_are_moved_part_of_the_way_onto_silhouettes(watched: Watched, share: float) -> None:
     tracks = [street.track_of(n, shift=0.4) for n in range(2)]
-    labels = label(watched, foreground_of(watched), tracks, [NONE] * 40, onto_silhouettes=share)
+    labels = label(with_empty_view(watched), tracks, [NONE] * 40, onto_silhouettes=share)
     right = np.concatenate([t.boxes[:, 2] for t in labels.tracks])
     truth = np.concatenate([[street.box_of(n, f)[2] for f in t.frames] for n, t in enumerate(labels.tracks)])
     # From 0.4 widths to 0.08, the room about silhouettes; an edge is found to a pixel.
@@ -104,7 +112,7 @@ def test_where_somebody_may_be_nothing_is_learnt(watched: Watched) -> None:
     """Person 1 is rejected, the decoy is rejected, too: only the first moves."""
     frames = [*watched.frames]
     rejected = [Detections(np.stack([street.box_of(1, f), street.DECOY]), np.array([0.2, 0.25])) for f in frames]
-    labels = label(watched, foreground_of(watched), [street.track_of(0)], rejected)
+    labels = label(with_empty_view(watched), [street.track_of(0)], rejected)
     ignored = labels.people.boxes[labels.people.ignored]
     assert not (np.abs(ignored - street.DECOY).max(axis=1) < 1).any()
     found = [np.abs(ignored - street.box_of(1, f)).max(axis=1).min() < 1e-6 for f in frames[:20]]
@@ -112,7 +120,7 @@ def test_where_somebody_may_be_nothing_is_learnt(watched: Watched) -> None:
 
 
 def test_a_moving_camera_has_tracks_alone(watched: Watched) -> None:
-    labels = label(watched, None, [street.track_of(0, shift=0.2), street.decoy_track()], [NONE] * 40)
+    labels = label(watched, [street.track_of(0, shift=0.2), street.decoy_track()], [NONE] * 40)
     assert {v.verdict for v in labels.verdicts} == {TAKEN}
     assert (labels.offset == 0).all()
 
@@ -120,7 +128,7 @@ def test_a_moving_camera_has_tracks_alone(watched: Watched) -> None:
 def test_detections_on_no_track_teach_nothing(watched: Watched) -> None:
     """Before a moving camera nobody knows what they are."""
     found = [Detections(street.people(f), np.array([0.9, 0.2])) for f in watched.frames]
-    people = label(watched, None, [street.track_of(0)], found).people
+    people = label(watched, [street.track_of(0)], found).people
     apart = [n for n, f in enumerate(watched.frames) if abs(street.box_of(0, f)[0] - street.box_of(1, f)[0]) > 14]
     assert len(apart) > 20
     for n in apart:
@@ -133,7 +141,7 @@ def test_labels_are_as_wide_as_detected_in_their_frame(watched: Watched) -> None
     wider = [np.array([0, 0, 2.0 * (f % 2), 0]) for f in range(street.FRAMES)]
     track = street.track_of(0, shift=1 / 14)
     found = [Detections(street.people(f)[:1] + wider[f], np.array([0.9])) for f in watched.frames]
-    people = label(watched, None, [track], found).people
+    people = label(watched, [track], found).people
     for n, frame in enumerate(watched.frames):
         np.testing.assert_allclose(people.boxes[people.frames == n], street.people(frame)[:1] + wider[frame])
 
@@ -151,7 +159,7 @@ def test_what_was_corrected_is_certain(watched: Watched, tmp_path: Path) -> None
     append(tmp_path / CORRECTIONS_FILE, said, CorrectedVideo("street", street.SIZE, street.FRAMES))
     certain = certain_boxes(corrections_in(tmp_path, ["street"]), street.SIZE)
     rejected = [Detections(street.box_of(0, f)[None], np.array([0.9])) for f in watched.frames]
-    labels = label(watched, None, [doubtful, wrong], rejected, certain=certain)
+    labels = label(watched, [doubtful, wrong], rejected, certain=certain)
     assert [v.verdict for v in labels.verdicts] == [TAKEN, DELETED]
     assert not labels.people.ignored.any()
     here = labels.people.boxes[labels.people.frames == 5]

@@ -14,14 +14,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.trainers.adapt import watch as module
 from tsuiseki.trainers.adapt.foreground import difference
-from tsuiseki.trainers.adapt.watch import (
-    Foreground,
-    foreground_of,
-    plain_view,
-    refuse_other_sizes,
-    refuse_two_cameras,
-    watch,
-)
+from tsuiseki.trainers.adapt.watch import Watched, refuse_other_sizes, refuse_two_cameras, watch, with_empty_view
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +40,8 @@ def test_what_is_finished_is_not_read_again(video: Path, tmp_path: Path) -> None
 
 
 def test_the_plain_view_is_without_people(video: Path, tmp_path: Path) -> None:
-    empty = plain_view(watch(str(video), EVERY_FRAME, tmp_path / "kept", 60))
+    empty = with_empty_view(watch(str(video), EVERY_FRAME, tmp_path / "kept", 60)).empty
+    assert empty is not None
     expected = street.view()
     x1, y1, x2, y2 = street.DECOY.astype(int)
     expected[y1:y2, x1:x2] = (240, 240, 40)
@@ -74,9 +68,11 @@ def test_the_frame_of_a_turn_is_kept(tmp_path: Path) -> None:
 def test_two_cameras_are_refused(video: Path, tmp_path: Path) -> None:
     one = watch(str(video), EVERY_FRAME, tmp_path / "one", 20)
     other = watch(str(street.write_video(tmp_path / "other", seed=1)), EVERY_FRAME, tmp_path / "two", 20)
-    refuse_two_cameras([one, one], [street.view(), (0.6 * street.view()).astype(np.uint8)])
+    views = (street.view(), (0.6 * street.view()).astype(np.uint8), street.view(1))
+    first, darker, elsewhere = (replace(v, empty=view) for v, view in zip((one, one, other), views, strict=True))
+    refuse_two_cameras([first, darker, replace(other, empty=None)])
     with pytest.raises(RequestError, match="show different places"):
-        refuse_two_cameras([one, other], [street.view(), street.view(1)])
+        refuse_two_cameras([first, elsewhere])
 
 
 def test_videos_of_one_camera_have_one_size_and_move_alike(tmp_path: Path) -> None:
@@ -90,26 +86,30 @@ def test_videos_of_one_camera_have_one_size_and_move_alike(tmp_path: Path) -> No
 
 
 @pytest.fixture
-def foreground(tmp_path: Path) -> Foreground:
-    watched = watch(str(street.write_video(tmp_path / "street")), EVERY_FRAME, tmp_path / "kept", 20)
-    return foreground_of(watched)
+def still(tmp_path: Path) -> Watched:
+    return with_empty_view(watch(str(street.write_video(tmp_path / "street")), EVERY_FRAME, tmp_path / "kept", 20))
 
 
-def test_pictures_are_compared_once(foreground: Foreground, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_pictures_are_compared_once(still: Watched, monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
     monkeypatch.setattr(module, "difference", lambda *pair: calls.append(1) or difference(*pair))
     for _ in range(3):
         for number in (0, 7, 19):
-            found = foreground.picture(number)
-            different, bright = difference(foreground.watched.picture(number), foreground.empty)
+            found = still.difference(number)
+            assert found is not None
+            assert still.empty is not None
+            different, bright = difference(still.picture(number), still.empty)
             np.testing.assert_array_equal(found.different, different)
             np.testing.assert_array_equal(found.bright, bright)
             assert 0 < bright.sum() <= different.sum()
     assert len(calls) == 3
 
 
-def test_half_a_picture_is_made_again(foreground: Foreground) -> None:
-    whole = foreground.picture(3)
-    file = Path(foreground.watched.folder) / "foreground" / "000004.png"
+def test_half_a_picture_is_made_again(still: Watched) -> None:
+    whole = still.difference(3)
+    file = Path(still.folder) / "foreground" / "000004.png"
     file.write_bytes(file.read_bytes()[:40])
-    np.testing.assert_array_equal(foreground.picture(3).different, whole.different)
+    again = still.difference(3)
+    assert whole is not None
+    assert again is not None
+    np.testing.assert_array_equal(again.different, whole.different)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -99,16 +98,3 @@ def test_the_command_writes_the_cost_of_actions(tmp_path: Path, monkeypatch: pyt
     fitted = fit_action_cost([link_samples(observations, truth, 30.0, (320, 240))])
     term = yaml.safe_load(out.read_text())["drone"]["flow"]["costs"]["link"]["action"]
     np.testing.assert_allclose(term["weight"], fitted.weight, rtol=0.05)
-
-
-def test_a_clip_that_is_to_be_scored_is_not_fitted_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    for name, shift in (("one", 0), ("two", 5)):
-        (tmp_path / "fit" / name / "gt").mkdir(parents=True)
-        (tmp_path / "fit" / name / "gt" / "gt.txt").write_text(f"1,1,{10 + shift},10,20,40,1,1,1\n")
-    shutil.copytree(tmp_path / "fit" / "two", tmp_path / "scored" / "another-name")
-    words = ["train", "affinity-drone", "--folders", str(tmp_path / "fit"), "--out", str(tmp_path / "drone.yaml")]
-    assert main([*words, "--scored", str(tmp_path / "scored")]) == 2
-    said = capsys.readouterr().err
-    assert "two: its labels are those of" in said
-    assert "costs are fitted on other clips" in said
-    assert not (tmp_path / "drone.yaml").exists()

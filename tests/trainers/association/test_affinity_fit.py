@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -18,25 +17,22 @@ from tsuiseki.tracking.evaluation.coverage import UNMATCHED
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.options import OutputFile
-from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
+from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.trainers.association import affinity_fit
 from tsuiseki.trainers.association.affinity_fit import (
     AffinitySettings,
     AffinityVideo,
-    fit_affinity,
-    fit_observation,
-    fit_transition,
-)
-from tsuiseki.trainers.association.pair_samples import (
     LabelledDetections,
     PairSamples,
     every_nth,
+    fit_affinity,
+    fit_observation,
+    fit_transition,
     label_detections,
-    labelled_parts,
-    match_boxes,
     pair_samples,
 )
-from tsuiseki.trainers.association.videos import labelled_sequences
+from tsuiseki.trainers.association.videos import match_boxes
 from tsuiseki.trainers.exporting.export_costs import export_affinity, trees_parity
 
 QUICK = 40
@@ -170,11 +166,10 @@ def test_observation_recovers_the_logistic() -> None:
 
 
 def test_fits_from_labels_alone(sequence: Path, tmp_path: Path) -> None:
-    faults = DetectorFaults(false_alarms=1.0)
-    video, settings = AffinityVideo([sequence], detections="simulated", faults=faults), AffinitySettings(trees=QUICK)
+    video, settings = AffinityVideo([sequence], detections="simulated"), AffinitySettings(trees=QUICK)
     out = fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"), settings)
     again = tmp_path / "b.onnx"
-    words = ["--folders", str(sequence), "--detections", "simulated", "--faults.false-alarms", "1", "--out", str(again)]
+    words = ["--folders", str(sequence), "--detections", "simulated", "--out", str(again)]
     assert main(["train", "affinity", *words, "--trees", str(QUICK)]) == 0
     assert out.read_bytes() == again.read_bytes(), "the same seed gives the same file"
     affinity = Affinity(out)
@@ -187,38 +182,13 @@ def test_fits_from_labels_alone(sequence: Path, tmp_path: Path) -> None:
     assert affinity.observation.beta < 0
 
 
-class Constant:
-    """Describes everybody by one number."""
-
-    def __init__(self, value: float) -> None:
-        self.value = value
-
-    def describe(self, _: ImageArray, boxes: FloatArray) -> FloatArray:
-        return np.full((len(boxes), 1), self.value)
-
-
-def test_each_network_describes_its_own_stretch(sequence: Path) -> None:
-    (sequence / "img1").mkdir()
-    for frame in range(60):
-        cv2.imwrite(str(sequence / "img1" / f"{frame + 1:06d}.png"), np.zeros((24, 32, 3), np.uint8))
-    networks = [Constant(0.0), Constant(1.0)]
-    rng = np.random.default_rng(0)
-    (video,) = labelled_sequences([sequence])
-    first, second = labelled_parts(video, (11, 50), "simulated", networks, DetectorFaults(), rng)
-    assert (first.frames.min(), first.frames.max(), second.frames.min(), second.frames.max()) == (10, 29, 30, 49)
-    assert first.features is not None
-    assert second.features is not None
-    assert (first.features == 0).all()
-    assert (second.features == 1).all()
-
-
 def test_frames_count_from_one(sequence: Path, tmp_path: Path) -> None:
     video = AffinityVideo([sequence], frames=(61, 90), detections="simulated")
     with pytest.raises(RequestError, match=r"no frame lies within \(61, 90\); it has 60"):
         fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"))
 
 
-def test_bad_requests(sequence: Path, tmp_path: Path) -> None:
+def test_bad_requests(sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     taken = tmp_path / "taken.onnx"
     taken.write_bytes(b"")
     with pytest.raises(RequestError, match="exists"):
@@ -228,7 +198,8 @@ def test_bad_requests(sequence: Path, tmp_path: Path) -> None:
     with pytest.raises(RequestError, match=r"expected det/det\.txt beside the labels of walkers"):
         fit_affinity(AffinityVideo([sequence]), OutputFile(out=tmp_path / "a.onnx"))
     perfect = DetectorFaults(jitter=0, missed=1e-9, hidden=1e-9, false_alarms=0, doubled=0)
-    video = AffinityVideo([sequence], detections="simulated", faults=perfect)
+    monkeypatch.setattr(affinity_fit, "FAULTS", perfect)
+    video = AffinityVideo([sequence], detections="simulated")
     with pytest.raises(RequestError, match="expected right and wrong detections"):
         fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"), AffinitySettings(trees=QUICK))
     assert list(tmp_path.glob("a*")) == [], "nothing half-written"

@@ -10,9 +10,8 @@ import pytest
 from tsuiseki.tracking.association.evidence import JOIN_FEATURES
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.association.flow_loss import DifferenceWeights, cheapest
-from tsuiseki.trainers.association.graphs import DetectedVideo, FlowCounts, Graph, window, windows
-from tsuiseki.trainers.association.sequence_graphs import sequence_graphs
+from tsuiseki.trainers.association.flow_loss import cheapest
+from tsuiseki.trainers.association.graphs import DetectedVideo, FlowCounts, Graph, sequence_graphs, window, windows
 
 FRAMES = 60
 
@@ -130,7 +129,7 @@ def test_tracklets_of_ignored_people_are_neither_right_nor_wrong() -> None:
 def test_windows_of_next_to_nothing(empty: DetectedVideo) -> None:
     levels = sequence_graphs(empty)
     for graph in (levels.detections, levels.tracklets):
-        assert graph.arcs(DifferenceWeights()).count == len(graph)
+        assert graph.arcs().count == len(graph)
         flow = cheapest(graph.costs, graph.tail, graph.head)
         assert flow.shape == graph.labelled.shape
         counts = FlowCounts()

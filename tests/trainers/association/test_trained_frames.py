@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.trainers.association.affinity_fit import NetworkUse, check_trained_elsewhere, trained_frames
+from tsuiseki.trainers.association.affinity_fit import check_trained_elsewhere, trained_frames
 
 PETS = "PETS09-S2L1-first"
 ALL = [(0.0, float("inf"))]
@@ -29,9 +31,10 @@ def test_what_a_card_says(said: str, frames: list[tuple[float, float]]) -> None:
     assert trained_frames(said, PETS) == frames
 
 
-def use(said: str, first: int, last: int) -> NetworkUse:
+def network(said: str) -> Any:
+    """A network that says this of its training."""
     card = ModelCard(kind="detector", name="ssd", class_names=("person",), training_data=said)
-    return NetworkUse(Path("d.onnx"), card, PETS, first, last)
+    return SimpleNamespace(path=Path("d.onnx"), card=card)
 
 
 @pytest.mark.parametrize(("first", "last"), [(1, 400), (300, 301), (250, 260)])
@@ -39,15 +42,16 @@ def test_seen_frames_are_refused(first: int, last: int) -> None:
     with pytest.raises(
         RequestError, match=rf"d.onnx: expected a detector that was not trained on frames {first}-{last} of"
     ):
-        check_trained_elsewhere([use("PETS frames 1-300", first, last)])
+        check_trained_elsewhere([network("PETS frames 1-300")], [(PETS, first, last)])
 
 
 def test_other_frames_are_taken(recwarn: pytest.WarningsRecorder) -> None:
-    check_trained_elsewhere([use("PETS frames 1-300", 301, 400), use("generated people", 1, 400)])
+    check_trained_elsewhere([network("PETS frames 1-300")], [(PETS, 301, 400)])
+    check_trained_elsewhere([network("generated people")], [(PETS, 1, 400)])
     assert not recwarn.list
 
 
 def test_silence_is_told_once() -> None:
     with pytest.warns(UserWarning, match=r"d.onnx does not say what it was trained on") as told:
-        check_trained_elsewhere([use("", 1, 100), use("", 101, 200)])
+        check_trained_elsewhere([network("")], [(PETS, 1, 100), (PETS, 101, 200)])
     assert len(told) == 1

@@ -316,6 +316,6 @@ def test_labels_of_other_classes_are_named(tmp_path: Path) -> None:
 
 
 def test_a_wrong_setting_is_one_line(capsys: pytest.CaptureFixture[str], walk: Path, tmp_path: Path) -> None:
-    words = ["train", "association", *options(walk, tmp_path / "out", "--model.switch=0.1")]
+    words = ["train", "association", *options(walk, tmp_path / "out", "--model.loss.epsilon=0")]
     assert main(words) == 2
-    assert "two wrong links above a detection" in capsys.readouterr().err
+    assert "epsilon above 0" in capsys.readouterr().err

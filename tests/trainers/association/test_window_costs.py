@@ -85,11 +85,11 @@ def test_the_distances_are_those_of_the_tracker(street: Path, siamese: tuple[Pat
     module = AssociationTraining(appearance=AppearanceLearning(checkpoint))
     batch = EveryWindow(data.learnt, 10.0, data.images)[0]
     with torch.no_grad():
-        seen = module.makers().outputs(batch)
-        assert seen.features is not None
+        features, heads = module.outputs(batch)
+        assert features is not None
         assert batch.crops is not None
-        found = distances(seen.features, batch.crops.averages, batch.detections).numpy()
-        costs = module.makers().costs(batch, seen).numpy()
+        found = distances(features, batch.crops, batch.detections).numpy()
+        costs = module.costs(batch, features, heads).numpy()
     known = batch.detections.links[:, LINK_FEATURES.index("appearance")]
     assert np.ptp(known) > 0.01
     # The exported network computes in another order.

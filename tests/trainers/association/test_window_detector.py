@@ -15,10 +15,10 @@ from tsuiseki.tracking.association.evidence import DETECTION_FEATURES
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.trainers.association import window_detector
+from tsuiseki.trainers.association import window_costs
 from tsuiseki.trainers.association.flow_loss import FlowLoss
 from tsuiseki.trainers.association.training import AssociationTraining, HeadsLearning, detector_of
-from tsuiseki.trainers.association.window_detector import FrozenTrunk, frames_of, own_loss, rescored, score_logits
+from tsuiseki.trainers.association.window_costs import FrozenTrunk, frames_of, own_loss, rescored, score_logits
 from tsuiseki.trainers.association.windows import AssociationData, EveryWindow, TrainingWindow
 from tsuiseki.trainers.exporting.export import ModelFile
 from tsuiseki.trainers.exporting.export_networks import export_detector
@@ -91,12 +91,12 @@ def test_the_scores_are_those_of_the_detections(batch: TrainingWindow, detector:
     """So training starts from the tracker's own costs, from a checkpoint as from the file."""
     module = AssociationTraining(detector=HeadsLearning(detector[which]))
     with torch.no_grad():
-        heads = module.makers().outputs(batch).heads
+        _, heads = module.outputs(batch)
         assert heads is not None
         assert batch.frames is not None
         assert batch.detections.origin is not None
         found = score_logits(heads[0], batch.frames, batch.detections).numpy()
-        costs = module.makers().costs(batch).numpy()
+        costs = module.costs(batch, None, heads).numpy()
     # The exported network computes in another order.
     np.testing.assert_allclose(found, batch.detections.origin.logits, atol=1e-3)
     np.testing.assert_allclose(costs, batch.detections.costs, atol=1e-2)
@@ -127,7 +127,7 @@ def test_the_gradient_is_that_of_finite_differences(
     ).double()
     assert module.detector is not None
     module._tensor = lambda values: torch.as_tensor(values, dtype=torch.float64)  # type: ignore[method-assign]
-    monkeypatch.setattr(window_detector, "normalised", lambda *given: normalised(*given).double())
+    monkeypatch.setattr(window_costs, "normalised", lambda *given: normalised(*given).double())
     torch.nn.init.normal_(module.network.detections.linear.weight, std=0.1)
     module.train()
 
@@ -189,7 +189,7 @@ def test_the_own_loss_falls_on_its_own_steps(batch: TrainingWindow, detector: tu
     optimiser = torch.optim.Adam([p for p in module.detector.parameters() if p.requires_grad], lr=1e-2)
     losses = []
     for _ in range(8):
-        heads = module.makers().outputs(batch).heads
+        _, heads = module.outputs(batch)
         assert heads is not None
         loss = own_loss(module.detector, heads, batch.frames)
         optimiser.zero_grad()
@@ -206,7 +206,7 @@ def test_what_does_not_go_together_is_refused(
     with pytest.raises(RequestError, match=together):
         AssociationTraining().losses(batch, AssociationTraining().loss, np.random.default_rng(0))
     with pytest.raises(RequestError, match=together):
-        AssociationTraining(detector=HeadsLearning(detector[0])).makers().outputs(replace(batch, frames=None))
+        AssociationTraining(detector=HeadsLearning(detector[0])).outputs(replace(batch, frames=None))
     with pytest.raises(RequestError, match=r"expected --data\.detector ONNX with --data\.heads"):
         AssociationData([street], heads=True)
     with pytest.raises(RequestError, match="expected detections of --data"):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import torch
 
-from tsuiseki.trainers.association.flow_loss import Arcs, DifferenceWeights, FlowLoss, cheapest
+from tsuiseki.trainers.association.flow_loss import Arcs, FlowLoss, cheapest, difference_weights
 
 # a, b in the first frame, a, b in the second one; links a-a, b-b, a-b, b-a.
 OWNERS = np.array([0, 1, 0, 1])
@@ -14,7 +14,7 @@ USE, STARTS, ENDS, LINKS = [-3.0] * 4, [0.0, 0, 5, 5], [5.0, 5, 0, 0], [1.0, 1.2
 COSTS = np.array([*USE, *STARTS, *ENDS, *LINKS])
 RIGHT = np.array([1.0] * 4 + [1, 1, 0, 0] + [0, 0, 1, 1] + [1, 1, 0, 0])
 SWAPPED = np.array([1.0] * 4 + [1, 1, 0, 0] + [0, 0, 1, 1] + [0, 0, 1, 1])
-ARCS = Arcs(TAIL, HEAD, RIGHT, DifferenceWeights().of(OWNERS, TAIL, HEAD, RIGHT))
+ARCS = Arcs(TAIL, HEAD, RIGHT, difference_weights(OWNERS, TAIL, HEAD, RIGHT))
 
 
 def loss_and_gradient(loss: FlowLoss) -> tuple[float, np.ndarray]:

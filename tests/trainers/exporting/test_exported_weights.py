@@ -55,7 +55,6 @@ def test_the_layout_is_read_from_the_file():
     assert (layout.trunk, layout.size) == ("mobilenet_v3_small", (480, 640))
     assert [len(level) for level in layout.anchors] == [3, 2, 3]
     assert layout.anchors[0][0] == (9.0, 22.0)
-    assert layout.window(0.5) == (256, 320)
 
 
 def test_other_files_are_refused(tmp_path):

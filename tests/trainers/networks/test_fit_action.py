@@ -98,7 +98,7 @@ def test_exported_streams_say_what_the_trained_ones_say(
     assert found.shape == (2, 3, 12)
     module = load_module(ActionTraining, trained / "out/checkpoints/last.ckpt")
     assert module.names == OKUTAMA_ACTIONS
-    crops = {name: torch.from_numpy(c)[:, None] for name, c in crops_of(recogniser, images, boxes).items()}
+    crops = {name: torch.from_numpy(c) for name, c in crops_of(recogniser, images, boxes).items()}
     with torch.no_grad():
         logits = module(crops)
     for n, name in enumerate(TRAINED):
@@ -199,7 +199,7 @@ def test_streams_that_learn_jointly_are_exported_as_one_file_too(
     monkeypatch.setattr(action_network, "build_trunk", tiny_trunk)
     torch.manual_seed(0)
     module = ActionTraining(actions=3, size=16, dropout=0.0, fused=True)
-    crops = {n: torch.randint(0, 256, (2, 1, 16, 16, i.channels), dtype=torch.uint8) for n, i in module.inputs.items()}
+    crops = {n: torch.randint(0, 256, (2, 16, 16, i.channels), dtype=torch.uint8) for n, i in module.inputs.items()}
     truth = torch.tensor([[1.0, 0, 0], [0, 1, 1]])
     monkeypatch.setattr(module, "log", lambda *_, **__: None)
     mean = torch.stack([logits.sigmoid() for logits in module(crops).values()]).mean(dim=0)
@@ -222,7 +222,7 @@ def test_streams_that_learn_jointly_are_exported_as_one_file_too(
     assert one.streams == STREAMS
     rng = np.random.default_rng(0)
     images, boxes = list(rng.integers(0, 256, (2, 48, 64, 3), np.uint8)), np.array([[5, 4, 20, 40], [40, 2, 70, 30.0]])
-    given = {name: torch.from_numpy(c)[:, None] for name, c in crops_of(one, images, boxes).items()}
+    given = {name: torch.from_numpy(c) for name, c in crops_of(one, images, boxes).items()}
     with torch.no_grad():
         mean = torch.stack([logits.sigmoid() for logits in module.eval()(given).values()]).mean(dim=0)
     np.testing.assert_allclose(one.recognise(images, boxes), mean[None], atol=1e-5)
