@@ -98,8 +98,13 @@ def animal_result(
             background = video_background(source, choice.contrast, choice.threshold)
         facts |= {"contrast": background.contrast, "threshold": background.threshold, "area": background.area}
         tracker = AnimalTracker(background, choice.animals)
-    size, numbers = _followed(frames, tracker, times)
-
+    size, numbers = (0, 0), []
+    for frame in frames:
+        size = (frame.image.shape[1], frame.image.shape[0])
+        numbers.append(frame.index)
+        if tracker is not None:
+            with times.measure("poses"):
+                tracker.update(frame)
     with times.measure("identities"):
         by_frame = tracker.poses if tracker else _poses_by_points(table, skeleton, numbers) if table else []
         found, placed = _finished(by_frame, numbers, skeleton, table, source.frame_rate, size)
@@ -124,20 +129,6 @@ def animal_result(
     # A video file tells its size by its frames.
     result = replace(result, size=result.size or (size if any(size) else None))
     return with_page(result, nouns=("animal", "animals"), scene=scene), lines
-
-
-def _followed(
-    frames: Iterable[Frame], tracker: AnimalTracker | None, times: StageTimes
-) -> tuple[tuple[int, int], list[int]]:
-    """Width and height of the frames, and their numbers; the ``tracker`` has processed each."""
-    size, numbers = (0, 0), []
-    for frame in frames:
-        size = (frame.image.shape[1], frame.image.shape[0])
-        numbers.append(frame.index)
-        if tracker is not None:
-            with times.measure("poses"):
-                tracker.update(frame)
-    return size, numbers
 
 
 def _corrected(

@@ -52,9 +52,6 @@ def draw_contour(image: ImageArray, body: Body, contour: Points, colour: Colour,
             cv2.circle(image, (x, y), 2**SHIFT, colour, cv2.FILLED, cv2.LINE_AA, SHIFT)
 
 
-PIXEL_COLUMNS = 2
-
-
 def plot_states(path: Path, body: Body, tracks: Sequence[BodyTrack]) -> None:
     """Write one panel for each column of the state, a line for each body in the colour of its id.
 
@@ -71,21 +68,17 @@ def plot_states(path: Path, body: Body, tracks: Sequence[BodyTrack]) -> None:
     panels = figure.subplots(len(body.fields), 1, sharex=True)
     for column, axes in enumerate(panels):
         for track in tracks:
-            colour = np.array(track_colour(track.id)) / 255 * 0.85
-            axes.plot(track.frames + 1, _shown(body, track, column), color=colour, linewidth=1.1, label=f"{track.id}")
-            unseen = track.frames[~track.tracking] + 1
-            if len(unseen):
-                bottom = np.zeros(len(unseen))
-                axes.plot(unseen, bottom, "|", color=colour, transform=axes.get_xaxis_transform(), clip_on=False)
-        unit = "degrees" if column in body.angles else "pixels" if column < PIXEL_COLUMNS else ""
+            colour, values = np.array(track_colour(track.id)) / 255 * 0.85, track.states[:, column]
+            values = np.degrees(np.unwrap(values)) if column in body.angles else values
+            axes.plot(track.frames + 1, values, color=colour, linewidth=1.1, label=f"{track.id}")
+            missed = track.frames[~track.tracking] + 1
+            if len(missed):
+                bottom = np.zeros(len(missed))
+                axes.plot(missed, bottom, "|", color=colour, transform=axes.get_xaxis_transform(), clip_on=False)
+        unit = "degrees" if column in body.angles else "pixels" if column < 2 else ""
         axes.set_ylabel(f"{body.fields[column]}\n{unit}".strip())
         axes.grid(visible=True, alpha=0.3)
     panels[-1].set_xlabel("frame; marks at the bottom: missed" if tracks else "frame")
     if 0 < len(tracks) <= 10:
         figure.legend(*panels[0].get_legend_handles_labels(), title="id", loc="outside right upper", frameon=False)
     figure.savefig(path, dpi=100, facecolor="white")
-
-
-def _shown(body: Body, track: BodyTrack, column: int) -> np.ndarray:
-    values = track.states[:, column]
-    return np.degrees(np.unwrap(values)) if column in body.angles else values

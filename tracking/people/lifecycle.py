@@ -274,14 +274,10 @@ class Record:
     """
 
     def __init__(self) -> None:
-        self._started = 0
+        self._started = self._pruned = 0
         self._ids: dict[int, int] = {}
-        self._frames: list[int] = []
-        self._numbers: list[IntArray] = []
-        self._boxes: list[FloatArray] = []
-        self._scores: list[FloatArray] = []
-        self._columns: tuple[list[Any], ...] = (self._frames, self._numbers, self._boxes, self._scores)
-        self._pruned = 0
+        # Of each frame: its number, and the numbers, boxes and scores of tracks.
+        self._rows: list[tuple[int, IntArray, FloatArray, FloatArray]] = []
 
     def start(self, count: int) -> IntArray:
         """Numbers of ``count`` new tracks."""
@@ -299,8 +295,7 @@ class Record:
 
     def forget(self) -> None:
         """Drop the boxes so far; numbers and ids go on."""
-        for kept in self._columns:
-            kept.clear()
+        self._rows.clear()
         self._pruned = 0
 
     def prune(self, live: IntArray) -> None:
@@ -310,32 +305,27 @@ class Record:
         """
         wanted = np.zeros(self._started, dtype=np.bool_)
         wanted[[*self._ids, *live.tolist()]] = True
-        begin = self._pruned
-        rows = list(zip(*(kept[begin:] for kept in self._columns), strict=True))
-        for kept in self._columns:
-            del kept[begin:]
+        rows = self._rows[self._pruned :]
+        del self._rows[self._pruned :]
         for frame, numbers, boxes, scores in rows:
             which = wanted[numbers]
             if which.any():
                 self.append(frame, numbers[which], boxes[which], scores[which])
-        self._pruned = len(self._frames)
+        self._pruned = len(self._rows)
 
     def append(self, frame: int, numbers: IntArray, boxes: FloatArray, scores: FloatArray) -> None:
         """Add the ``(K, 4 + …)`` boxes of the K tracks detected in a frame, and scores, 0 for those not known."""
-        self._frames.append(frame)
-        self._numbers.append(numbers)
-        self._boxes.append(boxes)
-        self._scores.append(np.nan_to_num(scores))
+        self._rows.append((frame, numbers, boxes, np.nan_to_num(scores)))
 
     def parts(self) -> list[tuple[int, IntArray, FloatArray, FloatArray]]:
         """Id, ``(T,)`` frames, ``(T, 4 + …)`` boxes and ``(T,)`` scores of the confirmed tracks, by id."""
-        if not self._ids or not self._numbers:
+        if not self._ids or not self._rows:
             return []
         lookup = np.zeros(self._started, dtype=np.int64)
         lookup[list(self._ids)] = list(self._ids.values())
-        ids = lookup[np.concatenate(self._numbers)]
-        frames = np.repeat(self._frames, [len(numbers) for numbers in self._numbers])
-        boxes, scores = np.concatenate(self._boxes), np.concatenate(self._scores)
+        of_frames, of_tracks, *columns = zip(*self._rows, strict=True)
+        frames, ids = np.repeat(of_frames, list(map(len, of_tracks))), lookup[np.concatenate(of_tracks)]
+        boxes, scores = map(np.concatenate, columns)
         # Frames were added in their order.
         return [
             (int(ids[rows[0]]), frames[rows], boxes[rows], scores[rows]) for rows in rows_of_each(ids) if ids[rows[0]]

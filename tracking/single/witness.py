@@ -72,7 +72,10 @@ class Witness:
         self._describe = describe
         self._learnt: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=KEPT)
         self.belief, self._updates = AT_FIRST, 0
-        self._first = self._features(image, box[None]), self._features(image, _around(box))
+        self._first = (
+            unit_features(self._describe, image, box[None]),
+            unit_features(self._describe, image, _around(box)),
+        )
         self._learn()
 
     @property
@@ -82,19 +85,19 @@ class Witness:
 
     def evidence(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         """``(N,)`` how much boxes ``(N, 4)`` look like the target, in [-2.65, 1.35]; negative: rather like others."""
-        likeness, answers = self._compare(self._features(image, boxes))
+        likeness, answers = self._compare(unit_features(self._describe, image, boxes))
         return likeness + answers - EVEN
 
     def update(self, image: ImageArray, box: FloatArray) -> None:
         """Judge ``box`` ``(4,)``, and learn it where it is known and not like the surroundings."""
-        features = self._features(image, box[None])
+        features = unit_features(self._describe, image, box[None])
         likeness, answer = (float(one[0]) for one in self._compare(features))
         on = CHANGES + (1 - 2 * CHANGES) / (1 + np.exp(-self.belief))
         ratio = float(np.clip(SLOPE * (likeness + answer - EVEN), -MOST, MOST))
         self.belief = float(np.log(on / (1 - on))) + ratio
         self._updates += 1
         if likeness > KNOWN and answer > 0 and self._updates % LEARN == 0:
-            self._learnt.append((features, self._features(image, _around(box))))
+            self._learnt.append((features, unit_features(self._describe, image, _around(box))))
             self._learn()
 
     def moved(self) -> None:
@@ -109,9 +112,6 @@ class Witness:
     def _compare(self, features: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``(N,)`` greatest cosine to what is known of the target, and the regression's answer, both in [-1, 1]."""
         return (features @ self._known.T).max(axis=1), np.clip(features @ self._weights + self._offset, -1, 1)
-
-    def _features(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
-        return unit_features(self._describe, image, boxes)
 
 
 def unit_features(describe: Describe, image: ImageArray, boxes: FloatArray) -> FloatArray:
