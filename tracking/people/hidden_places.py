@@ -132,30 +132,30 @@ def _velocity(frames: IntArray, boxes: FloatArray) -> FloatArray:
     return slope
 
 
-def unsupported(places: Places, found: Sequence[Detections], first: int) -> BoolArray:
+def unsupported(places: Places, detections: Sequence[Detections], first: int) -> BoolArray:
     """``(N,)`` places that are held where no detection of that frame, of either pass, supports them.
 
     Args:
         places: by frame.
-        found: what the second pass detected, an entry a frame.
+        detections: of the second pass, an entry a frame.
         first: number of the frame of the first entry.
     """
     doubtful = np.isin(places.held, [-1, 1, 2])
     for frame in np.unique(places.frames[doubtful]).tolist():
         rows = places.at(frame)
         detected = places.bare[rows][places.held[rows] == 0]
-        overlaps = iou_matrix(places.bare[rows], np.concatenate([found[frame - first].boxes, detected]))
+        overlaps = iou_matrix(places.bare[rows], np.concatenate([detections[frame - first].boxes, detected]))
         doubtful[rows] &= overlaps.max(axis=1, initial=0.0) < SUPPORT
     return doubtful
 
 
-def without_shown(found: Detections, shown: Sequence[Track], frame: int) -> Detections:
+def without_shown(detections: Detections, shown: Sequence[Track], frame: int) -> Detections:
     """The detections of a frame but those of people who stay as they are."""
     boxes = [track.boxes[track.frames == frame] for track in shown]
-    if not len(found) or not boxes:
-        return found
-    kept = iou_matrix(found.boxes, np.concatenate(boxes)).max(axis=1, initial=0.0) < SAME
-    return Detections(found.boxes[kept], found.scores[kept])
+    if not len(detections) or not boxes:
+        return detections
+    kept = iou_matrix(detections.boxes, np.concatenate(boxes)).max(axis=1, initial=0.0) < SAME
+    return Detections(detections.boxes[kept], detections.scores[kept])
 
 
 def paint(image: ImageArray, boxes: FloatArray, style: Style, heads: bool) -> ImageArray:

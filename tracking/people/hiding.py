@@ -145,15 +145,15 @@ def find_missed(
     detect = people_detect(source, finding, PEOPLE_DETECTOR, threads)
     inputs = PeopleInputs(source, detect, batch_size=finding.batch_size, threads=finding.threads)
     shown = [track for track in tracks if track.id in wanted.shown]
-    first, size, found, seconds, links = 0, (0, 0), list[Detections](), list[float](), Sort(LINKS)
-    for frame, detections in inputs.with_frames(frames):
-        if not found:
+    first, size, detections, seconds, links = 0, (0, 0), list[Detections](), list[float](), Sort(LINKS)
+    for frame, detected in inputs.with_frames(frames):
+        if not detections:
             first, size = frame.index, (frame.image.shape[1], frame.image.shape[0])
             compare_with_picture("the result", np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]), size)
-        found.append(without_shown(detections, shown, frame.index))
+        detections.append(without_shown(detected, shown, frame.index))
         seconds.append(frame.time)
-        links.update(found[-1])
-    last = first + len(found) - 1
+        links.update(detections[-1])
+    last = first + len(detections) - 1
     rest = [replace(track, frames=track.frames + first) for track in links.tracks()]
     hidden = [track for track in tracks if track.id not in wanted.shown]
     parts = [places_of(track, source.frame_rate, size, last, wanted.heads) for track in hidden]
@@ -163,7 +163,7 @@ def find_missed(
         parts.append(replace(part, ids=0 * part.ids, held=held))
     places = Places.joined(parts)
     places = places.select((places.frames >= first) & (places.frames <= last))
-    return Hiding(places, unsupported(places, found, first), wanted.heads, style, first, seconds)
+    return Hiding(places, unsupported(places, detections, first), wanted.heads, style, first, seconds)
 
 
 def hide(

@@ -29,10 +29,10 @@ def tracked(source: str | Path | Result[Track]) -> Result[Track]:
     Raises:
         RequestError: there is nothing of this, the source does not end, or no person has a box.
     """
-    found = source if isinstance(source, Result) else _read(Path(source))
-    if not found.tracks or not all(isinstance(getattr(track, "track", track), Track) for track in found):
+    result = source if isinstance(source, Result) else _read(Path(source))
+    if not result.tracks or not all(isinstance(track, Track) for track in boxes_of(result)):
         raise RequestError(f"{name_of(source)}: expected tracks of people with boxes, got none")
-    return found
+    return result
 
 
 def _read(path: Path) -> Result[Track]:

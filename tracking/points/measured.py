@@ -21,6 +21,7 @@ from tsuiseki.tracking.formats.measurement_tables import (
     sensing_model,
     write_sensed_tracks,
 )
+from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.people.run import network_detections
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.points.observed import positions_of, region_of
@@ -88,10 +89,10 @@ def follow_measurements(
     """
     tracker = MeasurementTracker(as_model(model), method, particles, seed, lag)
     for scan in scans:
-        found = tracker.update(scan)
+        targets = tracker.update(scan)
         tracker.forget()
-        if found is not None:
-            yield found
+        if targets is not None:
+            yield targets
     last = tracker.finish()
     if last is not None:
         yield last
@@ -186,9 +187,9 @@ def detected_scans(video: Path, model: SensingModel, detector: Path) -> tuple[Se
     if tuple(model.sensor.columns) != ("x", "y"):
         raise RequestError(f"expected a sensor of x,y with `detector`, got one of {','.join(model.sensor.columns)}")
     source = open_source(str(video))
-    found = network_detections(source, FindingOptions(detector=detector))
-    detected = progress(found, "detecting", source.frames_expected)
-    scans = [Scan(n / source.frame_rate, (here.boxes[:, :2] + here.boxes[:, 2:]) / 2) for n, here in detected]
+    detections = network_detections(source, FindingOptions(detector=detector))
+    steps = progress(detections, "detecting", source.frames_expected)
+    scans = [Scan(n / source.frame_rate, centres(each.boxes)) for n, each in steps]
     return model if model.region else replace(model, region=tuple((0.0, side) for side in extent_of(source))), scans
 
 

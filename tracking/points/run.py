@@ -92,7 +92,7 @@ def track_points(
         RequestError: a frame is neither; the message says what was expected.
     """
     tracker = PointTracker(settings or PointSettings(), extent, seed)
-    steps = (as_measured(found, tracker.settings.box) for found in measured)
+    steps = (as_measured(of_frame, tracker.settings.box) for of_frame in measured)
     return blob_result(None, tracker, steps, StageTimes(), {"seed": seed})
 
 
@@ -105,20 +105,20 @@ def follow_points(
 ) -> Iterator[Targets]:
     """The targets of each frame, while the measurements come; see `track_points`."""
     tracker = PointTracker(settings or PointSettings(), extent, seed)
-    for found in measured:
-        yield tracker.update(as_measured(found, tracker.settings.box))
+    for of_frame in measured:
+        yield tracker.update(as_measured(of_frame, tracker.settings.box))
         tracker.forget()
 
 
-def as_measured(found: ArrayLike | DetectionsLike, box: tuple[float, float]) -> Detections:
+def as_measured(measured: ArrayLike | DetectionsLike, box: tuple[float, float]) -> Detections:
     """Points ``(M, 2)`` as boxes of the width and height ``box``; anything else by `as_detections`.
 
     Raises:
         RequestError: see `as_detections`; or a point is not finite.
     """
-    points = np.asarray(found, dtype=np.float64) if isinstance(found, list | tuple | np.ndarray) else None
+    points = np.asarray(measured, dtype=np.float64) if isinstance(measured, list | tuple | np.ndarray) else None
     if points is None or points.ndim != 2 or points.shape[1] != 2:
-        return as_detections(found)
+        return as_detections(measured)
     if not np.isfinite(points).all():
         raise RequestError("expected finite points, got NaN or infinity")
     return points_as_boxes(points, box)
@@ -188,12 +188,12 @@ def read_measurements(
         RequestError: the file is missing or broken, or longer than the video.
     """
     if is_point_file(path):
-        found = [points_as_boxes(points, box) for points in read_points(path, source.length)]
+        detections = [points_as_boxes(points, box) for points in read_points(path, source.length)]
     else:
-        found = given_detections(path, source, score_range)
-    wanted = source.frames_wanted.within(source.length or len(found))
-    last = len(found) - 1 if wanted.last is None else wanted.last
-    return found[wanted.first : last + 1]
+        detections = given_detections(path, source, score_range)
+    wanted = source.frames_wanted.within(source.length or len(detections))
+    last = len(detections) - 1 if wanted.last is None else wanted.last
+    return detections[wanted.first : last + 1]
 
 
 def blob_result(
@@ -267,8 +267,8 @@ def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
     with output.run() as run:
         steps_in: Iterable[Any] = run.frames(source, record=video.overlay) if measured is None else measured
         if choice.detector is not None:
-            found = network_detections(source, FindingOptions(detector=choice.detector), steps_in)
-            steps_in = (here for _, here in found)
+            numbered = network_detections(source, FindingOptions(detector=choice.detector), steps_in)
+            steps_in = (detections for _, detections in numbered)
         steps = run.steps(steps_in, total=None if measured is None else len(measured))
         result = blob_result(source, tracker, steps, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))
