@@ -104,7 +104,7 @@ class FloorPose(LensSizes):
 
     def camera(self, file: Path) -> tuple[AnyCamera, list[str]]:
         """The camera whose lens is in ``file``, in its place, and lines that say how well points of the floor fit."""
-        from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
+        from tsuiseki.tracking.cameras.lens_files import read_intrinsics
         from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 
         camera: AnyCamera
@@ -188,7 +188,7 @@ def _fitted(
         RequestError: neither size nor intrinsics are given, there is another number of these, or points leave a camera
             open.
     """
-    from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
+    from tsuiseki.tracking.cameras.lens_files import read_intrinsics
 
     if intrinsics is None and image_size is None:
         raise RequestError("expected `image_size` WIDTH,HEIGHT or `intrinsics`, got neither")
@@ -227,7 +227,7 @@ def checkerboard(
         coefficients: of the lens: 5 for usual lenses, 8 or 12 for wide ones.
         every: use every so many frames of a video.
     """
-    from tsuiseki.tracking.cameras.intrinsic_files import write_intrinsics
+    from tsuiseki.tracking.cameras.lens_files import write_intrinsics
     from tsuiseki.tracking.cli.progress import progress
 
     if min(corners) < 3 or corners[0] == corners[1] or every < 1:

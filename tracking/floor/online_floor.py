@@ -31,10 +31,6 @@ SHORTEST = 3
 """Existence from which a person is reported, and for the first time; width of the kernel that spreads particles."""
 
 
-def _stay(states: FloatArray, _: float, __: np.random.Generator) -> FloatArray:
-    return states
-
-
 def people_online(measured: MeasuredFloor, seed: int = 0) -> list[PersonOnFloor]:
     """The tracks that the answers at each moment make, of at least `SHORTEST` moments on the plan.
 
@@ -88,7 +84,7 @@ def _corrector(
         at = np.full(len(states), moment)
         return np.asarray(np.clip(DETECTION * view.share(at, cartesian(states)), 1e-6, 1 - 1e-6))
 
-    motion = _stay if seconds is None else straight(ACCELERATION, 2)
+    motion = straight(ACCELERATION, 2) if seconds is not None else lambda states, _, __: states
     survival = 1.0 if seconds is None else float(np.exp(-seconds / LIVES))
     model = PointModel(motion, gaussian, survival, detection, lambda _: clutter, seconds or 1.0)
     births = MeasurementBirths(BIRTHS * share, gaussian, newborn(invert, 2, SPEED), 4, PARTICLES // 5)

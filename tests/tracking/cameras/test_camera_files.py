@@ -8,7 +8,7 @@ import pytest
 import yaml
 
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, read_projective_cameras, write_cameras
-from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
+from tsuiseki.tracking.cameras.lens_files import read_intrinsics
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 

@@ -10,7 +10,7 @@ import pytest
 
 from tsuiseki.tracking.cameras.calibration import fit_checkerboards
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, read_projective_cameras, write_cameras
-from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics
+from tsuiseki.tracking.cameras.lens_files import read_intrinsics
 from tsuiseki.tracking.cameras.projective import PinholeCamera, distort, largest_radius, undistort
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError

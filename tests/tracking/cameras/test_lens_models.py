@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cameras.calibration import HALF_PIXEL, locate_camera
-from tsuiseki.tracking.cameras.intrinsic_files import read_intrinsics, read_lens_file
-from tsuiseki.tracking.cameras.lens_files import read_lens, read_lens_fitted
+from tsuiseki.tracking.cameras.lens_files import read_intrinsics, read_lens, read_lens_file, read_lens_fitted
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, UnifiedLens
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import InputWarning, RequestError

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.cameras.intrinsic_files import write_intrinsics
+from tsuiseki.tracking.cameras.lens_files import write_intrinsics
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cli import main
 
