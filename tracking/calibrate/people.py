@@ -271,13 +271,13 @@ def check_cameras(given: Sequence[CameraOverFloor] | Path, found: PeopleCalibrat
     cameras = read_cameras(given) if isinstance(given, Path) else given
     if len(cameras) != len(found.views):
         raise RequestError(f"`cameras`: expected {len(found.views)} cameras, one a source, got {len(cameras)}")
-    soft_targets = [_by_both(one, found, k) for k, one in enumerate(cameras)]
-    heights = np.array([height for *_, height in soft_targets])
+    places = [_by_both(one, found, k) for k, one in enumerate(cameras)]
+    heights = np.array([height for *_, height in places])
     away = []
-    for theirs, ours, _ in soft_targets:
+    for theirs, ours, _ in places:
         middle, centre = theirs.mean(), ours.mean()
         turn = np.exp(1j * np.angle(np.vdot(ours - centre, theirs - middle)))
-        away.append([float(np.median(np.abs(turn * (b - centre) + middle - a))) for a, b, _ in soft_targets])
+        away.append([float(np.median(np.abs(turn * (b - centre) + middle - a))) for a, b, _ in places])
     # Of equals, such as each of two cameras, the one by which people are as high as people are.
     unlike = np.abs(np.log(heights / found.height))
     best = int(np.argmin(np.minimum(away, 5 * WRONG).sum(axis=1) + 0.01 * unlike))

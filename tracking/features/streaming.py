@@ -17,7 +17,7 @@ from tsuiseki.tracking.features.exported import ChoosingDetect, Describe, Detect
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
 
-_Found: TypeAlias = list[tuple[Frame, Detections]]
+_Rows: TypeAlias = list[tuple[Frame, Detections]]
 
 
 def stream(
@@ -46,7 +46,7 @@ def stream(
         for batch in batches:
             yield from _detected(batch, _ready(detect, batch, times), describe, times)
         return
-    waiting: deque[Future[_Found]] = deque()
+    waiting: deque[Future[_Rows]] = deque()
     with ThreadPoolExecutor(workers, "tsuiseki") as pool:
         try:
             for batch in batches:
@@ -83,13 +83,14 @@ def _ready(
 
 def _detected(
     batch: list[Frame], detect: Detect | Sequence[Detections], describe: Describe | None, times: StageTimes
-) -> _Found:
+) -> _Rows:
     with times.measure("detect"):
         if isinstance(detect, Sequence):
-            found = [detect[f.index] if f.index < len(detect) else Detections.empty() for f in batch]
+            detections = [detect[f.index] if f.index < len(detect) else Detections.empty() for f in batch]
         else:
-            found = detect.detect([frame.image for frame in batch])
+            detections = detect.detect([frame.image for frame in batch])
     if describe is not None:
         with times.measure("describe"):
-            found = [d.with_features(describe.describe(f.image, d.boxes)) for f, d in zip(batch, found, strict=True)]
-    return list(zip(batch, found, strict=True))
+            pairs = zip(batch, detections, strict=True)
+            detections = [d.with_features(describe.describe(f.image, d.boxes)) for f, d in pairs]
+    return list(zip(batch, detections, strict=True))

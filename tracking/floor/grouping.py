@@ -298,9 +298,9 @@ class PersonNodes:
 
     def highest(self, names: IntArray) -> IntArray:
         """``(G,)`` certain names of the nodes from those of their points, -1 for none."""
-        found = np.full(len(self.moment), -1)
-        np.maximum.at(found, self.node, names)
-        return found
+        highest = np.full(len(self.moment), -1)
+        np.maximum.at(highest, self.node, names)
+        return highest
 
 
 def weighed(points: MomentPoints, label: IntArray) -> tuple[PersonNodes, IntArray]:

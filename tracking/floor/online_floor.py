@@ -43,11 +43,11 @@ def people_online(measured: MeasuredFloor, seed: int = 0) -> list[PersonOnFloor]
     held: dict[int, list[tuple[Any, ...]]] = {}
     state: LabelledState | None = None
     for moment, seconds in enumerate(np.diff(times, prepend=times[0] - 1.0).tolist()):
-        here = np.arange(edges[moment], edges[moment + 1])
+        scan = np.arange(edges[moment], edges[moment + 1])
         active = [k for k, view in enumerate(views) if view.measured[moment] and not view.names]
         ids = np.empty(0, np.int64)
         for number, sensor in enumerate(active):
-            own = here[points.sensor[here] == sensor]
+            own = scan[points.sensor[scan] == sensor]
             one = _corrector(views[sensor], moment, seconds if number == 0 else None, seconds / len(active),
                              points.covariances[own], FALSE * points.spread[own])  # fmt: skip
             state, info = one.step(state or one.init(np.empty((0, 4))), points.places[own], rng)
@@ -57,7 +57,7 @@ def people_online(measured: MeasuredFloor, seed: int = 0) -> list[PersonOnFloor]
         rows = np.searchsorted(state.labels, ids)
         mean, covariance = _moments(np.exp(state.log_weights[rows]), state.particles[rows])
         detected = _detected_by(
-            mean, covariance, points.places[here], points.covariances[here], points.sensor[here], len(views)
+            mean, covariance, points.places[scan], points.covariances[scan], points.sensor[scan], len(views)
         )
         inside = measured.inside(mean[:, [0, 2]])
         for k in np.flatnonzero(inside).tolist():
