@@ -74,9 +74,9 @@ def steps_from_boxes(frames: IntArray, boxes: FloatArray, count: int, rate: Floa
         rate: ``(count,)`` one over the seconds since the frame before each.
     """
     steps = CameraSteps(np.tile(np.eye(3)[:2], (count, 1, 1)), np.zeros(count), np.zeros(count))
-    every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
+    centre, size = centres(boxes), sizes(boxes)
     reach = np.repeat(REACH * size.max(axis=1)[:, None], 2, axis=1)
-    i, j = near_pairs(frames, centre, reach, 1, every, every)
+    i, j = near_pairs(frames, centre, reach, 1)
     change = np.log(size[j] / size[i])
     alike = np.abs(change[:, 1]) < 0.5
     i, j, change = i[alike], j[alike], change[alike]

@@ -103,10 +103,10 @@ def _extent(boxes: FloatArray) -> float:
 
 def _links(frames: IntArray, boxes: FloatArray, frame_rate: float) -> tuple[IntArray, IntArray]:
     """Earlier and later boxes that overlap, the best last: that of the shortest gap, then of the largest overlap."""
-    every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
+    centre, size = centres(boxes), sizes(boxes)
     near = []
     for gap in range(1, max(2, min(MOST_GAP, round(LONGEST_GAP * frame_rate))) + 1):
-        i, j = near_pairs(frames, centre, size, gap, every, every)
+        i, j = near_pairs(frames, centre, size, gap)
         overlap = iou_pairs(boxes[i], boxes[j])
         good = overlap > OVERLAP
         near.append((i[good], j[good], overlap[good] - gap))

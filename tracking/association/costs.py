@@ -22,8 +22,8 @@ from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
 
-from tsuiseki.tracking.association.nearby import gaps
-from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.association.nearby import gaps, sizes
+from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.types import Columns, FloatArray, IntArray
 
 
@@ -79,8 +79,7 @@ def pair_features(
         gap: ``(P,)`` frames between the two.
         actions: ``(N, A)`` probabilities of actions; None where nothing recognises them.
     """
-    size = boxes[:, 2:] - boxes[:, :2]
-    centre = (boxes[:, :2] + boxes[:, 2:]) / 2
+    size, centre = sizes(boxes), centres(boxes)
     log_size = np.log(size)
     move = (centre[j] - centre[i]) / ((size[i, 1] + size[j, 1]) / 2)[:, None]
     change = log_size[j] - log_size[i]
@@ -278,13 +277,8 @@ class ActionCost:
 
 
 def action_distances(earlier: FloatArray, later: FloatArray, i: IntArray, j: IntArray) -> FloatArray:
-    """``(P,)`` cosine distances of the rows ``i`` of ``earlier`` and ``j`` of ``later``, in [0, 1]: c_saf of eq. 5.2.
-
-    Args:
-        earlier: ``(N, A)`` action probabilities.
-        later: ``(N, A)`` likewise, or the same.
-        i: ``(P,)`` indices.
-        j: ``(P,)`` indices.
+    """``(P,)`` cosine distances in [0, 1] of the rows ``i`` and ``j`` of two sets of actions ``(N, A)``: c_saf of eq.
+    5.2.
     """
     unit = [actions / np.maximum(np.linalg.norm(actions, axis=1, keepdims=True), 1e-9) for actions in (earlier, later)]
     return np.clip(1 - inner_products(unit[0], unit[1], i, j), 0, 1)

@@ -202,13 +202,7 @@ def detection_evidence(table: DetectionTable, cost: FloatArray, logit: FloatArra
 
 
 def link_evidence(table: DetectionTable, parts: LinkParts, motion: MotionNoise) -> FloatArray:
-    """``(P, 25)`` features of P links: `LINK_FEATURES`.
-
-    Args:
-        table: the detections.
-        parts: the links and the parts of their costs.
-        motion: noise of the filter.
-    """
+    """``(P, 25)`` features of P links: `LINK_FEATURES`."""
     if len(parts.i) == 0:
         return np.empty((0, len(LINK_FEATURES)))
     i, j = parts.i, parts.j
@@ -297,8 +291,7 @@ def _borders(table: DetectionTable, height: FloatArray) -> dict[str, FloatArray]
 
 def _overlaps(table: DetectionTable, boxes: FloatArray, gap: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """``(N,)`` largest intersection over union with another box ``gap`` frames before, and after; how many overlap."""
-    every = np.arange(len(table))
-    i, j = near_pairs(table.frames, centres(boxes), sizes(boxes), gap, every, every)
+    i, j = near_pairs(table.frames, centres(boxes), sizes(boxes), gap)
     other = i != j
     i, j = i[other], j[other]
     overlap = iou_pairs(boxes[i], boxes[j])

@@ -78,12 +78,12 @@ def candidates(
     """``(P,)`` indices of the detections of all plausible links over ``shortest`` to ``longest`` frames."""
     if len(tails) == 0 or len(heads) == 0:
         return joined([])
-    x, y = centres(table.boxes).T.copy()
+    places = centres(table.boxes).T.copy()
     # In the order of their places, so that neighbours lie together in memory.
-    tails = tails[np.lexsort((x[tails], table.frames[tails]))]
+    tails = tails[np.lexsort((places[0, tails], table.frames[tails]))]
     side = sizes(table.boxes).max(axis=1)
     furthest = _reach(table, tails, side[tails], np.array([longest]), cost)[:, 0].max()
-    strips = Strips.of(table.frames, x, heads, tails, float(furthest))
+    strips = Strips.of(table.frames, places[0], heads, tails, float(furthest))
     log_height = table.measured.places[:, 3].copy()
     dense = dense_reach(table.frames[heads], table.boxes[heads])
     pairs: list[Pairs] = []
@@ -94,10 +94,10 @@ def candidates(
         reach = _reach(table, tail, side[tail], gap, cost)
         if dense is not None:
             reach = np.minimum(reach, dense)
-        i, j = near_places(strips, x, y, tail, table.frames[tail] + gap, reach[:, 0], reach[:, 1])
+        i, j = near_places(strips, places, tail, table.frames[tail] + gap, reach)
         alike = np.flatnonzero(np.abs(log_height[j] - log_height[i]) < cost.size)
         i, j = i[alike], j[alike]
-        pairs.append((i, j) if dense is None else nearest(i, j, table.frames, x, y))
+        pairs.append((i, j) if dense is None else nearest(i, j, table.frames, places))
     return joined(pairs)
 
 
@@ -138,11 +138,8 @@ def mean_features(
     Args:
         table: the detections.
         labels: ``(N,)`` track of each, -1 for none, which keeps its own features.
-        features: ``(N, D)``, NaN where not known.
+        features: ``(N, D)``, NaN where not known; so are the means, which are of unit length.
         seconds: length of the windows.
-
-    Returns:
-        Both of unit length, NaN where nothing is known.
     """
     known = np.asarray(~np.isnan(features).any(axis=1))
     counted = np.concatenate([np.where(known[:, None], features, 0), known[:, None]], axis=1)

@@ -167,11 +167,8 @@ class LinkCost:
         return replace(self, motion=motion, speed=(self.speed[0] * more, self.speed[1] * more))
 
     def limits(self, sides: FloatArray, seconds: float | FloatArray) -> FloatArray:
-        """``(N, 2)`` largest differences of centres in pixels for boxes of ``(N,)`` longer sides.
-
-        Args:
-            sides: pixels.
-            seconds: the gap, one for all or ``(N,)``.
+        """``(N, 2)`` largest differences of centres, pixels, for boxes of ``(N,)`` longer sides, over a gap in seconds,
+        one for all or ``(N,)``.
         """
         return np.asarray(sides[:, None] * (np.array(self.reach) + np.multiply.outer(seconds, self.speed)))
 
@@ -191,12 +188,7 @@ class LinkCost:
         return np.clip(np.log1p(-probability + 1e-9) + cost, -MOST_LEARNT, MOST_LEARNT)
 
     def mismatch(self, past: Beliefs, future: Beliefs) -> Mismatch:
-        """How ill the past of one and the future of the other go together: the sum over the coordinates.
-
-        Args:
-            past: what the past of its chain says at each detection.
-            future: likewise of the future.
-        """
+        """How ill what the past of one's chain says at it goes with what the future of the other's says there."""
         before, after = _Columns(past), _Columns(future)
         noise = self.motion.measurement, self.motion.acceleration, self.motion.velocity
         r2, q2, v2 = (np.square(values) for values in noise)
@@ -236,12 +228,6 @@ class LinkCost:
         more a chain is sure of its velocity, the dearer such a change gets, until whole people are left out. So the
         link may also be explained by two strangers to each other's motion, `mismatch_alone`, for `TURN` more: of two
         explanations the likelier one counts.
-
-        Args:
-            measured: what was measured.
-            past: see `mismatch`.
-            future: likewise.
-            one_frame: seconds.
         """
         along, alone = self.mismatch(past, future), self.mismatch_alone(measured, one_frame)
 

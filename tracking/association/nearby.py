@@ -21,30 +21,21 @@ MOST_CELLS = 512
 ROUNDING = 1e-3
 
 
-def near_pairs(
-    frames: IntArray, centre: FloatArray, reach: FloatArray, gap: int, tails: IntArray, heads: IntArray
-) -> Pairs:
-    """Pairs of boxes ``gap`` frames apart whose centres differ by no more than a reach in x and in y.
+def near_pairs(frames: IntArray, centre: FloatArray, reach: FloatArray, gap: int) -> Pairs:
+    """``(P,)`` indices of earlier and later boxes ``gap`` frames apart, 0 or more, whose centres lie within reach.
 
     Args:
         frames: ``(N,)``.
         centre: ``(N, 2)`` pixels.
-        reach: ``(N, 2)`` largest difference from each earlier box, pixels.
-        gap: frames between the two, 0 or more.
-        tails: indices of the boxes that may be the earlier one.
-        heads: of those that may be the later one.
-
-    Returns:
-        ``(P,)`` indices of the earlier and of the later boxes.
+        reach: ``(N, 2)`` largest difference from each earlier box in x and in y, pixels.
+        gap: frames between the two.
     """
-    if len(tails) == 0 or len(heads) == 0:
-        return tails[:0], heads[:0]
-    x, y = centre.T.copy()
-    strips = Strips.of(frames, x, heads, tails, float(reach[tails, 0].max()))
+    every, places = np.arange(len(frames)), centre.T.copy()
+    strips = Strips.of(frames, places[0], every, None, float(reach[:, 0].max(initial=0.0)))
     pairs = []
-    for start in range(0, len(tails), BOXES_AT_ONCE):
-        part = tails[start : start + BOXES_AT_ONCE]
-        pairs.append(near_places(strips, x, y, part, frames[part] + gap, reach[part, 0], reach[part, 1]))
+    for start in range(0, len(every), BOXES_AT_ONCE):
+        part = every[start : start + BOXES_AT_ONCE]
+        pairs.append(near_places(strips, places, part, frames[part] + gap, reach[part]))
     return joined(pairs)
 
 
@@ -100,15 +91,10 @@ class Strips:
         return cls(ordered, first, int(frames[ordered[0]]), left, cell, cells, row * width + place, width)
 
     def between(self, when: IntArray, low: FloatArray, high: FloatArray) -> tuple[IntArray, IntArray]:
-        """Ranges of ``ordered`` that hold all boxes of given frames with x from ``low`` to ``high``, and some more.
+        """``(P,)`` first places of ranges of ``ordered``, and ``(P,)`` how many places there are.
 
-        Args:
-            when: ``(P,)`` frames, which need not be among those of the boxes.
-            low: ``(P,)``.
-            high: ``(P,)``, no less.
-
-        Returns:
-            ``(P,)`` first places, and ``(P,)`` how many there are.
+        They hold all boxes of ``(P,)`` frames ``when``, which need not be among those of the boxes, with x from ``low``
+        to ``high``, and some more.
         """
         row, last = (when - self.frame) * self.cells, len(self.first) - 1
         low = np.minimum(np.maximum((low - self.left) / self.cell, 0), self.cells - 1)
@@ -126,30 +112,18 @@ def ranges(first: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
     return np.repeat(np.arange(len(first)), count), place
 
 
-def near_places(
-    strips: Strips,
-    x: FloatArray,
-    y: FloatArray,
-    tails: IntArray,
-    when: IntArray,
-    reach_x: FloatArray,
-    reach_y: FloatArray,
-) -> Pairs:
-    """Boxes of ``strips`` in given frames whose centres differ from others' by no more than a reach in x and in y.
+def near_places(strips: Strips, places: FloatArray, tails: IntArray, when: IntArray, reach: FloatArray) -> Pairs:
+    """``(P,)`` indices of others, and of the boxes of ``strips`` in given frames whose centres lie within their reach.
 
     Args:
         strips: by the centres' x.
-        x: ``(N,)`` of the centres of all boxes.
-        y: ``(N,)`` likewise.
+        places: ``(2, N)`` x and y of the centres of all boxes.
         tails: ``(T,)`` indices of the others.
         when: ``(T,)`` frames.
-        reach_x: ``(T,)``.
-        reach_y: ``(T,)``.
-
-    Returns:
-        ``(P,)`` indices of the others and of the boxes near them.
+        reach: ``(T, 2)`` in x and in y.
     """
-    at = x[tails]
+    x, y = places
+    at, reach_x, reach_y = x[tails], *reach.T
     target = (when - strips.frame) * strips.width + (at - strips.left)
     tail, place = ranges(*strips.between(when, at - reach_x - ROUNDING, at + reach_x + ROUNDING))
     head, key = strips.ordered[place], strips.key[place]
@@ -181,11 +155,8 @@ DENSE, AROUND, NEAREST = 400, 64, 8
 
 
 def dense_reach(frames: IntArray, boxes: FloatArray) -> float | None:
-    """Half the side of a square that holds `AROUND` boxes where frames are dense, pixels; None where none is.
-
-    Args:
-        frames: ``(N,)``.
-        boxes: ``(N, 4)`` pixels.
+    """Half the side of a square that holds `AROUND` of ``(N, 4)`` boxes where their ``(N,)`` frames are dense,
+    or None.
     """
     most = int(np.bincount(frames - frames.min()).max()) if len(frames) else 0
     if most <= DENSE:
@@ -194,19 +165,19 @@ def dense_reach(frames: IntArray, boxes: FloatArray) -> float | None:
     return float(np.sqrt(AROUND * (middle.max(axis=0) - middle.min(axis=0)).prod() / (4 * most)))
 
 
-def nearest(i: IntArray, j: IntArray, frames: IntArray, x: FloatArray, y: FloatArray) -> Pairs:
+def nearest(i: IntArray, j: IntArray, frames: IntArray, places: FloatArray) -> Pairs:
     """Of the pairs of a box with those of a frame, those with the `NEAREST`.
 
     Args:
         i: ``(P,)`` indices of the earlier boxes; pairs of one with others of one frame lie together.
         j: ``(P,)`` of the later ones.
         frames: ``(N,)``.
-        x: ``(N,)`` of the centres.
-        y: ``(N,)`` likewise.
+        places: ``(2, N)`` x and y of the centres.
     """
     first = np.flatnonzero(np.append(True, (np.diff(i) != 0) | (np.diff(frames[j]) != 0))[: len(i)])
     group = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(i))))
-    order = np.lexsort((np.square(x[j] - x[i]) + np.square(y[j] - y[i]), group))
+    (x, y) = places[:, j] - places[:, i]
+    order = np.lexsort((np.square(x) + np.square(y), group))
     kept = np.sort(order[np.arange(len(i)) - first[group] < NEAREST])
     return i[kept], j[kept]
 
@@ -216,12 +187,7 @@ PAIRS_AT_ONCE = 8192
 
 
 def hidden_parts(frames: IntArray, boxes: FloatArray) -> FloatArray:
-    """``(N,)`` share of each box behind nearer boxes of its frame, in [0, 1].
-
-    Args:
-        frames: ``(N,)``.
-        boxes: ``(N, 4)`` pixels, where the image shows them.
-    """
+    """``(N,)`` share in [0, 1] of each of ``(N, 4)`` boxes in the image behind nearer boxes of its frame ``(N,)``."""
     hiding = Occluders.of(frames, boxes, None)
     return np.asarray(np.minimum(hiding.area(frames, *boxes.T) / sizes(boxes).prod(axis=1), 1))
 
@@ -252,11 +218,8 @@ class Occluders:
         return cls(frames, columns, strips, float((columns[2] - columns[0]).max(initial=0.0)), size)
 
     def between(self, tails: IntArray, heads: IntArray) -> FloatArray:
-        """``(P,)`` share of a person hidden or outside the image in the middle of the gap between two detections.
-
-        Args:
-            tails: ``(P,)`` indices of the earlier detections.
-            heads: ``(P,)`` of the later ones.
+        """``(P,)`` share of a person hidden or outside the image in the middle of the gap between two detections
+        ``(P,)``.
         """
         hidden = np.zeros(len(tails))
         asked = np.flatnonzero(self.frames[heads] - self.frames[tails] > 1)

@@ -206,14 +206,7 @@ def scaled(costs: FloatArray) -> IntArray:
 
 
 def solution_of(graph: FlowGraph, inflow: BoolArray, used: BoolArray, follower: IntArray) -> FlowSolution:
-    """The solution that uses these detections in this order, with what it costs.
-
-    Args:
-        graph: the network.
-        inflow: ``(N,)`` detections that continue a track from before.
-        used: ``(N,)`` those that belong to a track.
-        follower: ``(N,)`` index of the next one on it, -1 for none.
-    """
+    """The solution that uses these detections in this order, with what it costs; arguments as in `FlowSolution`."""
     link = np.zeros(len(graph))
     chosen = follower[graph.tail] == graph.head
     link[graph.tail[chosen]] = graph.transition[chosen]

@@ -75,21 +75,16 @@ def pairs_by_gap(
 ) -> Iterator[tuple[IntArray, IntArray, int]]:
     """The same pairs, one gap at a time, so that their costs are known, and most are dropped, before the next come.
 
-    Args:
-        frames: ``(N,)`` frame numbers, in any order.
-        boxes: ``(N, 4)`` pixels.
-        settings: the gate.
-
     Yields:
         Arrays ``i`` and ``j`` of the pairs ``gap`` frames apart, and ``gap``, from 1 on.
     """
     if len(frames) == 0:
         return
     frames = np.asarray(frames, dtype=np.int64)
-    every, centre, height = np.arange(len(frames)), centres(boxes), sizes(boxes)[:, 1]
+    centre, height = centres(boxes), sizes(boxes)[:, 1]
     for gap in range(1, min(settings.window, int(np.ptp(frames))) + 1):
         reach = height * (settings.reach + settings.speed * (gap - 1))
-        i, j = near_pairs(frames, centre, np.column_stack([reach, reach]), gap, every, every)
+        i, j = near_pairs(frames, centre, np.column_stack([reach, reach]), gap)
         ratio = height[j] / height[i]
         near = np.square(centre[j] - centre[i]).sum(axis=1) <= reach[i] ** 2
         kept = near & (ratio <= settings.size_ratio) & (ratio >= 1 / settings.size_ratio)
@@ -164,8 +159,6 @@ class HandSetCost:
 def surprise(squared: FloatArray, dimensions: int) -> FloatArray:
     """How much less likely a difference is than none, -log p(x) / p(0), under Student's t distribution.
 
-    Args:
-        squared: squared lengths of differences, in scales.
-        dimensions: of the differences.
+    ``squared`` is its squared length, in scales, in so many dimensions.
     """
     return np.asarray(np.log1p(squared / TAILS) * ((TAILS + dimensions) / 2))

@@ -90,12 +90,9 @@ class SolvedNetwork:
 
 
 def network_of_tracks(tracks: Sequence[Track], fill: int, rate: float) -> SolvedNetwork:
-    """A network whose only flow is these tracks: they can be corrected, and nothing in them is in doubt.
+    """A network whose only flow is these tracks of one video: they can be corrected, and nothing in them is in doubt.
 
-    Args:
-        tracks: of one video.
-        fill: longest gap that is filled, frames.
-        rate: frames a second.
+    ``fill`` and ``rate`` as of `SolvedNetwork`.
     """
     columns = [[getattr(t, n)[t.observed] for t in tracks] for n in ("frames", "boxes", "scores", "origin")]
     numbers = [np.full(int(t.observed.sum()), t.id) for t in tracks]

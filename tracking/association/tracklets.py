@@ -217,12 +217,8 @@ def _in_time(table: DetectionTable, ends: Ends, window: float) -> Pairs:
 
 
 def cheapest_matching(i: IntArray, j: IntArray, cost: FloatArray) -> Pairs:
-    """The pairs of a one-to-one matching of the least total cost; pairs that cost 0 or more are left out.
-
-    Args:
-        i: ``(P,)`` from 0 on.
-        j: ``(P,)`` from 0 on.
-        cost: ``(P,)``.
+    """The pairs of a one-to-one matching of the least total cost, of ``(P,)`` pairs; those that cost 0 or more are left
+    out.
     """
     worth = cost < 0
     i, j, cost = i[worth], j[worth], cost[worth]
@@ -294,11 +290,7 @@ def is_straddling(track: Track, explained: BoolArray) -> bool:
 
 
 def straddling_tracks(tracks: Sequence[Track]) -> BoolArray:
-    """``(N,)`` which tracks of a video have most of their detections on the boxes of surer ones that stay.
-
-    Args:
-        tracks: of one video.
-    """
+    """``(N,)`` which tracks of a video have most of their detections on the boxes of surer ones that stay."""
     straddles = np.zeros(len(tracks), dtype=np.bool_)
     # A dropped track explains none. Only surer tracks explain others, so this ends after as many rounds at most.
     for _ in tracks:

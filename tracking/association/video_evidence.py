@@ -86,14 +86,14 @@ def repeated_detections(
     speed, earlier = np.full(len(frames), np.nan), np.full(len(frames), -1)
     if len(frames) == 0:
         return RepeatedDetections(earlier >= 0, speed, earlier)
-    every, centre, size = np.arange(len(frames)), centres(boxes), sizes(boxes)
+    centre, size = centres(boxes), sizes(boxes)
     gap = interval_frames(frame_rate, stride)
     side = size.max(axis=1)
     reach = np.repeat((REACH + SPEED * gap / frame_rate) * side[:, None], 2, axis=1)
     dense = dense_reach(frames, boxes)
-    i, j = near_pairs(frames, centre, reach if dense is None else np.minimum(reach, dense), gap, every, every)
+    i, j = near_pairs(frames, centre, reach if dense is None else np.minimum(reach, dense), gap)
     if dense is not None:
-        i, j = nearest(i, j, frames, *centre.T)
+        i, j = nearest(i, j, frames, centre.T)
     alike = (np.abs(np.log(size[j] / size[i])) < CHANGE).all(axis=1)
     before, middle, after = _triples(i[alike], j[alike], len(frames))
     share, span = np.full((len(middle), 1), 0.5), np.full(len(middle), 2.0 * gap)

@@ -39,12 +39,7 @@ def constant_velocity(acceleration: float) -> Motion:
 
 
 def straight(acceleration: float, dimensions: int) -> Motion:
-    """`constant_velocity` along each of 2 or 3 axes; further columns stay as they are.
-
-    Args:
-        acceleration: its standard deviation along each axis, in units a second squared.
-        dimensions: 2 or 3.
-    """
+    """`constant_velocity` along each of 2 or 3 axes; further columns stay as they are."""
 
     def move(states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
         moved = states.copy()

@@ -83,12 +83,7 @@ def effective_sample_size(log_weights: FloatArray) -> float:
 
 
 def circular_mean(angles: FloatArray, weights: FloatArray) -> float:
-    """Direction of the weighted sum of unit vectors, radians in (-pi, pi].
-
-    Args:
-        angles: ``(N,)`` radians.
-        weights: ``(N,)`` not negative.
-    """
+    """Direction of the sum of unit vectors at ``(N,)`` angles, weighted, radians in (-pi, pi]."""
     return float(np.arctan2(weights @ np.sin(angles), weights @ np.cos(angles)))
 
 
@@ -178,13 +173,9 @@ def bearable_share(path: Path, size: float, done: float = 0.0) -> float:
 def drawn_and_spread(
     particles: FloatArray, log_weights: FloatArray, width: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Particles ``(N, D)`` drawn by ``log_weights`` ``(N,)`` and spread.
+    """Particles ``(N, D)`` drawn by ``log_weights`` ``(N,)``, normalised or not, and spread.
 
-    Args:
-        particles: ``(N, D)``.
-        log_weights: ``(N,)``, not necessarily normalised.
-        width: standard deviation of the kernel over that of the drawn particles, (0, 1).
-        rng: random numbers.
+    The kernel's standard deviation is ``width`` times that of the drawn particles, in (0, 1).
     """
     drawn = particles[systematic(probabilities(log_weights), len(particles), rng)]
     mean = drawn.mean(axis=0)

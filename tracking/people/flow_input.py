@@ -325,8 +325,7 @@ def duplicates(frames: IntArray, boxes: FloatArray, scores: FloatArray) -> BoolA
     double = np.zeros(len(frames), dtype=np.bool_)
     if len(frames) == 0:
         return double
-    every, size = np.arange(len(frames)), sizes(boxes)
-    i, j = near_pairs(frames, centres(boxes), size * (1 - DUPLICATE), 0, every, every)
+    i, j = near_pairs(frames, centres(boxes), sizes(boxes) * (1 - DUPLICATE), 0)
     same = (i < j) & (iou_pairs(boxes[i], boxes[j]) > DUPLICATE)
     i, j = i[same], j[same]
     known = np.nan_to_num(scores, nan=-np.inf)

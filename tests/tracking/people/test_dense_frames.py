@@ -58,7 +58,7 @@ def test_the_nearest_of_each_frame_are_kept() -> None:
     x, y = rng.uniform(0, 100, (2, len(frames)))
     pairs = [(a, b) for f in (1, 2) for a in range(3) for b in np.flatnonzero(frames == f)]
     i, j = (np.array(column) for column in zip(*pairs, strict=True))
-    kept = set(zip(*(part.tolist() for part in nearest(i, j, frames, x, y)), strict=True))
+    kept = set(zip(*(part.tolist() for part in nearest(i, j, frames, np.stack([x, y]))), strict=True))
     for a in range(3):
         for f in (1, 2):
             others = np.flatnonzero(frames == f)

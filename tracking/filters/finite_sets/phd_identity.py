@@ -64,12 +64,7 @@ class TrackIdentity:
         number of targets. But a cluster with an identity is one target or none. Its probability of existence ``r``
         falls to ``r (1 - pD) / (1 - r pD)`` only, and rises with the share of measurements that it receives.
 
-        Args:
-            memory: of the step before.
-            estimates: what the weights report.
-            posterior: particles grouped by label.
-            clusters: of this step.
-            model: gives pD and the probability of survival.
+        ``memory`` is of the step before, ``estimates`` are what the weights report, the others are of this step.
         """
         starts, sizes = clusters.starts, cluster_sizes(clusters.starts, len(posterior))
         names = posterior.labels[starts]

@@ -17,7 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TypeAlias
 
 import numpy as np
 
@@ -56,27 +56,18 @@ OUTLINE = 0.15
 """Growth of the boxes that take pixels from others: a fringe left over would be a target to them."""
 
 
-class RegionLikelihood(Protocol):
-    """``log h`` ``(N,)`` of labelled particles, NaN where the image says nothing.
+@dataclass(frozen=True)
+class EachAlone:
+    """(68) of each particle, whatever else is there.
 
     Attributes:
         margin: of the frame around a box, for ``q``.
     """
 
-    @property
-    def margin(self) -> float: ...
-
-    def __call__(self, state: LabelledParticles, image: ColourImage, /) -> FloatArray: ...
-
-
-@dataclass(frozen=True)
-class EachAlone:
-    """(68) of each particle, whatever else is there; ``margin`` as of `RegionLikelihood`."""
-
     margin: float = 0.5
 
     def __call__(self, state: LabelledParticles, image: ColourImage) -> FloatArray:
-        """See `RegionLikelihood`."""
+        """``log h`` ``(N,)`` of labelled particles, NaN where the image says nothing."""
         return logarithms(region_contrast(image, boxes_of(state.particles), self.margin))
 
 
@@ -86,14 +77,13 @@ class WithoutOthers:
 
     Of two targets that overlap, the one whose box fits better alone is in front and keeps the pixels of both. A
     particle mostly behind others cannot be judged by what is left of it: its likelihood is NaN, as if ``pD`` were zero
-    there. What was never seen is not behind anything: there the likelihood is zero. ``margin`` as of
-    `RegionLikelihood`.
+    there. What was never seen is not behind anything: there the likelihood is zero. ``margin`` as of `EachAlone`.
     """
 
     margin: float = 0.5
 
     def __call__(self, state: LabelledParticles, image: ColourImage) -> FloatArray:
-        """See `RegionLikelihood`."""
+        """``log h`` ``(N,)`` of labelled particles, NaN where the image says nothing."""
         if len(state) == 0:
             return np.empty(0)
         _, masses, means = cluster_means(state)
@@ -117,6 +107,9 @@ class WithoutOthers:
         )
         unseen = np.isnan(contrast) & np.repeat(masses <= COVERING, sizes)
         return logarithms(np.where(unseen, 0.0, contrast))
+
+
+RegionLikelihood: TypeAlias = EachAlone | WithoutOthers
 
 
 def background_level(image: ColourImage, state: LabelledParticles, margin: float, rng: np.random.Generator) -> float:
