@@ -277,8 +277,6 @@ class ActionCost:
 
 
 def action_distances(earlier: FloatArray, later: FloatArray, i: IntArray, j: IntArray) -> FloatArray:
-    """``(P,)`` cosine distances in [0, 1] of the rows ``i`` and ``j`` of two sets of actions ``(N, A)``: c_saf of eq.
-    5.2.
-    """
+    """``(P,)`` cosine distances in [0, 1] of rows ``i`` and ``j`` of actions ``(N, A)``: c_saf of eq. 5.2."""
     unit = [actions / np.maximum(np.linalg.norm(actions, axis=1, keepdims=True), 1e-9) for actions in (earlier, later)]
     return np.clip(1 - inner_products(unit[0], unit[1], i, j), 0, 1)

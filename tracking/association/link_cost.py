@@ -188,7 +188,7 @@ class LinkCost:
         return np.clip(np.log1p(-probability + 1e-9) + cost, -MOST_LEARNT, MOST_LEARNT)
 
     def mismatch(self, past: Beliefs, future: Beliefs) -> Mismatch:
-        """How ill what the past of one's chain says at it goes with what the future of the other's says there."""
+        """How ill the past of one's chain and the future of the other's go together: the sum over the coordinates."""
         before, after = _Columns(past), _Columns(future)
         noise = self.motion.measurement, self.motion.acceleration, self.motion.velocity
         r2, q2, v2 = (np.square(values) for values in noise)

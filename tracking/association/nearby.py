@@ -16,8 +16,7 @@ from tsuiseki.tracking.types import FloatArray, IntArray
 Pairs = tuple[IntArray, IntArray]
 # As many as the processor holds close by.
 BOXES_AT_ONCE = 4096
-MOST_CELLS = 512
-# Pixels by which ranges are widened, since the keys of long videos are rounded.
+# Pixels by which the ranges of what hides a box are widened, since the keys of long videos are rounded.
 ROUNDING = 1e-3
 
 
@@ -41,68 +40,51 @@ def near_pairs(frames: IntArray, centre: FloatArray, reach: FloatArray, gap: int
 
 @dataclass(frozen=True)
 class Strips:
-    """Boxes in the order of frame and x, in cells whose first box is known: so nothing is searched for.
+    """Boxes in the order of frame and x.
 
     Attributes:
         ordered: ``(H,)`` indices of the boxes in this order.
-        first: ``(F * cells + 1,)`` of F frames the first place in it of each cell.
+        key: ``(H,)`` increasing: frame and x of ``ordered`` in one number, see `keys`.
         frame: the first of the frames.
         left: the least x.
-        cell: width of a cell.
-        cells: of a frame.
-        key: ``(H,)`` increasing: frame and x of ``ordered`` in one number.
-        width: of a frame in it. A frame is wider than any reach, so none leads into the next frame.
+        width: of a frame in the keys. A frame is wider than any reach, so none leads into the next frame.
     """
 
     ordered: IntArray
-    first: IntArray
+    key: FloatArray
     frame: int
     left: float
-    cell: float
-    cells: int
-    key: FloatArray
     width: float
 
     @classmethod
     def of(
         cls, frames: IntArray, x: FloatArray, which: IntArray, others: IntArray | None = None, furthest: float = 0.0
     ) -> Strips:
-        """For the boxes at ``(H,)`` indices of ``(N,)`` frames and ``(N,)`` x.
+        """Of the boxes at ``(H,)`` indices ``which`` of ``(N,)`` frames and ``(N,)`` x.
 
         Args:
             frames: ``(N,)``.
             x: ``(N,)``.
-            which: ``(H,)`` indices.
-            others: of the boxes near whose places those are searched; by default the same.
+            which: ``(H,)``.
+            others: indices of the boxes near whose places those are searched; by default the same.
             furthest: the largest reach.
         """
         if len(which) == 0:
-            return cls(which, np.zeros(1, dtype=np.int64), 0, 0.0, 1.0, 1, np.empty(0), 1.0)
+            return cls(which, np.empty(0), 0, 0.0, 1.0)
         ordered = which[np.lexsort((x[which], frames[which]))]
-        row, others = frames[ordered] - int(frames[ordered[0]]), ordered if others is None else others
-        left, count = min(float(x[others].min()), float(x[which].min())), int(row[-1]) + 1
-        width = max(float(x[others].max()), float(x[which].max())) - left + 2 * furthest + 1.0
-        place = x[ordered] - left
-        # About two cells a box; beyond so many an image has no columns worth telling apart.
-        cells = int(np.clip(2 * len(ordered) // count, 1, MOST_CELLS))
-        cell = max(float(place.max()), 1e-6) / cells
-        within = row * cells + np.minimum(place / cell, cells - 1).astype(np.int64)
-        first = np.searchsorted(within, np.arange(count * cells + 1))
-        return cls(ordered, first, int(frames[ordered[0]]), left, cell, cells, row * width + place, width)
+        every = x[ordered] if others is None else np.append(x[which], x[others])
+        left, frame = float(every.min()), int(frames[ordered[0]])
+        width = float(every.max()) - left + 2 * furthest + 1.0
+        return cls(ordered, (frames[ordered] - frame) * width + (x[ordered] - left), frame, left, width)
 
-    def between(self, when: IntArray, low: FloatArray, high: FloatArray) -> tuple[IntArray, IntArray]:
-        """``(P,)`` first places of ranges of ``ordered``, and ``(P,)`` how many places there are.
+    def keys(self, when: IntArray, x: FloatArray) -> FloatArray:
+        """``(P,)`` keys of places in ``(P,)`` frames, which need not be among those of the boxes."""
+        return np.asarray((when - self.frame) * self.width + (x - self.left))
 
-        They hold all boxes of ``(P,)`` frames ``when``, which need not be among those of the boxes, with x from ``low``
-        to ``high``, and some more.
-        """
-        row, last = (when - self.frame) * self.cells, len(self.first) - 1
-        low = np.minimum(np.maximum((low - self.left) / self.cell, 0), self.cells - 1)
-        high = np.minimum(np.maximum((high - self.left) / self.cell + 1, 0), self.cells)
-        # Frames before the first one and after the last one have no boxes.
-        first = self.first[np.minimum(np.maximum(row + low.astype(np.int64), 0), last)]
-        end = self.first[np.minimum(np.maximum(row + high.astype(np.int64), 0), last)]
-        return first, np.maximum(end - first, 0)
+    def between(self, low: FloatArray, high: FloatArray) -> tuple[IntArray, IntArray]:
+        """``(P,)`` first places in ``ordered`` of the boxes with keys from ``low`` to ``high``, and how many there are."""
+        first = np.searchsorted(self.key, low)
+        return first, np.maximum(np.searchsorted(self.key, high, side="right") - first, 0)
 
 
 def ranges(first: IntArray, count: IntArray) -> tuple[IntArray, IntArray]:
@@ -123,14 +105,10 @@ def near_places(strips: Strips, places: FloatArray, tails: IntArray, when: IntAr
         reach: ``(T, 2)`` in x and in y.
     """
     x, y = places
-    at, reach_x, reach_y = x[tails], *reach.T
-    target = (when - strips.frame) * strips.width + (at - strips.left)
-    tail, place = ranges(*strips.between(when, at - reach_x - ROUNDING, at + reach_x + ROUNDING))
-    head, key = strips.ordered[place], strips.key[place]
-    near = np.abs(y[head] - y[tails][tail]) <= reach_y[tail]
-    near &= key >= (target - reach_x)[tail]
-    near &= key <= (target + reach_x)[tail]
-    kept = np.flatnonzero(near)
+    target, (reach_x, reach_y) = strips.keys(when, x[tails]), reach.T
+    tail, place = ranges(*strips.between(target - reach_x, target + reach_x))
+    head = strips.ordered[place]
+    kept = np.flatnonzero(np.abs(y[head] - y[tails][tail]) <= reach_y[tail])
     return tails[tail[kept]], head[kept]
 
 
@@ -155,9 +133,7 @@ DENSE, AROUND, NEAREST = 400, 64, 8
 
 
 def dense_reach(frames: IntArray, boxes: FloatArray) -> float | None:
-    """Half the side of a square that holds `AROUND` of ``(N, 4)`` boxes where their ``(N,)`` frames are dense,
-    or None.
-    """
+    """Half the side of a square that holds `AROUND` boxes ``(N, 4)`` where ``(N,)`` frames are dense; or None."""
     most = int(np.bincount(frames - frames.min()).max()) if len(frames) else 0
     if most <= DENSE:
         return None
@@ -218,8 +194,8 @@ class Occluders:
         return cls(frames, columns, strips, float((columns[2] - columns[0]).max(initial=0.0)), size)
 
     def between(self, tails: IntArray, heads: IntArray) -> FloatArray:
-        """``(P,)`` share of a person hidden or outside the image in the middle of the gap between two detections
-        ``(P,)``.
+        """``(P,)`` share of a person hidden or outside the image in the middle of the gap from ``tails`` to
+        ``heads``.
         """
         hidden = np.zeros(len(tails))
         asked = np.flatnonzero(self.frames[heads] - self.frames[tails] > 1)
@@ -245,7 +221,10 @@ class Occluders:
         A box overlaps only those whose left edge is left of its right edge, and not further left of its left edge than
         the widest box is wide.
         """
-        box, place = ranges(*self.strips.between(when, x1 - self.widest, x2))
+        strips = self.strips
+        low = strips.keys(when, np.maximum(x1 - self.widest, strips.left)) - ROUNDING
+        high = strips.keys(when, np.minimum(x2, strips.left + strips.width - 1)) + ROUNDING
+        box, place = ranges(*strips.between(low, high))
         other = self.strips.ordered[place]
         other_x1, other_y1, other_x2, other_y2 = self.columns
         nearer = other_y2[other] > y2[box]

@@ -217,9 +217,7 @@ def _in_time(table: DetectionTable, ends: Ends, window: float) -> Pairs:
 
 
 def cheapest_matching(i: IntArray, j: IntArray, cost: FloatArray) -> Pairs:
-    """The pairs of a one-to-one matching of the least total cost, of ``(P,)`` pairs; those that cost 0 or more are left
-    out.
-    """
+    """The one-to-one matching of ``(P,)`` pairs of the least total cost, without pairs that cost 0 or more."""
     worth = cost < 0
     i, j, cost = i[worth], j[worth], cost[worth]
     if len(i) == 0:

@@ -34,10 +34,6 @@ from tsuiseki.tracking.filters.finite_sets.clusters import (
 from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor, PointModel
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-MOST_SPREAD = 20
-"""Labels over particles up to which labels are counted in a table."""
-
-
 NEAR, WHOLE = 2.0, 1.5
 """Two clusters may join whose means are closer than this, in standard deviations of the sensor, and whose total weight
 is less than this many targets, in (1, 2). A cluster that weighs more is split."""
@@ -97,7 +93,7 @@ class TrackIdentity:
             labels = self._adopted(posterior, clusters, sensor)
         else:
             labels, claimed, fresh = _claim(posterior, clusters)
-        names, cluster = _numbered(labels)
+        names, cluster = np.unique(labels, return_inverse=True)
         posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=fresh), clusters, cluster)
         masses, means = cluster_moments(posterior, clusters.starts)
         target = self._join(names, masses, means, claimed, sensor)
@@ -220,7 +216,7 @@ def _grouped(posterior: PhdState, clusters: Clusters, key: IntArray | None = Non
     key = posterior.labels if key is None else key
     if np.all(key[1:] >= key[:-1]):
         return posterior, replace(clusters, starts=cluster_starts(posterior.labels))
-    order = _order(key)
+    order = np.argsort(key, kind="stable")
     back = np.empty_like(order)
     back[order] = np.arange(len(order))
     state = replace(
@@ -233,24 +229,6 @@ def _grouped(posterior: PhdState, clusters: Clusters, key: IntArray | None = Non
     return state, replace(clusters, pairs=pairs, starts=cluster_starts(state.labels))
 
 
-def _numbered(labels: IntArray) -> tuple[IntArray, IntArray]:
-    """The different labels ``(G,)`` in order, and for each particle ``(N,)`` which of them it has."""
-    least = int(labels.min(initial=0))
-    if int(labels.max(initial=0)) - least > MOST_SPREAD * len(labels):
-        names, number = np.unique(labels, return_inverse=True)
-        return names, number.astype(np.int64)
-    there = np.bincount(labels - least) > 0
-    return np.flatnonzero(there) + least, (np.cumsum(there) - 1)[labels - least]
-
-
 def _among(values: IntArray, few: IntArray) -> BoolArray:
     """Whether each of some tens of values is one of a few; several times faster than `numpy.isin` then."""
     return np.asarray((values[:, None] == few).any(axis=1))
-
-
-def _order(key: IntArray) -> IntArray:
-    """What sorts ``key``, equal ones as they stand; NumPy sorts numbers of few bits by their digits."""
-    if len(key) and int(key.max()) > np.iinfo(np.int16).max:
-        key = _numbered(key)[1]
-    few = key.astype(np.int16) if len(key) and int(key.max()) <= np.iinfo(np.int16).max else key
-    return np.argsort(few, kind="stable")
