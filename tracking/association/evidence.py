@@ -22,7 +22,7 @@ from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 # Pairs of one call: as many as the processor holds close by.
-PAIRS_AT_ONCE = 16_384
+PAIRS_AT_ONCE = 8192
 
 
 @dataclass(frozen=True)

@@ -42,8 +42,6 @@ MOST_LEARNT = 5.0
 LOST, DOUBT = 0.5, 2.0
 # Cost of a sudden change of motion; see `LinkCost.mismatch_along`.
 TURN = 3.0
-# Pairs that are compared together: as many as the processor holds close by.
-PAIRS_AT_ONCE = 8192
 
 
 # How ill P pairs of detections, or of the chains that they belong to, go together. Takes ``(P,)`` indices of the
@@ -62,25 +60,11 @@ def _free_variance(wander: FloatArray) -> FloatArray:
     return np.maximum(wander - LOST**2, 0)
 
 
-def _in_parts(cost: Mismatch) -> Mismatch:
-    """The same, of so many pairs at a time that what is computed on the way stays close to the processor."""
-
-    def in_parts(i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
-        total = np.empty(len(i))
-        for start in range(0, len(i), PAIRS_AT_ONCE):
-            part = slice(start, start + PAIRS_AT_ONCE)
-            total[part] = cost(i[part], j[part], seconds[part], wander[part])
-        return total
-
-    return in_parts
-
-
 def _mismatch_of_singles(motion: MotionNoise, measured: Measurements, less: float) -> Mismatch:
     """`LinkCost.mismatch_alone` with ``less`` taken off."""
     places, deviations = measured.places.T.copy(), np.square(measured.noise)
     side = np.maximum(*places[2:])
 
-    @_in_parts
     def cost(i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
         noise, squared = deviations[i] + deviations[j], seconds * seconds
         # Places count in geometric means of the two longer sides.
@@ -193,7 +177,6 @@ class LinkCost:
         noise = self.motion.measurement, self.motion.acceleration, self.motion.velocity
         r2, q2, v2 = (np.square(values) for values in noise)
 
-        @_in_parts
         def cost(i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
             per_side = np.exp(-(before.side[i] + after.side[j]))
             fit, volume = np.ones(len(i)), np.ones(len(i))

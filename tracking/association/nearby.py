@@ -82,7 +82,7 @@ class Strips:
         return np.asarray((when - self.frame) * self.width + (x - self.left))
 
     def between(self, low: FloatArray, high: FloatArray) -> tuple[IntArray, IntArray]:
-        """``(P,)`` first places in ``ordered`` of the boxes with keys from ``low`` to ``high``, and how many there are."""
+        """``(P,)`` first places in ``ordered`` of boxes with keys from ``low`` to ``high``, and how many there are."""
         first = np.searchsorted(self.key, low)
         return first, np.maximum(np.searchsorted(self.key, high, side="right") - first, 0)
 
@@ -158,10 +158,6 @@ def nearest(i: IntArray, j: IntArray, frames: IntArray, places: FloatArray) -> P
     return i[kept], j[kept]
 
 
-# As many as the processor holds close by.
-PAIRS_AT_ONCE = 8192
-
-
 def hidden_parts(frames: IntArray, boxes: FloatArray) -> FloatArray:
     """``(N,)`` share in [0, 1] of each of ``(N, 4)`` boxes in the image behind nearer boxes of its frame ``(N,)``."""
     hiding = Occluders.of(frames, boxes, None)
@@ -199,20 +195,18 @@ class Occluders:
         """
         hidden = np.zeros(len(tails))
         asked = np.flatnonzero(self.frames[heads] - self.frames[tails] > 1)
-        for start in range(0, len(asked), PAIRS_AT_ONCE):
-            part = asked[start : start + PAIRS_AT_ONCE]
-            tail, head = tails[part], heads[part]
-            since, until = self.frames[tail], self.frames[head]
-            middle = (since + until) // 2
-            share = (middle - since) / (until - since)
-            x1, y1, x2, y2 = (column[tail] * (1 - share) + column[head] * share for column in self.columns)
-            area = (x2 - x1) * (y2 - y1)
-            lost = self.area(middle, x1, y1, x2, y2)
-            if self.size is not None:
-                width = np.minimum(x2, self.size[0]) - np.maximum(x1, 0)
-                height = np.minimum(y2, self.size[1]) - np.maximum(y1, 0)
-                lost += area - np.maximum(width, 0) * np.maximum(height, 0)
-            hidden[part] = np.minimum(lost / area, 1)
+        tail, head = tails[asked], heads[asked]
+        since, until = self.frames[tail], self.frames[head]
+        middle = (since + until) // 2
+        share = (middle - since) / (until - since)
+        x1, y1, x2, y2 = (column[tail] * (1 - share) + column[head] * share for column in self.columns)
+        area = (x2 - x1) * (y2 - y1)
+        lost = self.area(middle, x1, y1, x2, y2)
+        if self.size is not None:
+            width = np.minimum(x2, self.size[0]) - np.maximum(x1, 0)
+            height = np.minimum(y2, self.size[1]) - np.maximum(y1, 0)
+            lost += area - np.maximum(width, 0) * np.maximum(height, 0)
+        hidden[asked] = np.minimum(lost / area, 1)
         return hidden
 
     def area(self, when: IntArray, x1: FloatArray, y1: FloatArray, x2: FloatArray, y2: FloatArray) -> FloatArray:
