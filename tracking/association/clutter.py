@@ -86,19 +86,14 @@ def standing_clutter(tracks: Sequence[Track], images: Sequence[FloatArray], fram
     """
     if not tracks:
         return np.empty(0, dtype=np.int64)
-    covered = np.array([_extent(boxes) for boxes in images])
+    # How far the centres lie apart, heights.
+    covered = np.array([np.linalg.norm(np.ptp(centres(b), axis=0)) / np.median(sizes(b)[:, 1]) for b in images])
     seconds = np.array([track.frames[-1] - track.frames[0] + 1 for track in tracks]) / frame_rate
     score = np.array([track.scores.mean() for track in tracks])
     moving = (covered > MOVED) & (seconds >= MOVING_SECONDS)
     if np.count_nonzero(moving) < FEWEST:
         return np.empty(0, dtype=np.int64)
     return np.flatnonzero((covered < STANDING) & (score < np.quantile(score[moving], QUANTILE)))
-
-
-def _extent(boxes: FloatArray) -> float:
-    """How far the centres lie apart, heights."""
-    centre = centres(boxes)
-    return float(np.linalg.norm(np.ptp(centre, axis=0)) / np.median(sizes(boxes)[:, 1]))
 
 
 def _links(frames: IntArray, boxes: FloatArray, frame_rate: float) -> tuple[IntArray, IntArray]:

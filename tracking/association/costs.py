@@ -200,6 +200,12 @@ def window_means(
     return np.where(count[:, None] > 0, means, fallback)
 
 
+def unit_means(sums: FloatArray) -> FloatArray:
+    """``(M, D)`` sums of features scaled to unit length, NaN where there are none."""
+    length = np.linalg.norm(sums, axis=1, keepdims=True)
+    return np.asarray(np.divide(sums, length, out=np.full_like(sums, np.nan), where=length > 0))
+
+
 ActionFeatures = Literal["single", "centred", "one-sided"]
 
 
@@ -234,13 +240,10 @@ class ActionCost:
     def means(
         self, frames: IntArray, labels: IntArray, actions: FloatArray, frame_rate: float
     ) -> tuple[FloatArray, FloatArray]:
-        """Features ``(N, A)`` of detections as the earlier and as the later one of a link.
+        """``(N, A)`` features of detections as the earlier, and as the later one of a link, from those of single
+        frames.
 
-        Args:
-            frames: ``(N,)``.
-            labels: ``(N,)`` track of each, -1 for none, which keeps its own features.
-            actions: ``(N, A)`` probabilities of single frames.
-            frame_rate: frames a second.
+        ``labels`` ``(N,)`` are tracks, -1 for none, whose detections keep their own features.
         """
         if not self.averaged:
             return actions, actions

@@ -183,19 +183,24 @@ def detection_evidence(table: DetectionTable, cost: FloatArray, logit: FloatArra
     log_height = np.log(size[:, 1])
     before, after, _ = _overlaps(table, table.boxes, 1)
     now, _, neighbours = _overlaps(table, table.image, 0)
-    ones = np.ones(count)
+    # How far each box lies from the image's borders, heights; far where the size of the image is not known.
+    away = {name: np.full(count, FARTHEST) for name in ("left", "right", "top", "bottom")}
+    if table.size is not None:
+        (width, height), (x1, y1, x2, y2) = table.size, table.image.T
+        beyond = {"left": x1, "right": width - x2, "top": y1, "bottom": height - y2}
+        away = {name: (value / size[:, 1]).clip(-1.0, FARTHEST) for name, value in beyond.items()}
     columns = {
         "cost": cost,
         "logit": logit,
         "noise": table.measured.noise,
         "size": log_height - np.median(log_height),
         "aspect": np.log(size[:, 0]) - log_height,
-        **_borders(table, size[:, 1]),
+        **away,
         "overlap_before": before,
         "overlap_after": after,
         "overlap_now": now,
         "neighbours": np.log1p(neighbours),
-        "interval": np.log(30 / table.frame_rate) * ones,
+        "interval": np.full(count, np.log(30 / table.frame_rate)),
         "since_start": np.minimum(table.frames / table.frame_rate, 1.0),
     }
     return np.stack([columns[name] for name in DETECTION_FEATURES], axis=1)
@@ -277,16 +282,6 @@ def _above_rivals(cost: FloatArray, end: IntArray, count: int) -> FloatArray:
     best = np.zeros(len(cost), dtype=np.bool_)
     best[order[starts]] = True
     return np.asarray((cost - np.where(best, second[end], cheapest[end])).clip(-DEAREST, DEAREST))
-
-
-def _borders(table: DetectionTable, height: FloatArray) -> dict[str, FloatArray]:
-    """How far each box lies from the image's borders, heights; far where the size of the image is not known."""
-    if table.size is None:
-        return {name: np.full(len(table), FARTHEST) for name in ("left", "right", "top", "bottom")}
-    width, tall = table.size
-    x1, y1, x2, y2 = table.image.T
-    away = {"left": x1, "right": width - x2, "top": y1, "bottom": tall - y2}
-    return {name: (value / height).clip(-1.0, FARTHEST) for name, value in away.items()}
 
 
 def _overlaps(table: DetectionTable, boxes: FloatArray, gap: int) -> tuple[FloatArray, FloatArray, FloatArray]:

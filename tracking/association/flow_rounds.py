@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from tsuiseki.tracking.association.chain_motion import TrackMotion
-from tsuiseki.tracking.association.costs import window_means
+from tsuiseki.tracking.association.costs import unit_means, window_means
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.evidence import LinkWeigher
 from tsuiseki.tracking.association.learnt_costs import CostNetwork
@@ -146,9 +146,7 @@ def mean_features(
     reach = gaps(seconds, table.frame_rate)
     both = []
     for window in ((reach, 0), (0, reach)):
-        mean = window_means(table.frames, labels, counted, table.frames, labels, window)
-        length = np.linalg.norm(mean[:, :-1], axis=1, keepdims=True)
-        both.append(np.divide(mean[:, :-1], length, out=np.full_like(features, np.nan), where=length > 0))
+        both.append(unit_means(window_means(table.frames, labels, counted, table.frames, labels, window)[:, :-1]))
     return both[0], both[1]
 
 

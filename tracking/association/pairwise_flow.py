@@ -47,21 +47,19 @@ class GateSettings:
 PRINTED_GATE = GateSettings(window=10, reach=5.0, speed=0.5, size_ratio=2.0)
 
 
-def candidate_pairs(
-    frames: IntArray, boxes: FloatArray, settings: GateSettings | None = None
-) -> tuple[IntArray, IntArray, IntArray]:
+def candidate_pairs(frames: IntArray, boxes: FloatArray, settings: GateSettings) -> tuple[IntArray, IntArray, IntArray]:
     """Indices of all pairs of detections that lie within the gate.
 
     Args:
         frames: ``(N,)`` frame numbers, in any order.
         boxes: ``(N, 4)`` pixels.
-        settings: the gate; by default that of ``GateSettings()``.
+        settings: the gate.
 
     Returns:
         ``(P,)`` arrays ``i``, ``j`` and ``gap`` with ``frames[j] - frames[i] == gap`` and ``1 <= gap <= window``,
         sorted by i, then by j's frame.
     """
-    parts = list(pairs_by_gap(frames, boxes, settings or GateSettings()))
+    parts = list(pairs_by_gap(frames, boxes, settings))
     if not parts:
         return np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0, np.int64)
     gap = np.repeat([gap for _, _, gap in parts], [len(i) for i, _, _ in parts])

@@ -20,7 +20,7 @@ import numpy as np
 import scipy
 
 from tsuiseki.tracking.association.chain_motion import beliefs_along
-from tsuiseki.tracking.association.costs import cosine_distances
+from tsuiseki.tracking.association.costs import cosine_distances, unit_means
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.evidence import LinkParts, link_evidence
 from tsuiseki.tracking.association.learnt_costs import CostNetwork
@@ -245,12 +245,6 @@ def _means(appearance: FloatArray, into: IntArray, weight: IntArray) -> FloatArr
     sums = np.zeros_like(appearance)
     np.add.at(sums, into[known], appearance[known] * weight[known, None])
     return unit_means(sums)
-
-
-def unit_means(sums: FloatArray) -> FloatArray:
-    """``(M, D)`` sums of features scaled to unit length, NaN where there are none."""
-    length = np.linalg.norm(sums, axis=1, keepdims=True)
-    return np.asarray(np.divide(sums, length, out=np.full_like(sums, np.nan), where=length > 0))
 
 
 # Share of a box that others cover together, from which on they explain it.

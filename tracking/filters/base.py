@@ -45,14 +45,6 @@ class Motion(Protocol):
     def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator, /) -> FloatArray: ...
 
 
-class LinearMotion(Protocol):
-    """A motion that is linear with Gaussian noise, which Kalman filters take instead of draws."""
-
-    def linear(self, seconds: float, /) -> tuple[FloatArray, FloatArray]:
-        """Transition ``(D, D)`` and covariance of the noise ``(D, D)`` over ``seconds`` > 0."""
-        ...
-
-
 class Proposal(Protocol[ObservationIn]):
     """Draws the next particles; returns them ``(N, D)`` with ``log f - log q`` ``(N,)``, the correction of (15)."""
 

@@ -1,18 +1,15 @@
-"""Kernelised correlation filters, as banks of filters that share one search window.
+"""Kernelised correlation filters as banks that share one search window, and one filter that changes slowly.
 
 Henriques et al., "High-speed tracking with kernelized correlation filters", PAMI 2015 (KCF); thesis section 2.2.4.
 A sample is a window of features, already multiplied by a cosine window, kept as its spectrum. A filter holds a template
 (a running mean of samples) and the dual coefficients of a ridge regression from every cyclic shift of the template
 to a Gaussian label centred at shift zero. Maps are ``(rows, columns)`` over cyclic shifts: ``map[0, 0]`` is no shift.
-
 Arrays have a leading filter or sample axis, so that all filters respond in one batched transform.
 
-A linear correlation filter that lives on the target alone and changes slowly.
-
-Li et al., "Learning spatial-temporal regularized correlation filters for visual tracking", CVPR 2018, with the support
-of Galoogahi et al., "Learning background-aware correlation filters for visual tracking", ICCV 2017. A window of D
-channels with spectrum ``x`` and the filter ``f`` (spectrum ``c``, conjugated) answer ``r = sum_d x_d c_d``. Learning
-from one window minimises
+The linear filter lives on the target alone (`learn`). Li et al., "Learning spatial-temporal regularized correlation
+filters for visual tracking", CVPR 2018, with the support of Galoogahi et al., "Learning background-aware correlation
+filters for visual tracking", ICCV 2017. A window of D channels with spectrum ``x`` and the filter ``f`` (spectrum
+``c``, conjugated) answer ``r = sum_d x_d c_d``. Learning from one window minimises
 
     1/2 |sum_d x_d * f_d - y|^2  +  mu/2 |f - f_before|^2      with f = 0 outside the target,
 
@@ -106,13 +103,9 @@ def join(banks: list[FilterBank]) -> FilterBank:
 
 
 def train(samples: Samples, labels: ComplexArray, kernel: GaussianKernel, regularisation: float) -> FilterBank:
-    """One filter a sample, KCF equation 17.
+    """One filter a sample, KCF equation 17, of B windows centred on the target.
 
-    Args:
-        samples: B windows centred on the target.
-        labels: spectrum of the wanted response, from :func:`gaussian_labels`.
-        kernel: see :class:`GaussianKernel`.
-        regularisation: lambda of the ridge regression, > 0.
+    ``labels`` is the spectrum of `gaussian_labels`, and ``regularisation`` lambda of the ridge regression, > 0.
     """
     return FilterBank(samples, labels / (kernel(samples, samples) + np.float32(regularisation)))
 
@@ -240,14 +233,11 @@ def _times(spectra: ComplexArray, factor: np.float32) -> ComplexArray:
 
 
 def regularised_response(filters: ComplexArray, windows: ComplexArray, shape: tuple[int, int]) -> Float32Array:
-    """Responses over cyclic shifts.
+    """``(..., rows, columns)`` responses over cyclic shifts; ``[..., 0, 0]`` is no shift.
 
     Args:
         filters: ``(..., D, rows, columns // 2 + 1)`` from `learn`.
         windows: likewise, to broadcast against ``filters``.
         shape: rows and columns.
-
-    Returns:
-        ``(..., rows, columns)``; ``[..., 0, 0]`` is no shift.
     """
     return np.asarray(scipy.fft.irfft2((filters * windows).sum(axis=-3), s=shape))

@@ -50,7 +50,7 @@ def predict(state: Gaussians, transition: FloatArray, noise: FloatArray) -> Gaus
 
     Args:
         state: N states of length D.
-        transition: ``(D, D)`` or ``(N, D, D)``; this and the next are what `LinearMotion.linear` gives.
+        transition: ``(D, D)`` or ``(N, D, D)``; this and the next are what a motion's ``linear`` gives.
         noise: covariance of what the transition does not explain, ``(D, D)`` or ``(N, D, D)``.
     """
     mean = (transition @ state.mean[..., None])[..., 0]

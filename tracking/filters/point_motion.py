@@ -21,8 +21,7 @@ from tsuiseki.tracking.types import FloatArray
 def constant_velocity(acceleration: float) -> Motion:
     """Straight motion of states ``x, vx, y, vy`` with a random acceleration constant over each step, (1).
 
-    Args:
-        acceleration: its standard deviation along each axis, in units a second squared.
+    ``acceleration`` is its standard deviation along each axis, in units a second squared.
     """
 
     def move(states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
@@ -90,11 +89,7 @@ def taking_turns(motions: Sequence[Motion], rate: float) -> Motion:
     """Several motions of which one is in force at a time: a Markov chain, whose state is the particle's last column.
 
     The model of the interacting multiple model filter (Blom and Bar-Shalom, 1988); the particles carry the mode, so
-    nothing is merged.
-
-    Args:
-        motions: two or more.
-        rate: changes of mode a second; the new mode is any other one.
+    nothing is merged. ``rate`` is of changes of mode a second; the new mode is any other one of two or more motions.
     """
 
     def move(particles: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
@@ -144,7 +139,7 @@ class PlaneVelocity:
     velocity: float
 
     def linear(self, seconds: float) -> tuple[FloatArray, FloatArray]:
-        """See `LinearMotion`."""
+        """Transition ``(4, 4)`` and covariance of the noise ``(4, 4)`` over ``seconds`` > 0."""
         noise = np.diag([self.place, self.place, self.velocity, self.velocity])
         return np.eye(4) + seconds * np.eye(4, k=2), seconds * noise
 

@@ -21,11 +21,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tsuiseki.tracking.association.costs import unit_means
 from tsuiseki.tracking.association.flow_rounds import WINDOW
 from tsuiseki.tracking.association.flow_window import CONTEXT, FlowWindow
 from tsuiseki.tracking.association.nearby import Pairs
 from tsuiseki.tracking.association.smoothing import SmoothingSettings
-from tsuiseki.tracking.association.tracklets import APPEARANCE_WINDOW, JOIN_WINDOW, join, unit_means
+from tsuiseki.tracking.association.tracklets import APPEARANCE_WINDOW, JOIN_WINDOW, join
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, least_logit, solve_window
 from tsuiseki.tracking.people.whole_flow import long_tracks, reported
 from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray, Targets, Track

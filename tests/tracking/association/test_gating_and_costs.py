@@ -35,12 +35,12 @@ def test_candidates_are_all_pairs_within_the_gate(seed: int) -> None:
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_too_few_detections_make_no_pair(count: int) -> None:
-    assert all(len(part) == 0 for part in candidate_pairs(np.zeros(count, int), np.ones((count, 4)).cumsum(axis=1)))
+    assert all(len(part) == 0 for part in candidate_pairs(np.zeros(count, int), np.ones((count, 4)).cumsum(axis=1), GateSettings()))
 
 
 def test_one_frame_makes_no_pair() -> None:
     _, boxes = _clutter(np.random.default_rng(0), 10, 1)
-    assert len(candidate_pairs(np.full(10, 7), boxes)[0]) == 0
+    assert len(candidate_pairs(np.full(10, 7), boxes, GateSettings())[0]) == 0
 
 
 @pytest.mark.parametrize("wrong", [{"window": 0}, {"reach": 0.0}, {"size_ratio": 0.5}, {"speed": float("nan")}])

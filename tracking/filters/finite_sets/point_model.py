@@ -95,13 +95,10 @@ class GaussianSensor:
     def log_likelihood(
         self, projected: FloatArray, particle: IntArray, measurements: FloatArray, which: IntArray
     ) -> FloatArray:
-        """``log h(y | x)`` ``(K,)``, constants kept, of pairs of a state and a measurement.
+        """``log h(y | x)`` ``(K,)``, constants kept, of pairs of states ``(N, Z)`` as measured and of measurements
+        ``(M, Z)``.
 
-        Args:
-            projected: states ``(N, Z)``.
-            particle: ``(K,)`` which of them.
-            measurements: ``(M, Z)``.
-            which: ``(K,)`` which of them.
+        ``particle`` and ``which`` ``(K,)`` say of which state and of which measurement each pair is.
         """
         # Column by column: rows of two or three numbers cost several times more.
         apart = [state[particle] - measured[which] for state, measured in zip(projected.T, measurements.T, strict=True)]

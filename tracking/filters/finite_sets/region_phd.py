@@ -158,8 +158,8 @@ class Confirmation:
 
     def __init__(self, hits: int, frames: int) -> None:
         self.hits, self.frames = hits, frames
-        self._confirmed: set[int] = set()
-        self._covered: dict[int, tuple[int, int]] = {}  # frames and hits of each target not confirmed yet
+        # Frames and hits of each target until it is confirmed.
+        self._covered: dict[int, tuple[int, int]] = {}
 
     def update(self, labels: IntArray, supported: BoolArray) -> IntArray:
         """Take the targets of the next frame; the labels of those that cannot be confirmed any more.
@@ -168,24 +168,21 @@ class Confirmation:
             labels: ``(T,)`` of all targets that are followed. A label that is missing is never used again.
             supported: ``(T,)`` whether a patch is at each.
         """
-        names = labels.tolist()
-        self._confirmed.intersection_update(names)
-        self._covered = {name: self._covered.get(name, (0, 0)) for name in names if name not in self._confirmed}
-        failed = []
-        for name, hit in zip(names, supported.tolist(), strict=True):
-            if name in self._confirmed:
-                continue
-            age, hits = self._covered[name]
-            self._covered[name] = age, hits = age + 1, hits + hit
-            if hits >= self.hits:
-                self._confirmed.add(name)
-            elif age - hits > self.frames - self.hits:
-                failed.append(name)
+        before, failed = self._covered, list[int]()
+        self._covered = {}
+        for name, hit in zip(labels.tolist(), supported.tolist(), strict=True):
+            age, hits = before.get(name, (0, 0))
+            if hits < self.hits:
+                age, hits = age + 1, hits + hit
+                if hits < self.hits and age - hits > self.frames - self.hits:
+                    failed.append(name)
+            self._covered[name] = age, hits
         return np.array(failed, dtype=np.int64)
 
     def confirmed(self, labels: IntArray) -> BoolArray:
         """Which of the targets ``(N,)`` are confirmed."""
-        return np.array([name in self._confirmed for name in labels.tolist()], dtype=np.bool_)
+        hits = [self._covered.get(name, (0, 0))[1] for name in labels.tolist()]
+        return np.array(hits, dtype=np.int64) >= self.hits
 
 
 def at_patches(boxes: FloatArray, patches: FloatArray) -> BoolArray:
