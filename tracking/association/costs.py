@@ -178,8 +178,8 @@ def window_means(
         labels: ``(N,)`` of their tracks, -1 for none.
         actions: ``(N, A)`` of the detections.
         at_frames: ``(M,)`` where the means are wanted.
-        at_labels: ``(M,)`` of which tracks. Where the window holds no detection, or the label is -1, the m-th mean is
-            that of the detection with the same index, if M is N, and NaN otherwise.
+        at_labels: ``(M,)`` of which tracks. Of an empty window, or of no track, the mean is that of the detection with
+            the same index, if M is N, and NaN otherwise.
         reach: of the windows, frames back and frames ahead.
     """
     back, ahead = reach

@@ -144,10 +144,11 @@ def mean_features(
     known = np.asarray(~np.isnan(features).any(axis=1))
     counted = np.concatenate([np.where(known[:, None], features, 0), known[:, None]], axis=1)
     reach = gaps(seconds, table.frame_rate)
-    both = []
-    for window in ((reach, 0), (0, reach)):
-        both.append(unit_means(window_means(table.frames, labels, counted, table.frames, labels, window)[:, :-1]))
-    return both[0], both[1]
+    past, future = (
+        unit_means(window_means(table.frames, labels, counted, table.frames, labels, window)[:, :-1])
+        for window in ((reach, 0), (0, reach))
+    )
+    return past, future
 
 
 def with_new_costs(

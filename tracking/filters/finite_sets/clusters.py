@@ -7,7 +7,7 @@ by column. The posterior of the PHD filter is such a set; the targets are read o
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Self
@@ -134,32 +134,15 @@ class Clusters:
 
 
 @dataclass(frozen=True)
-class Memory:
-    """Targets reported in the step before. A target in here is not ended by one missed measurement.
-
-    Attributes:
-        labels: ``(H,)``.
-        existence: ``(H,)`` probability that each exists, in [0, 1].
-    """
-
-    labels: IntArray
-    existence: FloatArray
-
-    @classmethod
-    def empty(cls) -> Memory:
-        """No target."""
-        return cls(np.empty(0, dtype=np.int64), np.empty(0))
-
-
-@dataclass(frozen=True)
 class PhdState(LabelledParticles):
     """The posterior intensity, and the targets reported from it.
 
     Attributes:
-        memory: the targets reported.
+        memory: probability in [0, 1] that each target exists that was reported in the step before, by its label; one in
+            here is not ended by one missed measurement.
     """
 
-    memory: Memory = field(default_factory=Memory.empty)
+    memory: Mapping[int, float] = field(default_factory=dict)
 
 
 Extraction = Callable[[PhdState, Clusters], TargetEstimates]

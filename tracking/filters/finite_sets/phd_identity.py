@@ -15,6 +15,7 @@ measurement (`by_measurements`, Ristic, Clark and Vo, 2010).
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +25,6 @@ from tsuiseki.tracking.filters.base import TargetEstimates
 from tsuiseki.tracking.filters.finite_sets.clusters import (
     REPORTED,
     Clusters,
-    Memory,
     PhdState,
     cluster_moments,
     cluster_sizes,
@@ -52,8 +52,13 @@ class TrackIdentity:
     printed: bool = False
 
     def recall(
-        self, memory: Memory, estimates: TargetEstimates, posterior: PhdState, clusters: Clusters, model: PointModel
-    ) -> tuple[TargetEstimates, Memory]:
+        self,
+        memory: Mapping[int, float],
+        estimates: TargetEstimates,
+        posterior: PhdState,
+        clusters: Clusters,
+        model: PointModel,
+    ) -> tuple[TargetEstimates, Mapping[int, float]]:
         """Add the targets that were reported before and now probably missed a measurement.
 
         A missed measurement multiplies the weight of a cluster by ``1 - pD``, because the intensity describes a Poisson
@@ -64,9 +69,7 @@ class TrackIdentity:
         """
         starts, sizes = clusters.starts, cluster_sizes(clusters.starts, len(posterior))
         names = posterior.labels[starts]
-        before = np.zeros(len(names))
-        known = _among(memory.labels, names)
-        before[np.searchsorted(names, memory.labels[known])] = memory.existence[known]
+        before = np.array([memory.get(name, 0.0) for name in names.tolist()])
         if model.inside is None:
             before *= model.survival
         else:
@@ -82,7 +85,7 @@ class TrackIdentity:
         there = (existence > REPORTED) & ((before > 0) | shown)
         added = there & ~shown
         recalled = TargetEstimates(names[added], means[added], existence[added])
-        return estimates.and_then(recalled), Memory(names[there], existence[there])
+        return estimates.and_then(recalled), dict(zip(names[there].tolist(), existence[there].tolist(), strict=True))
 
     def tidy(self, posterior: PhdState, clusters: Clusters, sensor: GaussianSensor) -> tuple[PhdState, Clusters]:
         """The posterior after the three rules, its particles grouped by label; and its clusters."""
