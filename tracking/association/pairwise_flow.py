@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.association.costs import PairFeatures, TransitionCost, pair_features
+from tsuiseki.tracking.association.detection_tables import DetectionRows
 from tsuiseki.tracking.association.nearby import near_pairs, sizes
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import FloatArray, IntArray
@@ -90,26 +91,20 @@ def pairs_by_gap(
 
 
 def pairs_with_costs(
-    frames: IntArray,
-    boxes: FloatArray,
-    features: FloatArray | None,
-    gate: GateSettings,
-    transition: TransitionCost,
-    miss: float,
+    rows: DetectionRows, gate: GateSettings, transition: TransitionCost, miss: float = 0.0
 ) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
     """Tails, heads and costs of all plausible transitions, one gap at a time.
 
     Args:
-        frames: ``(N,)`` frame numbers.
-        boxes: ``(N, 4)`` pixels.
-        features: ``(N, D)`` unit length, or None.
+        rows: the detections, with features and actions where they are compared.
         gate: which pairs are plausible.
         transition: their costs.
         miss: added for every frame in between.
     """
-    for tail, head, gap in pairs_by_gap(frames, boxes, gate):
+    for tail, head, gap in pairs_by_gap(rows.frames, rows.boxes, gate):
         if len(tail):
-            pairs = pair_features(boxes, features, tail, head, np.full(len(tail), gap))
+            gaps = np.full(len(tail), gap)
+            pairs = pair_features(rows.boxes, rows.features, tail, head, gaps, rows.actions)
             yield tail, head, transition(pairs) + miss * (gap - 1)
 
 

@@ -204,7 +204,7 @@ def flow_on_floor(located: Sequence[FloorDetections], frame_rate: float) -> list
         [Detections(s, f.detections.scores, f.detections.features) for s, f in zip(squares, located, strict=True)], 0, 0
     )
     miss = 0.1 * min(1.0, 10 * step)
-    pairs = pairs_with_costs(rows.frames, rows.boxes, rows.features, gate, transition, miss)
+    pairs = pairs_with_costs(rows, gate, transition, miss)
     labels = track_labels(solve(build_graph(OBSERVATION(rows.scores), pairs, ENTRY, ENTRY)))
     boxes, scores, origin = (
         np.concatenate([getattr(each.detections, name) for each in located]) for name in ("boxes", "scores", "origin")

@@ -12,17 +12,16 @@ Open in the text and decided here: detections are linked over at most as many fr
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.association.costs import pair_features, window_means
+from tsuiseki.tracking.association.costs import window_means
 from tsuiseki.tracking.association.detection_tables import DetectionRows, rows_of
 from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.association.network_flow import build_graph, solve, track_labels
-from tsuiseki.tracking.association.pairwise_flow import PRINTED_GATE, pairs_by_gap
+from tsuiseki.tracking.association.pairwise_flow import PRINTED_GATE, pairs_with_costs
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.people.whole_flow import long_tracks
@@ -88,21 +87,13 @@ class PrintedFlow:
         """``(N,)`` track of each detection, -1 for none."""
         observation = replace(self._affinity.observation, b=BIAS)(rows.scores)
         labels, averaged = np.full(len(rows), -1), rows.actions
+        gate = replace(PRINTED_GATE, window=self._affinity.window)
         for iteration in range(self._iterations):
             if iteration and rows.actions is not None:
                 reach = (HALF_WINDOW, HALF_WINDOW)
                 averaged = window_means(rows.frames, labels, rows.actions, rows.frames, labels, reach)
-            graph = build_graph(observation, self._links(rows, averaged), ENTRY, ENTRY)
-            before, labels = labels, track_labels(solve(graph))
+            links = pairs_with_costs(replace(rows, actions=averaged), gate, self._affinity)
+            before, labels = labels, track_labels(solve(build_graph(observation, links, ENTRY, ENTRY)))
             if np.array_equal(before, labels):
                 break
         return labels
-
-    def _links(
-        self, rows: DetectionRows, actions: FloatArray | None
-    ) -> Iterator[tuple[IntArray, IntArray, FloatArray]]:
-        gate = replace(PRINTED_GATE, window=self._affinity.window)
-        for tail, head, gap in pairs_by_gap(rows.frames, rows.boxes, gate):
-            if len(tail):
-                gaps = np.full(len(tail), gap)
-                yield tail, head, self._affinity(pair_features(rows.boxes, rows.features, tail, head, gaps, actions))

@@ -35,7 +35,8 @@ def test_candidates_are_all_pairs_within_the_gate(seed: int) -> None:
 
 @pytest.mark.parametrize("count", [0, 1])
 def test_too_few_detections_make_no_pair(count: int) -> None:
-    assert all(len(part) == 0 for part in candidate_pairs(np.zeros(count, int), np.ones((count, 4)).cumsum(axis=1), GateSettings()))
+    pairs = candidate_pairs(np.zeros(count, int), np.ones((count, 4)).cumsum(axis=1), GateSettings())
+    assert all(len(part) == 0 for part in pairs)
 
 
 def test_one_frame_makes_no_pair() -> None:
