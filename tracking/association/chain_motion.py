@@ -100,18 +100,18 @@ def beliefs_along(labels: IntArray, measured: Measurements, noise: MotionNoise) 
     starts = np.ones(count, dtype=np.bool_)
     starts[1:] = change
     both = np.concatenate([order, order[::-1]])
-    place, velocity, covariance = _filtered(np.concatenate([starts, ends[::-1]]), both, measured, noise)
-    past, future = slice(0, count), slice(count, 2 * count)
+    filtered = _filtered(np.concatenate([starts, ends[::-1]]), both, measured, noise)
     return (
-        _scattered(place[:, past], velocity[:, past], covariance[..., past], order, 1.0),
-        _scattered(place[:, future], velocity[:, future], covariance[..., future], order[::-1], -1.0),
+        _scattered(filtered, slice(0, count), order, 1.0),
+        _scattered(filtered, slice(count, None), order[::-1], -1.0),
     )
 
 
 def _scattered(
-    place: FloatArray, velocity: FloatArray, covariance: FloatArray, order: IntArray, direction: float
+    filtered: tuple[FloatArray, FloatArray, FloatArray], half: slice, order: IntArray, direction: float
 ) -> Beliefs:
-    """The beliefs in the order of the detections, with time running forwards."""
+    """One half of the beliefs in the order of the detections, with time running forwards."""
+    place, velocity, covariance = (part[..., half] for part in filtered)
     count = len(order)
     beliefs = Beliefs(np.empty((count, 4)), np.empty((count, 4)), np.empty((count, 3, 3)))
     beliefs.place[order], beliefs.velocity[order] = place.T, direction * velocity.T
@@ -215,15 +215,16 @@ def followed(
     """
     own = np.where(labels < 0, int(labels.max(initial=-1)) + 1 + np.arange(len(table)), labels)
     order = np.argsort(own, kind="stable")
-    rows = TrackRows.of(own[order])
+    # First and last row of the track of each: those of one track follow each other.
+    bounds = np.searchsorted(own[order], own[order]), np.searchsorted(own[order], own[order], side="right") - 1
     before, after = table.rows(known.follower), table.rows(follower)
-    past = rows.any_within((predecessors(before) != predecessors(after))[order], reach, 0)
-    future = rows.any_within((before != after)[order], 0, reach)
-    needed = rows.any_within(past, 0, RUN_UP) | rows.any_within(future, RUN_UP, 0)
+    past = any_within((predecessors(before) != predecessors(after))[order], bounds, reach, 0)
+    future = any_within((before != after)[order], bounds, 0, reach)
+    needed = any_within(past, bounds, 0, RUN_UP) | any_within(future, bounds, RUN_UP, 0)
     back, ahead = np.empty(len(table), np.bool_), np.empty(len(table), np.bool_)
     back[order], ahead[order] = past, future
     # A part of a track that lies apart from its other parts is filtered by itself.
-    part = np.cumsum(np.diff(rows.first, prepend=-1).astype(np.bool_) | (needed & ~np.roll(needed, 1)))
+    part = np.cumsum(np.diff(bounds[0], prepend=-1).astype(np.bool_) | (needed & ~np.roll(needed, 1)))
     label = np.empty(len(table), dtype=np.int64)
     label[order] = part
     again = np.sort(order[needed])
@@ -238,27 +239,8 @@ def followed(
     return now, (back, ahead)
 
 
-@dataclass(frozen=True)
-class TrackRows:
-    """Rows of which those of one track follow each other.
-
-    Attributes:
-        first: ``(N,)`` first row of the track of each.
-        last: ``(N,)`` last row of it.
-    """
-
-    first: IntArray
-    last: IntArray
-
-    @classmethod
-    def of(cls, track: IntArray) -> TrackRows:
-        """For ``(N,)`` numbers from 0 on, the same ones side by side."""
-        starts = np.flatnonzero(np.diff(track, prepend=-1))
-        length = np.diff(np.append(starts, len(track)))
-        return cls(np.repeat(starts, length), np.repeat(starts + length - 1, length))
-
-    def any_within(self, flags: BoolArray, before: int, after: int) -> BoolArray:
-        """``(N,)`` whether a flag is set from so many rows before each to so many after it, in its track."""
-        row, total = np.arange(len(flags)), np.append(0, np.cumsum(flags))
-        first, last = np.maximum(row - before, self.first), np.minimum(row + after, self.last)
-        return np.asarray(total[last + 1] > total[first])
+def any_within(flags: BoolArray, bounds: tuple[IntArray, IntArray], before: int, after: int) -> BoolArray:
+    """``(N,)`` whether a flag is set from so many rows before each to so many after it, within bounds ``(N,)``."""
+    row, total = np.arange(len(flags)), np.append(0, np.cumsum(flags))
+    first, last = np.maximum(row - before, bounds[0]), np.minimum(row + after, bounds[1])
+    return np.asarray(total[last + 1] > total[first])

@@ -264,15 +264,10 @@ class ActionCost:
         *,
         averaged: bool,
     ) -> FloatArray:
-        """``(P,)`` costs of links from ``i`` to ``j`` between features ``(N, A)``.
+        """``(P,)`` costs of links from detections ``i`` to ``j``, so many seconds apart.
 
-        Args:
-            earlier: of detections as the earlier one.
-            later: as the later one.
-            i: ``(P,)`` indices of the earlier detections.
-            j: ``(P,)`` of the later ones.
-            seconds: ``(P,)`` between the two.
-            averaged: they are means along tracks.
+        ``earlier`` and ``later`` are features ``(N, A)`` of detections as the one and as the other, means along tracks
+        if ``averaged``.
         """
         distance = action_distances(earlier, later, i, j)
         cost = self.weight[averaged] * (distance - self.neutral[averaged])

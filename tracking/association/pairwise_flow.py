@@ -142,14 +142,14 @@ class HandSetCost:
         variance = noise + (self.speed * gap) ** 2
         # Longer gaps count against a link by the area of their region of likely positions.
         q = np.log(variance / (noise + self.speed**2)) + self.bias
-        q += surprise(pairs.dx**2 / variance + pairs.dy**2 / variance, 2)
-        q += surprise((pairs.dh / SIZE) ** 2, 1)
+        q += _surprise(pairs.dx**2 / variance + pairs.dy**2 / variance, 2)
+        q += _surprise((pairs.dh / SIZE) ** 2, 1)
         known = ~np.isnan(pairs.appearance)
         q[known] += self.appearance * (pairs.appearance[known] - self.neutral)
         return np.logaddexp(0, q)
 
 
-def surprise(squared: FloatArray, dimensions: int) -> FloatArray:
+def _surprise(squared: FloatArray, dimensions: int) -> FloatArray:
     """How much less likely a difference is than none, -log p(x) / p(0), under Student's t distribution.
 
     ``squared`` is its squared length, in scales, in so many dimensions.

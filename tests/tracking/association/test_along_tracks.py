@@ -11,7 +11,7 @@ from tsuiseki.tracking.association.chain_motion import (
     RUN_UP,
     MotionNoise,
     TrackMotion,
-    TrackRows,
+    any_within,
     beliefs_alone,
     beliefs_along,
     followed,
@@ -123,10 +123,10 @@ def test_the_price_of_two_alone_is_that_of_chains_of_one(wander: float) -> None:
 
 
 def test_flags_reach_no_other_track() -> None:
-    stretches = TrackRows.of(np.array([0, 0, 0, 1, 1, 4, 4, 4]))
+    bounds = np.array([0, 0, 0, 3, 3, 5, 5, 5]), np.array([2, 2, 2, 4, 4, 7, 7, 7])
     flags = np.array([0, 0, 1, 0, 0, 1, 0, 0], dtype=np.bool_)
-    assert stretches.any_within(flags, 1, 0).astype(int).tolist() == [0, 0, 1, 0, 0, 1, 1, 0]
-    assert stretches.any_within(flags, 0, 9).astype(int).tolist() == [1, 1, 1, 0, 0, 1, 0, 0]
+    assert any_within(flags, bounds, 1, 0).astype(int).tolist() == [0, 0, 1, 0, 0, 1, 1, 0]
+    assert any_within(flags, bounds, 0, 9).astype(int).tolist() == [1, 1, 1, 0, 0, 1, 0, 0]
 
 
 def test_rows_of_numbers() -> None:

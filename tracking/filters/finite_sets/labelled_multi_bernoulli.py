@@ -153,12 +153,8 @@ class LabelledMultiBernoulliFilter:
         first = first_particles(particles, count)
         starts = np.zeros(min(len(first), 1), dtype=np.int64)
         hidden = BornParticles(first.particles, first.log_weights, starts)
-        shape, columns = (0, self.particles), first.particles.shape[1]
-        nothing = np.empty(0)
-        return LabelledState(
-            np.empty(0, dtype=np.int64), nothing, np.empty((*shape, columns)), np.empty(shape), hidden, 1,
-            np.empty(0, dtype=np.bool_),
-        )  # fmt: skip
+        none, nobody = np.empty((0, self.particles, first.particles.shape[1])), np.empty(0, dtype=np.bool_)
+        return LabelledState(np.empty(0, np.int64), np.empty(0), none, none[:, :, 0], hidden, 1, nobody)
 
     def step(
         self, state: LabelledState, observation: FloatArray, rng: np.random.Generator

@@ -40,9 +40,8 @@ def cluster_means(state: LabelledParticles) -> tuple[IntArray, FloatArray, Float
     starts = cluster_starts(state.labels)
     if len(starts) == 0:
         return np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 6))
-    weights = np.exp(state.log_weights)
-    masses = np.add.reduceat(weights, starts)
-    sums = np.add.reduceat(weights[:, None] * state.particles, starts, axis=0)
+    masses = np.add.reduceat(state.weights, starts)
+    sums = np.add.reduceat(state.weights[:, None] * state.particles, starts, axis=0)
     means = sums / np.maximum(masses, np.finfo(np.float64).tiny)[:, None]
     means[:, 4:] = np.maximum(means[:, 4:], SMALLEST_SIDE)
     return state.labels[starts], masses, means
