@@ -17,8 +17,9 @@ there on.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -53,12 +54,9 @@ class PairFeatures(Columns):
     action: FloatArray | None = None
 
 
-class TransitionCost(Protocol):
-    """Gives costs of pairs of detections: c_tran of thesis eq. 2.14, without the cost of missed frames."""
-
-    def __call__(self, pairs: PairFeatures) -> FloatArray:
-        """``(P,)`` finite costs, at least 0; -log of the probability that the two are the same person."""
-        ...
+# c_tran of thesis eq. 2.14, without the cost of missed frames: ``(P,)`` finite costs of P pairs, at least 0; -log of
+# the probability that the two detections are the same person.
+TransitionCost: TypeAlias = Callable[[PairFeatures], FloatArray]
 
 
 def pair_features(

@@ -135,7 +135,7 @@ class LinkCost:
             raise ValueError(f"expected velocity_confidence from 0 to 1, got {self.velocity_confidence}")
 
     def at_speed(self, speed: float) -> LinkCost:
-        """The same where targets move at ``speed``, longer sides a second, as `TypicalSpeed` tells it.
+        """The same where targets move at ``speed``, longer sides a second, as `VideoEvidence.speed` tells it.
 
         Velocities differ by as much. Their changes, and how far links reach, are no smaller than at the speed of these
         costs, since who stands may walk on.

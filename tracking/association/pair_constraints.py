@@ -96,11 +96,11 @@ def _way(flow: ResidualFlow, pair: Pair, frames: IntArray) -> IntArray:
     distance, before = scipy.sparse.csgraph.dijkstra(ways, indices=start, return_predecessors=True, limit=LARGEST)
     if not np.isfinite(distance[node]):
         raise InfeasibleError
-    found = [pair.first, pair.last]
+    way = [pair.first, pair.last]
     while node != start:
-        found.append(flow.arc_between(int(before[node]), node))
+        way.append(flow.arc_between(int(before[node]), node))
         node = int(before[node])
-    return np.array(found, dtype=np.int64)
+    return np.array(way, dtype=np.int64)
 
 
 def _weakest(flow: ResidualFlow, pair: Pair) -> int:
@@ -206,15 +206,15 @@ def _solved(
     """The arcs of the solution; None where its bounds were too narrow."""
     costs = np.append(flow.reduced[free] / SCALE, np.zeros(len(bounds[0]) - len(free)))
     whole = np.append(np.ones(len(free)), np.zeros(len(bounds[0]) - len(free)))
-    found = scipy.optimize.milp(
+    solved = scipy.optimize.milp(
         costs,
         integrality=whole,
         bounds=scipy.optimize.Bounds(*bounds),
         constraints=scipy.optimize.LinearConstraint(*rows),
         options={"time_limit": TIME_LIMIT, "node_limit": MOST_BRANCHES, "mip_rel_gap": 0.0},
     )
-    if found.status != 0:
+    if solved.status != 0:
         return None
     used = flow.used.copy()
-    used[free] = found.x[: len(free)] > 0.5
+    used[free] = solved.x[: len(free)] > 0.5
     return used if flow.reduced[used].sum() - flow.reduced[flow.used].sum() <= gap else None

@@ -1,7 +1,7 @@
 """Entry and exit costs that know the places where tracks of this video begin and end.
 
 A track may begin anywhere, but most begin at the border, at a door or behind a pillar. With K a Gaussian kernel of so
-many heights, of detections d and of those s among them with which tracks found so far begin, the share that begins at a
+many heights, of detections d and of those s among them with which tracks so far begin, the share that begins at a
 place z is
 
     ρ(z) = (Σ_s K(z − z_s) + κ ρ̄) / (Σ_d K(z − z_d) + κ),        ρ̄ = |s| / |d|,
@@ -39,7 +39,7 @@ MOST_BY_PLACE, WIDTH, PRIOR = 2.0, 1.0, 1000.0
 
 @dataclass(frozen=True)
 class EntryCounts(Columns):
-    """What tracks found so far say of N detections of them.
+    """What tracks so far say of N detections of them.
 
     Attributes:
         boxes: ``(N, 4)`` pixels, where the image shows them.
@@ -77,7 +77,7 @@ def place_costs(counts: EntryCounts, boxes: FloatArray, size: tuple[int, int] | 
     """``(N,)`` changes of the entry costs, and of the exit costs, of detections with ``(N, 4)`` boxes in the image.
 
     Args:
-        counts: what the tracks found so far say.
+        counts: what the tracks so far say.
         boxes: pixels.
         size: width and height of the image; None takes the part that boxes cover.
     """

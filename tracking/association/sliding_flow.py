@@ -320,7 +320,7 @@ class _Residual:
         tight = low[self._tails] + self._costs <= high[self._heads]
         tails, heads = self._tails[tight], self._heads[tight]
         while True:
-            found = tails[marked[heads] & ~marked[tails]]
-            if not len(found):
+            leading = tails[marked[heads] & ~marked[tails]]
+            if not len(leading):
                 return
-            marked[found] = True
+            marked[leading] = True

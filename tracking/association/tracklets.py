@@ -267,10 +267,10 @@ def explained_boxes(tracks: Sequence[Track], people: Sequence[bool]) -> list[Boo
     counted = np.asarray(people, dtype=np.bool_)
     explained = np.zeros(len(rows), dtype=np.bool_)
     order = np.argsort(frames, kind="stable")
-    for here in np.split(order, np.flatnonzero(np.diff(frames[order])) + 1):
-        who = rows[here]
+    for at_once in np.split(order, np.flatnonzero(np.diff(frames[order])) + 1):
+        who = rows[at_once]
         surer = counted[who][None] & (sureness[who][None] > sureness[who][:, None])
-        explained[here] = shared_with_all(boxes[here], boxes[here], surer) >= EXPLAINED
+        explained[at_once] = shared_with_all(boxes[at_once], boxes[at_once], surer) >= EXPLAINED
     ends = np.cumsum([0, *map(len, tracks)])
     return [explained[first:end] for first, end in itertools.pairwise(ends)]
 

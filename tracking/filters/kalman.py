@@ -32,19 +32,6 @@ class Gaussians:
     covariance: FloatArray
 
 
-@dataclass(frozen=True)
-class Innovation:
-    """How measurements differed from what was predicted.
-
-    Attributes:
-        residual: ``(N, M)`` measured minus predicted.
-        covariance: ``(N, M, M)`` of the residual.
-    """
-
-    residual: FloatArray
-    covariance: FloatArray
-
-
 def predict(state: Gaussians, transition: FloatArray, noise: FloatArray) -> Gaussians:
     """The states one step later.
 
@@ -57,10 +44,8 @@ def predict(state: Gaussians, transition: FloatArray, noise: FloatArray) -> Gaus
     return Gaussians(mean, transition @ state.covariance @ np.swapaxes(transition, -1, -2) + noise)
 
 
-def update(
-    state: Gaussians, measured: FloatArray, observation: FloatArray, noise: FloatArray
-) -> tuple[Gaussians, Innovation]:
-    """The states after one measurement each, and how it differed from the prediction.
+def update(state: Gaussians, measured: FloatArray, observation: FloatArray, noise: FloatArray) -> Gaussians:
+    """The states after one measurement each.
 
     Args:
         state: N states of length D.
@@ -70,12 +55,11 @@ def update(
     """
     residual = measured - (observation @ state.mean[..., None])[..., 0]
     cross = state.covariance @ np.swapaxes(observation, -1, -2)
-    innovation = Innovation(residual, observation @ cross + noise)
-    gain = np.swapaxes(np.linalg.solve(innovation.covariance, np.swapaxes(cross, -1, -2)), -1, -2)
+    gain = np.swapaxes(np.linalg.solve(observation @ cross + noise, np.swapaxes(cross, -1, -2)), -1, -2)
     # Joseph's form: symmetric and positive semi-definite whatever the rounding.
     rest = np.eye(state.mean.shape[-1]) - gain @ observation
     covariance = rest @ state.covariance @ np.swapaxes(rest, -1, -2) + gain @ noise @ np.swapaxes(gain, -1, -2)
-    return Gaussians(state.mean + (gain @ residual[..., None])[..., 0], covariance), innovation
+    return Gaussians(state.mean + (gain @ residual[..., None])[..., 0], covariance)
 
 
 @dataclass(frozen=True)

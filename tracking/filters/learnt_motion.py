@@ -173,8 +173,8 @@ def read_motion(path: Path, body: str, dimension: int) -> LearntMotion:
         raise RequestError(f"{path}: expected motion of the body {body}, got that of {values.get('body')}")
     columns = values.get("columns")
     if not isinstance(columns, list) or len(columns) != dimension:
-        found = len(columns) if isinstance(columns, list) else columns
-        raise RequestError(f"{path}: expected motion of {dimension} columns, as {body} has, got {found}")
+        given = len(columns) if isinstance(columns, list) else columns
+        raise RequestError(f"{path}: expected motion of {dimension} columns, as {body} has, got {given}")
     try:
         return _from_values(values)
     except (KeyError, TypeError, ValueError) as error:

@@ -193,9 +193,9 @@ class SteppingBox:
         deviation = np.array([self.place, self.place, self.size, self.size])
         for _ in range(whole_frames(seconds)):
             noise = deviation * rng.standard_normal((len(states), 4))
-            here, before = states[:, :2], states[:, 2:4]
+            now, before = states[:, :2], states[:, 2:4]
             size = np.maximum(states[:, 4:] + noise[:, 2:], self.smallest)
-            states = np.concatenate([2 * here - before + noise[:, :2], here, size], axis=1)
+            states = np.concatenate([2 * now - before + noise[:, :2], now, size], axis=1)
         return states
 
 

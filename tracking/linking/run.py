@@ -136,11 +136,11 @@ def _features(name: str, result: Result[Track], tracks: Sequence[Track], describ
             wanted.setdefault(int(track.frames[row]), []).append((number, track.boxes[row]))
     sums: FloatArray | None = None
     for frame in source.frames():
-        here = wanted.pop(frame.index, None)
-        if here:
-            described = describer.describe(frame.image, np.array([box for _, box in here]))
+        boxes = wanted.pop(frame.index, None)
+        if boxes:
+            described = describer.describe(frame.image, np.array([box for _, box in boxes]))
             sums = np.zeros((len(tracks), described.shape[1])) if sums is None else sums
-            np.add.at(sums, [number for number, _ in here], described)
+            np.add.at(sums, [number for number, _ in boxes], described)
         if not wanted:
             break
     return np.zeros((len(tracks), 1)) if sums is None else _centred(sums)

@@ -222,15 +222,15 @@ def _peaks(pairs: Candidates, ways: int) -> FloatArray:
     if known.any():
         s = pairs.likeness[known]
         weight[known] = np.exp(2 * (s - s.mean()) / max(s.std(), 1e-3))
-    found = np.empty(ways)
+    peaks = np.empty(ways)
     for way in range(ways):
         own = pairs.way == way
         near = np.exp(-0.5 * np.square((np.log(pairs.seconds[own]) - grid[:, None]) / 0.15)) @ weight[own]
         # Strangers are spread evenly over time: their number grows with it.
         strangers = np.exp(grid) * weight[own].sum() / LONGEST * 0.15 * np.sqrt(2 * np.pi)
         prior = -0.5 * np.square((grid - np.log(USUAL)) / 1.5)
-        found[way] = grid[int(np.argmax((near - strangers) / np.sqrt(strangers + 1) + prior))]
-    return found
+        peaks[way] = grid[int(np.argmax((near - strangers) / np.sqrt(strangers + 1) + prior))]
+    return peaks
 
 
 def people_of(count: int, links: Transits, sure: BoolArray) -> IntArray:

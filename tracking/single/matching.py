@@ -101,7 +101,7 @@ class TemplateMatching(RegionSearch):
         place, score = self._best(match(np.asarray(area), np.asarray(self._template), self.measure))
         if self.smoothed:
             certainty = np.eye(2) * (0.05 * self._size.mean()) ** 2
-            self._motion, _ = update(self._motion, place[None], np.eye(2, 4), certainty)
+            self._motion = update(self._motion, place[None], np.eye(2, 4), certainty)
         else:
             self._motion = Gaussians(np.concatenate([place, np.zeros(2)])[None], self._motion.covariance)
         box = box_about(self._motion.mean[0, :2], self._size)

@@ -166,10 +166,10 @@ class PointModel:
         """``pD`` ``(N,)`` of states ``(N, D)``."""
         if not callable(self.detection):
             return np.full(len(particles), float(self.detection))
-        found = self.detection(particles)
-        if not np.all((found >= 0) & (found <= 1)):
+        probability = self.detection(particles)
+        if not np.all((probability >= 0) & (probability <= 1)):
             raise ValueError("expected probabilities of detection in [0, 1]")
-        return found
+        return probability
 
     def clutter_at(self, measurements: FloatArray) -> FloatArray:
         """``mu_C p_C(y)`` ``(M,)`` at measurements ``(M, Z)``."""
