@@ -100,18 +100,17 @@ class TargetEstimates(Columns):
     weights: FloatArray
 
 
-class SetInfo(Protocol):
-    """What the info of every filter of several targets has."""
+@dataclass(frozen=True)
+class SetInfo:
+    """What every filter of several targets found in one step.
 
-    @property
-    def estimates(self) -> TargetEstimates:
-        """The targets reported."""
-        ...
+    Attributes:
+        estimates: the targets reported.
+        expected_count: expected number of targets, the unreported ones included.
+    """
 
-    @property
-    def expected_count(self) -> float:
-        """Expected number of targets, the unreported ones included."""
-        ...
+    estimates: TargetEstimates
+    expected_count: float
 
 
 class Filter(Protocol[State, ObservationIn, InfoOut]):

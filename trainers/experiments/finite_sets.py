@@ -462,7 +462,7 @@ def run_blobs(scene: BlobSceneSettings, method: str, particles: int, seed: int) 
     return evaluate_points(there, PointTracks.of(tracks), scene.frames, BLOB_CUT_OFF)
 
 
-UPDATES: Mapping[str, tuple[likelihoods.Update, likelihoods.RegionLikelihood]] = {
+UPDATES: Mapping[str, tuple[likelihoods.Update, likelihoods.EachAlone]] = {
     "as printed": (likelihoods.as_printed, likelihoods.EachAlone()),
     "equalised": (likelihoods.Equalised(likelihoods.as_printed), likelihoods.EachAlone()),
     "calibrated": (likelihoods.calibrated, likelihoods.WithoutOthers()),

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tsuiseki.tracking.filters.base import Births, BornParticles, TargetEstimates
+from tsuiseki.tracking.filters.base import Births, BornParticles, SetInfo, TargetEstimates
 from tsuiseki.tracking.filters.finite_sets.clusters import cluster_sizes, first_particles
 from tsuiseki.tracking.filters.finite_sets.pairs import association_marginals, draw_by_measurement, find_pairs
 from tsuiseki.tracking.filters.finite_sets.point_model import PointModel, check_measurements
@@ -107,17 +107,13 @@ class LabelledState(TrackParticles):
 
 
 @dataclass(frozen=True)
-class LabelledInfo:
-    """What one step found.
+class LabelledInfo(SetInfo):
+    """What one step found: the tracks more likely there than not.
 
     Attributes:
-        estimates: the tracks more likely there than not.
-        expected_count: of the tracks and of the hidden targets together.
         smoothing_step: what this observation says of the tracks before it.
     """
 
-    estimates: TargetEstimates
-    expected_count: float
     smoothing_step: SmoothingStep
 
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from tsuiseki.tracking.filters.base import Births, TargetEstimates
+from tsuiseki.tracking.filters.base import Births, SetInfo
 from tsuiseki.tracking.filters.finite_sets.clusters import (
     Clusters,
     Extraction,
@@ -37,17 +37,13 @@ NEGLIGIBLE = 1e-5
 
 
 @dataclass(frozen=True)
-class PhdInfo:
+class PhdInfo(SetInfo):
     """What one step found.
 
     Attributes:
-        estimates: the targets and their identities.
-        expected_count: sum of the weights after the update.
         posterior: the weighted particles after the update, before they are drawn anew.
     """
 
-    estimates: TargetEstimates
-    expected_count: float
     posterior: PhdState
 
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 
@@ -71,18 +70,16 @@ class EachAlone:
 
 
 @dataclass(frozen=True)
-class WithoutOthers:
+class WithoutOthers(EachAlone):
     """(68) of each particle without the pixels that other targets cover; those speak for the others alone.
 
     Of two targets that overlap, the one whose box fits better alone is in front and keeps the pixels of both. A
     particle mostly behind others cannot be judged by what is left of it: its likelihood is NaN, as if ``pD`` were zero
-    there. What was never seen is not behind anything: there the likelihood is zero. ``margin`` as of `EachAlone`.
+    there. What was never seen is not behind anything: there the likelihood is zero.
     """
 
-    margin: float = 0.5
-
     def __call__(self, state: LabelledParticles, image: ColourImage) -> FloatArray:
-        """``log h`` ``(N,)`` of labelled particles, NaN where the image says nothing."""
+        """See `EachAlone`."""
         if len(state) == 0:
             return np.empty(0)
         _, masses, means = cluster_means(state)
@@ -106,9 +103,6 @@ class WithoutOthers:
         )
         unseen = np.isnan(contrast) & np.repeat(masses <= COVERING, sizes)
         return logarithms(np.where(unseen, 0.0, contrast))
-
-
-RegionLikelihood: TypeAlias = EachAlone | WithoutOthers
 
 
 def background_level(image: ColourImage, state: LabelledParticles, margin: float, rng: np.random.Generator) -> float:

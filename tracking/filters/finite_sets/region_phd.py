@@ -17,7 +17,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.features.colour_region import ColourImage
-from tsuiseki.tracking.filters.base import Births, BornParticles, Motion, TargetEstimates
+from tsuiseki.tracking.filters.base import Births, BornParticles, Motion, SetInfo, TargetEstimates
 from tsuiseki.tracking.filters.finite_sets.clusters import (
     REPORTED,
     LabelledParticles,
@@ -26,7 +26,7 @@ from tsuiseki.tracking.filters.finite_sets.clusters import (
     first_particles,
 )
 from tsuiseki.tracking.filters.finite_sets.region_likelihoods import (
-    RegionLikelihood,
+    EachAlone,
     Regions,
     Update,
     background_level,
@@ -205,19 +205,15 @@ ADOPTED_SHARE = 0.5
 
 
 @dataclass(frozen=True)
-class RegionInfo:
-    """What one step found.
+class RegionInfo(SetInfo):
+    """What one step found: clusters whose weight is near one.
 
     Attributes:
-        estimates: clusters whose weight is near one.
-        expected_count: sum of the weights after the update.
         posterior: the weighted particles after the update, before they are drawn anew.
         background: ``b`` of this frame.
         likelihood: greatest ``h`` of each estimate.
     """
 
-    estimates: TargetEstimates
-    expected_count: float
     posterior: LabelledParticles
     background: float
     likelihood: FloatArray
@@ -240,7 +236,7 @@ class RegionPhdFilter:
 
     motion: Motion
     births: Births[ExplainedImage]
-    likelihood: RegionLikelihood
+    likelihood: EachAlone
     update: Update = calibrated
     density: int = 500
     fixed: int = 0
