@@ -100,9 +100,7 @@ def _states(nodes: PersonNodes, own: IntArray, around: Expectations) -> tuple[In
     if not len(around.moment):
         return at, start(nodes.places[own], nodes.covariances[own])
     states, row = around.states, np.searchsorted(around.moment, at)
-    met = update(
-        Gaussians(states.mean[row], states.covariance[row]), nodes.places[own], PLACE, nodes.covariances[own]
-    )
+    met = update(Gaussians(states.mean[row], states.covariance[row]), nodes.places[own], PLACE, nodes.covariances[own])
     states.mean[row], states.covariance[row] = met.mean, met.covariance
     return around.moment, states
 
