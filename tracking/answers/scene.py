@@ -61,12 +61,7 @@ class SceneLine:
 
 @dataclass(frozen=True, eq=False)
 class SceneZone:
-    """A place that people enter and leave.
-
-    Attributes:
-        name: unique in a scene.
-        corners: ``(N, 2)`` in the unit of the scene.
-    """
+    """A place that people enter and leave, with a unique name and corners ``(N, 2)`` in the unit of the scene."""
 
     name: str
     corners: FloatArray

@@ -305,12 +305,16 @@ def points(given: Comparison, scored: ScoredFrames, cutoff: float = 100.0, windo
         cutoff: distance from which a point counts as missed, in the unit of the files.
         window: frames of OSPA(2).
     """
-    from tsuiseki.tracking.evaluation.point_distances import evaluate_point_files
+    from tsuiseki.tracking.evaluation.point_distances import evaluate_between, read_points
     from tsuiseki.tracking.evaluation.tables import POINT_COLUMNS, value_table
 
     _check(cutoff > 0, "cutoff", "a distance above 0", cutoff)
     _check(window >= 1, "window", "1 frame or more", window)
-    scores = evaluate_point_files(given.truth, given.named(), cutoff, window, scored.range)
+    labels, scores = read_points(given.truth, labelled=True), {}
+    if not scored.range.mask(labels.frames).any():
+        raise RequestError(f"{given.truth}: expected at least one labelled point in the frames to score, got none")
+    for name, path in given.named().items():
+        scores[name] = evaluate_between(labels, read_points(path), scored.range, cutoff, window)
     near = {name: cutoff - one.ospa1 for name, one in scores.items()}
     given.report(value_table(scores, POINT_COLUMNS), scores, near)
 

@@ -88,11 +88,7 @@ def street(
 
 
 def blobs(
-    output: SeededOutput,
-    clip: FilmSize = BLOBS,
-    objects: int = 5,
-    colour: str = "red",
-    clutter: int = 12,
+    output: SeededOutput, clip: FilmSize = BLOBS, objects: int = 5, colour: str = "red", clutter: int = 12
 ) -> int:
     """Make a clip of coloured objects moving over natural clutter, as a MOTChallenge sequence.
 

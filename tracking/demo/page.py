@@ -40,30 +40,18 @@ DRONE_METHODS: Mapping[Literal["flow", "flow-saf", "flow-maf"], str] = {
 STREET_MODELS = {"detector": weights.PEOPLE_DETECTOR, "appearance": "appearance_people", "affinity": "affinity_people"}
 
 
-def shipped_street() -> dict[str, Path]:
-    """The files of `STREET_MODELS`."""
-    return {kind: weights.shipped(name) for kind, name in STREET_MODELS.items()}
+def street(
+    source: Source, models: Mapping[str, Path], threads: int, device: Device
+) -> tuple[PeopleInputs, dict[str, PeopleTracker]]:
+    """Where people on a street come from, and a tracker for each of `STREET_METHODS` by its name, as of `track people`.
 
-
-def street_inputs(
-    source: Source,
-    models: Mapping[str, Path],
-    threads: int,
-    camera: StandingCamera | None = None,
-    device: Device = "auto",
-) -> PeopleInputs:
-    """Where people on a street come from; ``models`` are files by the kinds of `STREET_MODELS`."""
+    ``models`` are files by the kinds of `STREET_MODELS`.
+    """
+    camera, affinity = StandingCamera(), Affinity(models["affinity"], threads)
     detector = Detector(models["detector"], threads=threads, device=device)
     appearance = Appearance(models["appearance"], threads, device=device)
-    return PeopleInputs(source, detector, appearance, camera=camera, ground=ground_of(detector, "auto", source))
-
-
-def street_trackers(
-    source: Source, models: Mapping[str, Path], threads: int, camera: StandingCamera | None = None
-) -> dict[str, PeopleTracker]:
-    """A tracker for each of `STREET_METHODS`, by its name, as `tsuiseki track people` would make it."""
-    affinity = Affinity(models["affinity"], threads)
-    return {
+    inputs = PeopleInputs(source, detector, appearance, camera=camera, ground=ground_of(detector, "auto", source))
+    return inputs, {
         name: people_tracker(method, None, affinity, source=source, camera=camera, drop_straddling=True)
         for method, name in STREET_METHODS.items()
     }

@@ -68,14 +68,8 @@ def _demo_street(
     """Generate a street, track it three ways, score and report."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
-    from tsuiseki.tracking.demo.page import (
-        STREET_METHODS,
-        shipped_street,
-        street_inputs,
-        street_report,
-        street_trackers,
-    )
-    from tsuiseki.tracking.features.standing_camera import StandingCamera
+    from tsuiseki.tracking import weights
+    from tsuiseki.tracking.demo.page import STREET_METHODS, STREET_MODELS, street, street_report
     from tsuiseki.tracking.features.view_choice import report_models
     from tsuiseki.tracking.formats.mot import read_ground_truth, write_tracks
     from tsuiseki.tracking.people.tracker import run_trackers
@@ -84,18 +78,20 @@ def _demo_street(
     from tsuiseki.trainers.shipped_models import make_models
 
     with output.run() as run:
-        models = make_models(run.work / "models", assets) if train else shipped_street()
+        if train:
+            models = make_models(run.work / "models", assets)
+        else:
+            models = {kind: weights.shipped(name) for kind, name in STREET_MODELS.items()}
         with run.times.measure("generate"):
             planned = StreetClip(StreetSettings(frames=frames, frame_rate=FRAME_RATE), output.seed)
             clip = write_clip(
                 run.work / "street", planned, watch=lambda drawn: run.watched(drawn, "generating", frames)
             )
         source = open_source(clip)
-        camera = StandingCamera()
-        inputs = street_inputs(source, models, threads, camera, device)
+        inputs, trackers = street(source, models, threads, device)
         run.facts |= report_models(inputs.detect, inputs.describe)
         steps = run.steps(inputs.detections(run.frames(source), run.times))
-        tracks, log = run_trackers(steps, street_trackers(source, models, threads, camera), run.times)
+        tracks, log = run_trackers(steps, trackers, run.times)
         truth = read_ground_truth(clip / "gt" / "gt.txt").between(0, run.count - 1)
         report = street_report(truth, tracks, run.count)
         names = {kind: path.name for kind, path in models.items()}

@@ -122,11 +122,7 @@ def link_costs(
 
 @dataclass(frozen=True, eq=False, repr=False)
 class DroneResult(Result[ActingTrack]):
-    """People and what they do.
-
-    Attributes:
-        threshold: an action is named where its probability is above.
-    """
+    """People and what they do; an action is named where its probability is above the threshold."""
 
     threshold: float = NAMED
 

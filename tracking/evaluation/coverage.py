@@ -11,11 +11,7 @@ import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP, restrict, rows_by_frame
-from tsuiseki.tracking.evaluation.result_files import (
-    RESULT_PLACES,
-    result_file,
-    warn_of_other_frames,
-)
+from tsuiseki.tracking.evaluation.result_files import RESULT_PLACES, result_file, warn_of_other_frames
 from tsuiseki.tracking.evaluation.tables import sequence_table
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.formats.single import SingleSequence

@@ -24,12 +24,7 @@ from tsuiseki.tracking.types.labels import GroundTruth
 
 @dataclass(frozen=True)
 class LabelledBoxes:
-    """The truth of one image.
-
-    Attributes:
-        boxes: ``(N, 4)`` pixels.
-        ignored: ``(N,)`` a detection on it is neither right nor wrong.
-    """
+    """The ``(N, 4)`` boxes of one image, and on which ``(N,)`` of them a detection is neither right nor wrong."""
 
     boxes: FloatArray
     ignored: BoolArray

@@ -76,14 +76,7 @@ class PeopleScores:
 
 @dataclass(frozen=True)
 class SequencePair:
-    """The truth and the result of one sequence.
-
-    Attributes:
-        name: of the sequence.
-        truth: its labels.
-        tracks: the result.
-        length: number of frames; None takes the last frame of either.
-    """
+    """The truth and the result of one sequence; a length of None takes the last frame of either."""
 
     name: str
     truth: GroundTruth

@@ -22,13 +22,7 @@ COUNTS = ("id_switches", "false_positives", "false_negatives", "labelled")
 
 @dataclass(frozen=True)
 class Interval:
-    """A difference of two scores.
-
-    Attributes:
-        difference: over all sequences.
-        low: lower end of the interval over samples of sequences.
-        high: upper end.
-    """
+    """A difference of two scores over all sequences, and the ends of its interval over samples of sequences."""
 
     difference: float
     low: float

@@ -5,7 +5,7 @@ Points are ``(N, 2)`` or ``(N, D)`` positions in the unit of the cut-off ``c``.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import Columns, FloatArray, IntArray, Track
-from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
+from tsuiseki.tracking.types.frame_range import FrameRange
 
 
 @dataclass(frozen=True)
@@ -246,40 +246,27 @@ def _check(truth: FloatArray, found: FloatArray, c: float, p: float) -> None:
         raise ValueError("expected finite points, got NaN or infinity")
 
 
-def evaluate_point_files(
-    truth: Path,
-    results: Mapping[str, Path],
-    cutoff: float = 100.0,
-    window: int = 10,
-    wanted: FrameRange = EVERY_FRAME,
-) -> dict[str, PointScores]:
-    """Scores of results by name, from frame 1 to the last that has a point; frames without any count as right.
+def evaluate_between(
+    truth: PointTracks, found: PointTracks, frames: FrameRange, c: float, window: int = 10
+) -> PointScores:
+    """As `evaluate_points`, in ``frames``, by default up to the last that has a point."""
+    end = int(max(truth.frames.max(), found.frames.max(initial=0)))
+    first, last = frames.first, end if frames.last is None else frames.last
+    inside = [points.between(first, last) for points in (truth, found)]
+    true, reported = (replace(points, frames=points.frames - first) for points in inside)
+    return evaluate_points(true, reported, last - first + 1, c, window)
 
-    Files are CSV with the columns frame,id,x,y, or MOTChallenge text, whose boxes count by their centres; see
-    `evaluate_points` for ``cutoff`` and ``window``.
+
+def read_points(path: Path, labelled: bool = False) -> PointTracks:
+    """The points of a CSV file, or the centres of the boxes in MOTChallenge text; where ``labelled`` those that count.
 
     Raises:
-        RequestError: a file is missing or broken, or no point is labelled.
+        RequestError: the file is missing or broken.
     """
-    labels = read_labelled_points(truth)
-    if not wanted.mask(labels.frames).any():
-        raise RequestError(f"{truth}: expected at least one labelled point in the frames to score, got none")
-    scores = {}
-    for name, path in results.items():
-        # Points of a CSV file, or the centres of the boxes in MOTChallenge text.
-        found = PointTracks(*read_point_tracks(path)) if is_point_file(path) else PointTracks.of(read_tracks(path))
-        end = int(max(labels.frames.max(), found.frames.max(initial=0)))
-        first, last = wanted.first, end if wanted.last is None else wanted.last
-        inside = [points.between(first, last) for points in (labels, found)]
-        true, reported = (replace(points, frames=points.frames - first) for points in inside)
-        scores[name] = evaluate_points(true, reported, last - first + 1, cutoff, window)
-    return scores
-
-
-def read_labelled_points(path: Path) -> PointTracks:
-    """The points of a CSV file, or the centres of the boxes in MOTChallenge's gt.txt that count."""
     if is_point_file(path):
         return PointTracks(*read_point_tracks(path))
+    if not labelled:
+        return PointTracks.of(read_tracks(path))
     truth = read_ground_truth(path)
     truth = truth.select(truth.evaluated)
     return PointTracks(truth.frames, truth.ids, centres(truth.boxes))

@@ -12,15 +12,7 @@ from tsuiseki.tracking.types.tracks import Path3D
 
 @dataclass(frozen=True)
 class DistanceScores:
-    """Summary of distances, metres.
-
-    Attributes:
-        mean: of all.
-        maximum: of all.
-        deviation: standard deviation.
-        median: of all.
-        count: how many.
-    """
+    """Summary of distances, metres; their deviation is the standard deviation."""
 
     mean: float
     maximum: float

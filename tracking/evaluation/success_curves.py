@@ -85,11 +85,7 @@ class SequenceScores(Curves):
 
 @dataclass(frozen=True)
 class MeanCurves(Curves):
-    """The mean of the curves of some sequences, each with the same weight.
-
-    Attributes:
-        sequences: how many.
-    """
+    """The mean of the curves of so many sequences, each with the same weight."""
 
     sequences: int
 

@@ -223,11 +223,7 @@ def flow_on_floor(located: Sequence[FloorDetections], frame_rate: float) -> list
 
 
 def link_on_floor(
-    located: Iterable[FloorDetections],
-    rate: float,
-    method: FloorMethod,
-    hungarian: FisheyeSettings,
-    times: StageTimes,
+    located: Iterable[FloorDetections], rate: float, method: FloorMethod, hungarian: FisheyeSettings, times: StageTimes
 ) -> list[FloorTrack]:
     """The tracks of one camera: ``hungarian`` decides frame by frame, ``flow`` links the whole video at the end."""
     online, kept = FisheyeTracker(rate, hungarian), []

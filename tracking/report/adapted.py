@@ -38,14 +38,7 @@ _GRID = (
 
 @dataclass(frozen=True)
 class BeforeAndAfter:
-    """One picture, as the first detector and a later one see it.
-
-    Attributes:
-        caption: what it is.
-        image: ``(H, W, 3)`` uint8 RGB.
-        before: detections of the start.
-        after: of the round that is shown.
-    """
+    """One picture ``(H, W, 3)`` uint8 RGB, and the detections in it of the start and of the round that is shown."""
 
     caption: str
     image: ImageArray

@@ -226,7 +226,13 @@ def sphere_result(
         (camera.width, camera.height),
         settings=settings,
         seconds=times.seconds,
-        frames=log.columns(),
+        frames={
+            "time": [round(p.time, 6) for p in positions],
+            "score": [round(p.score, 4) for p in positions],
+            "status": [p.status for p in positions],
+            "open": [[round(float(v), 3) for v in p.open] for p in positions],
+            "frame_of_each_video": [list(m.frames) for m in log.moments],
+        },
         files={"track3d.csv": lambda path, _: write_track3d(path, positions), "path.png": plot, "report.html": page},
         painter=sphere_painter(chosen, log, 0) if chosen.radius > 0 else None,
     )

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import replace
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
-from typing import TypedDict, Unpack
+from typing import Any, TypedDict, Unpack
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -144,7 +143,11 @@ def sphere_run(
         half = 0.5 / max(video.frame_rate for video in videos)
         return LatestFrames(frames, half if settings.tolerance is None else settings.tolerance).moments()
 
-    taken, tracker = newest if live else recorded, _tracker(settings, weigh, radius)
+    # The background difference is the paper's baseline, without what goes beyond the paper.
+    plain = settings.preset == "paper" or settings.likelihood == "background"
+    more: dict[str, Any] = {"covering": None, "stages": 1} if plain else {}
+    more |= {"patience": np.inf} if settings.preset == "paper" else {}
+    taken, tracker = newest if live else recorded, SphereTracker(weigh, chosen_motion(settings, radius), **more)
     return SphereRun(settings, placed, stamps, tracker, place, search, taken, radius, videos)
 
 
@@ -184,14 +187,6 @@ def check_start(position: FloatArray, cameras: Sequence[PlacedCamera]) -> None:
         raise RequestError(f"expected the ball before the cameras, but {shown} lies behind {behind[0]}; check `start`")
     if taken < 2:
         raise RequestError(f"expected a start that two cameras see, but {shown} is in {taken} of {len(cameras)} images")
-
-
-def _tracker(settings: SphereSettings, weigh: ViewLikelihood, radius: float) -> SphereTracker:
-    moves, printed = chosen_motion(settings, radius), settings.preset == "paper"
-    # The background difference is the paper's baseline, without what goes beyond the paper.
-    plain = printed or settings.likelihood == "background"
-    tracker = SphereTracker(weigh, moves, covering=None, stages=1) if plain else SphereTracker(weigh, moves)
-    return replace(tracker, patience=np.inf) if printed else tracker
 
 
 def chosen_likelihood(

@@ -48,12 +48,7 @@ START_SPEED = 0.3
 
 @dataclass(frozen=True)
 class TimedViews:
-    """The observation of one step.
-
-    Attributes:
-        time: seconds, not before the last one.
-        views: of C cameras.
-    """
+    """The observation of one step: seconds, not before the last one, and the views of C cameras."""
 
     time: float
     views: Views
@@ -204,27 +199,11 @@ MomentViews: TypeAlias = tuple[Moment, Views]
 
 @dataclass
 class SphereLog:
-    """What a run keeps.
-
-    Attributes:
-        positions: one a moment.
-        moments: which frames they are of.
-        searches: indices of the moments at which the volume was searched.
-    """
+    """What a run keeps: positions, one a moment; their moments; indices of those when the volume was searched."""
 
     positions: list[Position] = field(default_factory=list)
     moments: list[Moment] = field(default_factory=list)
     searches: list[int] = field(default_factory=list)
-
-    def columns(self) -> dict[str, list[Any]]:
-        """What happened at each moment, for ``run.json``: one list a column."""
-        return {
-            "time": [round(p.time, 6) for p in self.positions],
-            "score": [round(p.score, 4) for p in self.positions],
-            "status": [p.status for p in self.positions],
-            "open": [[round(float(v), 3) for v in p.open] for p in self.positions],
-            "frame_of_each_video": [list(m.frames) for m in self.moments],
-        }
 
 
 @dataclass(frozen=True)

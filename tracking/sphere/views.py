@@ -256,11 +256,7 @@ class SphereContourLikelihood(ViewLikelihood):
 
 @dataclass(frozen=True)
 class BackgroundLikelihood(ViewLikelihood):
-    """Section 2.2.1: the colour differences from the background, multiplied over the cameras.
-
-    Attributes:
-        backgrounds: C images of the empty scene.
-    """
+    """Section 2.2.1: the colour differences from C images of the empty scene, multiplied over the cameras."""
 
     backgrounds: Sequence[ImageArray]
 

@@ -11,12 +11,7 @@ from tsuiseki.tracking.types import BoolArray, IntArray
 
 @dataclass(frozen=True)
 class FrameRange:
-    """Frames ``first`` to ``last``, 0-based, both included.
-
-    Attributes:
-        first: 0-based.
-        last: 0-based; None goes on to the end of the video.
-    """
+    """Frames ``first`` to ``last``, 0-based, both included; a last of None goes on to the end of the video."""
 
     first: int = 0
     last: int | None = None

@@ -103,12 +103,7 @@ def boxes_about(tracks: Iterable[Any], names: Sequence[str] = ()) -> list[Track]
 
 @dataclass(frozen=True)
 class Path3D:
-    """A path in space.
-
-    Attributes:
-        times: ``(T,)`` seconds.
-        points: ``(T, 3)`` metres.
-    """
+    """A path in space: ``(T,)`` seconds and ``(T, 3)`` metres."""
 
     times: FloatArray
     points: FloatArray

@@ -16,6 +16,7 @@ import shutil
 import time
 import zipfile
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import ExitStack
 from dataclasses import asdict, dataclass, field
 from http.client import HTTPException, HTTPResponse
 from pathlib import Path
@@ -24,6 +25,7 @@ from urllib.error import HTTPError, URLError
 from urllib.request import Request, urlopen
 
 from tsuiseki.tracking.errors import RequestError, RunError, hint_at
+from tsuiseki.tracking.output import hold
 
 OBJECTS365 = "Objects365, under the terms of its site"
 COCO = "COCO train2017: annotations CC BY 4.0, pictures under the terms of their photographers on Flickr"
@@ -212,11 +214,6 @@ def file_sum(path: Path) -> str:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
-try:
-    import fcntl
-except ImportError:  # elsewhere than on Unix nothing is locked
-    fcntl = None  # type: ignore[assignment]
-
 MEGABYTE = 1_000_000
 # Seconds for the server to say anything; how often it may break off; bytes a second that it must give on the whole.
 PATIENCE, TRIES, SLOWEST = 30.0, 5, 10_000
@@ -233,8 +230,8 @@ def download(entry: CatalogueModel) -> Iterator[None]:
     part = entry.file.with_suffix(".part")
     try:
         part.parent.mkdir(parents=True, exist_ok=True)
-        with part.open("ab") as file:
-            _lock(file, entry)
+        with part.open("ab") as file, ExitStack() as until:
+            hold(part, f"another run is downloading {entry.name}; wait for its end", until)
             yield from _fetched(entry, file)
         expected, got = entry.sha256 or entry.record().get("sha256"), file_sum(part)
         if expected and got != expected:
@@ -249,14 +246,6 @@ def download(entry: CatalogueModel) -> Iterator[None]:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
         reason = "no space left; make room" if full else f"{error.strerror or error}; make it writable"
         raise RunError(f"{part}: {reason}, or name another cache by XDG_CACHE_HOME") from error
-
-
-def _lock(file: BinaryIO, entry: CatalogueModel) -> None:
-    if fcntl is not None:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise RequestError(f"another run is downloading {entry.name}; wait for its end") from error
 
 
 def _fetched(entry: CatalogueModel, file: BinaryIO) -> Iterator[None]:
