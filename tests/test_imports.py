@@ -25,7 +25,7 @@ ALLOWED = {
     "configs": set(),
 }  # fmt: skip
 # Inside `tracking` a module imports only what stands before it here.
-LAYERS = ("errors", "arguments", "weights", "types", "geometry", "output", "options", "processes", "devices", "onnx",
+LAYERS = ("errors", "arguments", "output", "weights", "types", "geometry", "options", "processes", "devices", "onnx",
           "preprocessing", "interchange", "formats", "video", "stages", "cameras", "features", "filters",
           "association", "evaluation", "report", "result", "cli", "following", "review", "answers",
           "single", "people", "drone", "fisheye", "animals",

@@ -166,7 +166,7 @@ class Run:
     def steps(self, items: Iterable[T], what: str = "tracking", total: int | None = None) -> Iterator[T]:
         """``items``, with progress, up to an interrupt or to where they fail.
 
-        By default there are as many as frames of the last source, where that is known.
+        The ``total`` is by default that of the frames of the last source, where it is known.
 
         Raises:
             RunError: there is none.

@@ -152,34 +152,34 @@ class Identity(Sums):
 
 def hota(sequence: LabelledSequence) -> Hota:
     """The sums of HOTA."""
-    true_lengths, found_lengths = sequence.lengths()
-    alignment = _alignment(sequence, true_lengths, found_lengths)
+    true_lengths, reported_lengths = sequence.lengths()
+    alignment = _alignment(sequence, true_lengths, reported_lengths)
     pairs, overlaps = [], []
-    for true, found, shared in zip(sequence.true_ids, sequence.reported_ids, sequence.overlaps, strict=True):
+    for true, reported, shared in zip(sequence.true_ids, sequence.reported_ids, sequence.overlaps, strict=True):
         rows, columns = scipy.optimize.linear_sum_assignment(
-            alignment[true[:, None], found[None]] * shared, maximize=True
+            alignment[true[:, None], reported[None]] * shared, maximize=True
         )
-        pairs.append(true[rows] * sequence.reported_count + found[columns])
+        pairs.append(true[rows] * sequence.reported_count + reported[columns])
         overlaps.append(shared[rows, columns])
     cells, shares = _joined(pairs), np.concatenate([np.empty(0), *overlaps])
-    both = (true_lengths[:, None] + found_lengths[None]).ravel()
+    both = (true_lengths[:, None] + reported_lengths[None]).ravel()
     hits, associations = np.zeros(len(ALPHAS)), np.zeros(len(ALPHAS))
     for n, alpha in enumerate(ALPHAS):
         common = np.bincount(cells[shares >= alpha - ROUNDING], minlength=len(both))
         hits[n] = common.sum()
         associations[n] = (common * (common / np.maximum(1, both - common))).sum()
-    return Hota(hits, true_lengths.sum() - hits, found_lengths.sum() - hits, associations)
+    return Hota(hits, true_lengths.sum() - hits, reported_lengths.sum() - hits, associations)
 
 
-def _alignment(sequence: LabelledSequence, true_lengths: FloatArray, found_lengths: FloatArray) -> FloatArray:
-    """``(true, found)`` how much two identities overlap over the sequence: a soft Jaccard index of their boxes."""
+def _alignment(sequence: LabelledSequence, true_lengths: FloatArray, reported_lengths: FloatArray) -> FloatArray:
+    """``(true, reported)`` how much two identities overlap over the sequence: a soft Jaccard index of their boxes."""
     common = np.zeros((sequence.true_count, sequence.reported_count))
-    for true, found, shared in zip(sequence.true_ids, sequence.reported_ids, sequence.overlaps, strict=True):
+    for true, reported, shared in zip(sequence.true_ids, sequence.reported_ids, sequence.overlaps, strict=True):
         either = shared.sum(axis=0)[None] + shared.sum(axis=1)[:, None] - shared
-        common[true[:, None], found[None]] += np.divide(
+        common[true[:, None], reported[None]] += np.divide(
             shared, either, out=np.zeros_like(shared), where=either > ROUNDING
         )
-    return common / (true_lengths[:, None] + found_lengths[None] - common)
+    return common / (true_lengths[:, None] + reported_lengths[None] - common)
 
 
 def clear(sequence: LabelledSequence, least: float = 0.5) -> Clear:
@@ -189,20 +189,20 @@ def clear(sequence: LabelledSequence, least: float = 0.5) -> Clear:
     before = last.copy()  # whom it was matched to in the last frame that had boxes of both kinds
     hits = misses = false = switches = 0
     overlap = 0.0
-    for true, found, shared in zip(sequence.true_ids, sequence.reported_ids, sequence.overlaps, strict=True):
+    for true, reported, shared in zip(sequence.true_ids, sequence.reported_ids, sequence.overlaps, strict=True):
         if not shared.size:
-            misses, false = misses + len(true), false + len(found)
+            misses, false = misses + len(true), false + len(reported)
             continue
-        gain = KEPT * (before[true][:, None] == found[None]) + shared
+        gain = KEPT * (before[true][:, None] == reported[None]) + shared
         gain[shared < least - ROUNDING] = 0
         rows, columns = scipy.optimize.linear_sum_assignment(gain, maximize=True)
         matched = gain[rows, columns] > ROUNDING
-        who, whom = true[rows[matched]], found[columns[matched]]
+        who, whom = true[rows[matched]], reported[columns[matched]]
         switches += int(((last[who] != unmatched) & (last[who] != whom)).sum())
         last[who] = whom
         before[:] = unmatched
         before[who] = whom
-        hits, misses, false = hits + len(who), misses + len(true) - len(who), false + len(found) - len(who)
+        hits, misses, false = hits + len(who), misses + len(true) - len(who), false + len(reported) - len(who)
         overlap += float(shared[rows[matched], columns[matched]].sum())
     return Clear(hits, misses, false, switches, overlap)
 
@@ -210,8 +210,8 @@ def clear(sequence: LabelledSequence, least: float = 0.5) -> Clear:
 def identity(sequence: LabelledSequence, least: float = 0.5) -> Identity:
     """The counts of the identity scores, for boxes that match from an overlap of ``least`` on."""
     common = np.zeros((sequence.true_count, sequence.reported_count))
-    for true, found, shared in zip(sequence.true_ids, sequence.reported_ids, sequence.overlaps, strict=True):
-        common[true[:, None], found[None]] += shared >= least
+    for true, reported, shared in zip(sequence.true_ids, sequence.reported_ids, sequence.overlaps, strict=True):
+        common[true[:, None], reported[None]] += shared >= least
     rows, columns = scipy.optimize.linear_sum_assignment(common, maximize=True)
     hits = int(common[rows, columns].sum())
     return Identity(hits, sum(map(len, sequence.true_ids)) - hits, sum(map(len, sequence.reported_ids)) - hits)

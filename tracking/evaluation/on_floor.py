@@ -55,7 +55,7 @@ class OnFloorScores:
 
 
 def evaluate_on_floor(
-    truth: PlacedTruth, found: PlacedTruth, distance: float = 1.0, near: float = 0.5
+    truth: PlacedTruth, reported: PlacedTruth, distance: float = 1.0, near: float = 0.5
 ) -> OnFloorScores:
     """Scores of a result whose tracks are on a person within a ``distance``, metres; ``near`` is for MODA and MODP.
 
@@ -65,13 +65,13 @@ def evaluate_on_floor(
     if not len(truth.times):
         raise RequestError("expected at least one labelled place, got none")
     times = np.unique(truth.times)
-    at, kept = _nearest(times, found)
-    if len(found.times) and not len(kept):
+    at, kept = _nearest(times, reported)
+    if len(reported.times) and not len(kept):
         raise RequestError(
             f"expected results at the labels' times, {times[0]:g} to {times[-1]:g} s, got "
-            f"{found.times.min():g} to {found.times.max():g} s"
+            f"{reported.times.min():g} to {reported.times.max():g} s"
         )
-    ids, places = found.ids[kept], found.places[kept]
+    ids, places = reported.ids[kept], reported.places[kept]
     moment = np.searchsorted(times, truth.times)
     sets = [(np.flatnonzero(moment == k), np.flatnonzero(at == k)) for k in range(len(times))]
     apart = [cdist(truth.places[a], places[b]).reshape(len(a), len(b)) for a, b in sets]
@@ -93,21 +93,21 @@ def evaluate_on_floor(
     )
 
 
-def _nearest(times: FloatArray, found: PlacedTruth) -> tuple[IntArray, IntArray]:
+def _nearest(times: FloatArray, reported: PlacedTruth) -> tuple[IntArray, IntArray]:
     """The label's moment ``(M,)`` of the results that count, and their rows: of each id the nearest in time."""
-    if not len(found.times):
+    if not len(reported.times):
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
     slack = 0.5 * float(np.median(np.diff(times))) if len(times) > 1 else 0.5
-    after = np.clip(np.searchsorted(times, found.times), 1, max(len(times) - 1, 1))
+    after = np.clip(np.searchsorted(times, reported.times), 1, max(len(times) - 1, 1))
     before = after - 1
     after = np.minimum(after, len(times) - 1)
-    closer = np.abs(found.times - times[before]) <= np.abs(found.times - times[after])
+    closer = np.abs(reported.times - times[before]) <= np.abs(reported.times - times[after])
     at = np.where(closer, before, after)
-    away = np.abs(found.times - times[at])
-    order = np.lexsort([away, found.ids, at])
+    away = np.abs(reported.times - times[at])
+    order = np.lexsort([away, reported.ids, at])
     order = order[away[order] <= slack * (1 + 1e-6)]
     first = np.ones(len(order), dtype=np.bool_)
-    first[1:] = (np.diff(at[order]) != 0) | (np.diff(found.ids[order]) != 0)
+    first[1:] = (np.diff(at[order]) != 0) | (np.diff(reported.ids[order]) != 0)
     kept = order[first]
     return at[kept], kept
 

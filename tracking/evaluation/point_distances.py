@@ -50,20 +50,20 @@ class Gospa:
     assigned: int
 
 
-def ospa(truth: FloatArray, found: FloatArray, c: float, p: float) -> Ospa:
+def ospa(truth: FloatArray, reported: FloatArray, c: float, p: float) -> Ospa:
     """Optimal sub-pattern assignment distance of two sets of points (Schuhmacher, Vo and Vo, 2008).
 
     Args:
         truth: ``(N, D)`` points.
-        found: ``(M, D)`` points.
+        reported: ``(M, D)`` points.
         c: cut-off, > 0.
         p: order, >= 1.
 
     Raises:
         ValueError: a point is not finite, or ``c`` or ``p`` is out of range.
     """
-    _check(truth, found, c, p)
-    return ospa_of_distances(_distances(truth, found), c, p)
+    _check(truth, reported, c, p)
+    return ospa_of_distances(_distances(truth, reported), c, p)
 
 
 def ospa_of_distances(distances: FloatArray, c: float, p: float) -> Ospa:
@@ -77,15 +77,15 @@ def ospa_of_distances(distances: FloatArray, c: float, p: float) -> Ospa:
     return Ospa((near + missing) ** (1 / p), near ** (1 / p), missing ** (1 / p))
 
 
-def gospa(truth: FloatArray, found: FloatArray, c: float, p: float) -> Gospa:
+def gospa(truth: FloatArray, reported: FloatArray, c: float, p: float) -> Gospa:
     """Generalised OSPA, alpha = 2 (Rahmathullah, Garcia-Fernandez and Svensson, 2017); arguments as :func:`ospa`."""
-    _check(truth, found, c, p)
-    cost = np.minimum(_distances(truth, found), c) ** p
+    _check(truth, reported, c, p)
+    cost = np.minimum(_distances(truth, reported), c) ** p
     rows, columns = linear_sum_assignment(cost)
     # A pair at the cut-off costs what a missed and a false point cost together, and is counted as those.
     near = cost[rows, columns] < c**p
     localisation, assigned = float(cost[rows, columns][near].sum()), int(near.sum())
-    missed, false = c**p / 2 * (len(truth) - assigned), c**p / 2 * (len(found) - assigned)
+    missed, false = c**p / 2 * (len(truth) - assigned), c**p / 2 * (len(reported) - assigned)
     return Gospa((localisation + missed + false) ** (1 / p), localisation, missed, false, assigned)
 
 
@@ -129,13 +129,13 @@ class PointTracks(Columns):
         return self.select((self.frames >= first) & (self.frames <= last))
 
 
-def track_distances(truth: PointTracks, found: PointTracks, c: float) -> FloatArray:
+def track_distances(truth: PointTracks, reported: PointTracks, c: float) -> FloatArray:
     """Mean distance ``(N, M)`` of each true and each reported track over the frames where either is, cut off at ``c``.
 
     Where only one of the two is there, the distance is ``c``. Rows and columns are in the order of the ids.
     """
-    frames = np.unique(np.concatenate([truth.frames, found.frames]))
-    a, b = _on_grid(truth, frames), _on_grid(found, frames)
+    frames = np.unique(np.concatenate([truth.frames, reported.frames]))
+    a, b = _on_grid(truth, frames), _on_grid(reported, frames)
     apart = np.linalg.norm(a[:, None] - b[None], axis=-1)
     there_a, there_b = ~np.isnan(a[..., 0]), ~np.isnan(b[..., 0])
     both, either = there_a[:, None] & there_b[None], there_a[:, None] | there_b[None]
@@ -143,26 +143,26 @@ def track_distances(truth: PointTracks, found: PointTracks, c: float) -> FloatAr
     return np.asarray(cut.sum(axis=-1) / np.maximum(either.sum(axis=-1), 1))
 
 
-def ospa2(truth: PointTracks, found: PointTracks, last: int, window: int, c: float, p: float) -> Ospa:
+def ospa2(truth: PointTracks, reported: PointTracks, last: int, window: int, c: float, p: float) -> Ospa:
     """OSPA distance of two sets of tracks over the ``window`` frames up to ``last`` (Beard, Vo and Vo, 2017).
 
     It punishes changed identities and broken tracks, which the distance of one frame cannot see.
     """
     first = last - window + 1
-    return ospa_of_distances(track_distances(truth.between(first, last), found.between(first, last), c), c, p)
+    return ospa_of_distances(track_distances(truth.between(first, last), reported.between(first, last), c), c, p)
 
 
-def identity_switches(truth: PointTracks, found: PointTracks, c: float) -> int:
+def identity_switches(truth: PointTracks, reported: PointTracks, c: float) -> int:
     """How often the id assigned to a true track changes; pairs are assigned frame by frame, nearer than ``c``."""
     held: dict[int, int] = {}
     switches = 0
     for frame in np.unique(truth.frames):
-        rows, columns = np.flatnonzero(truth.frames == frame), np.flatnonzero(found.frames == frame)
-        distances = _distances(truth.positions[rows], found.positions[columns])
+        rows, columns = np.flatnonzero(truth.frames == frame), np.flatnonzero(reported.frames == frame)
+        distances = _distances(truth.positions[rows], reported.positions[columns])
         for i, j in zip(*linear_sum_assignment(np.minimum(distances, c)), strict=True):
             if distances[i, j] >= c:
                 continue
-            true_id, reported_id = int(truth.ids[rows[i]]), int(found.ids[columns[j]])
+            true_id, reported_id = int(truth.ids[rows[i]]), int(reported.ids[columns[j]])
             switches += held.get(true_id, reported_id) != reported_id
             held[true_id] = reported_id
     return switches
@@ -179,7 +179,7 @@ class PointScores:
         gospa: GOSPA of order 2.
         missed: true points without an estimate, a frame.
         false: estimates without a true point, a frame.
-        cardinality_error: mean of |found - true| points.
+        cardinality_error: mean of |reported - true| points.
         switches: changes of identity in the whole sequence.
         frames: how many were scored.
     """
@@ -195,7 +195,7 @@ class PointScores:
     frames: int
 
 
-def evaluate_points(truth: PointTracks, found: PointTracks, frames: int, c: float, window: int = 10) -> PointScores:
+def evaluate_points(truth: PointTracks, reported: PointTracks, frames: int, c: float, window: int = 10) -> PointScores:
     """Scores over frames 0 to ``frames - 1``.
 
     Raises:
@@ -204,9 +204,9 @@ def evaluate_points(truth: PointTracks, found: PointTracks, frames: int, c: floa
     if frames < 1 or len(truth.frames) == 0:
         raise ValueError("expected at least one frame and one true point, got none")
     # Where there is nothing, every distance is zero: a gap of a billion frames costs no time.
-    filled = np.unique(np.concatenate([truth.frames, found.frames]))
+    filled = np.unique(np.concatenate([truth.frames, reported.frames]))
     filled = filled[(filled >= 0) & (filled < frames)]
-    sets = [(truth.at(k), found.at(k)) for k in filled]
+    sets = [(truth.at(k), reported.at(k)) for k in filled]
     parts = [gospa(a, b, c, 2.0) for a, b in sets]
     # The last frames of all windows in which there is something.
     ends = sorted({k for frame in filled.tolist() for k in range(frame, min(frame + window, frames))})
@@ -217,12 +217,12 @@ def evaluate_points(truth: PointTracks, found: PointTracks, frames: int, c: floa
     return PointScores(
         mean([ospa(a, b, c, 1.0).distance for a, b in sets]),
         mean([ospa(a, b, c, 2.0).distance for a, b in sets]),
-        mean([ospa2(truth, found, k, window, c, 1.0).distance for k in ends]),
+        mean([ospa2(truth, reported, k, window, c, 1.0).distance for k in ends]),
         mean([g.distance for g in parts]),
         mean([len(a) - g.assigned for (a, _), g in zip(sets, parts, strict=True)]),
         mean([len(b) - g.assigned for (_, b), g in zip(sets, parts, strict=True)]),
         mean([abs(len(b) - len(a)) for a, b in sets]),
-        identity_switches(truth, found, c),
+        identity_switches(truth, reported, c),
         frames,
     )
 
@@ -239,20 +239,20 @@ def _on_grid(tracks: PointTracks, frames: IntArray) -> FloatArray:
     return grid
 
 
-def _check(truth: FloatArray, found: FloatArray, c: float, p: float) -> None:
+def _check(truth: FloatArray, reported: FloatArray, c: float, p: float) -> None:
     if not (np.isfinite(c) and c > 0 and np.isfinite(p) and p >= 1):
         raise RequestError(f"expected a cut-off above 0 and an order of at least 1, got c={c}, p={p}")
-    if not (np.isfinite(truth).all() and np.isfinite(found).all()):
+    if not (np.isfinite(truth).all() and np.isfinite(reported).all()):
         raise ValueError("expected finite points, got NaN or infinity")
 
 
 def evaluate_between(
-    truth: PointTracks, found: PointTracks, frames: FrameRange, c: float, window: int = 10
+    truth: PointTracks, reported: PointTracks, frames: FrameRange, c: float, window: int = 10
 ) -> PointScores:
     """As `evaluate_points`, in ``frames``, by default up to the last that has a point."""
-    end = int(max(truth.frames.max(), found.frames.max(initial=0)))
+    end = int(max(truth.frames.max(), reported.frames.max(initial=0)))
     first, last = frames.first, end if frames.last is None else frames.last
-    inside = [points.between(first, last) for points in (truth, found)]
+    inside = [points.between(first, last) for points in (truth, reported)]
     true, reported = (replace(points, frames=points.frames - first) for points in inside)
     return evaluate_points(true, reported, last - first + 1, c, window)
 

@@ -124,23 +124,23 @@ def _headings(columns: FloatArray) -> FloatArray:
 
 
 def evaluate_states(
-    truth: Poses, found: Poses, distance: float = 20.0, frames: FrameRange = EVERY_FRAME
+    truth: Poses, reported: Poses, distance: float = 20.0, frames: FrameRange = EVERY_FRAME
 ) -> StateScores:
-    """Scores of ``found`` against the exact ``truth``; within a ``distance``, pixels, a body is detected.
+    """Scores of ``reported`` against the exact ``truth``; within a ``distance``, pixels, a body is detected.
 
     Raises:
         RequestError: there is no body in those frames.
     """
-    truth, found = truth.within(frames), found.within(frames)
+    truth, reported = truth.within(frames), reported.within(frames)
     if not len(truth.frames):
         raise RequestError(f"expected bodies in frames {frames}, got none")
-    rows, columns = _pairs(truth, found, distance)
-    away = np.linalg.norm(truth.points[rows] - found.points[columns], axis=1)
-    turns = truth.headings[rows] - found.headings[columns]
+    rows, columns = _pairs(truth, reported, distance)
+    away = np.linalg.norm(truth.points[rows] - reported.points[columns], axis=1)
+    turns = truth.headings[rows] - reported.headings[columns]
     turned = np.degrees(np.abs((turns + np.pi) % (2 * np.pi) - np.pi))
     turned = turned[np.isfinite(turned)]
     followers = np.zeros(len(truth.frames), dtype=np.int64)  # the track on each body in each frame, 0 where none is
-    followers[rows] = found.ids[columns]
+    followers[rows] = reported.ids[columns]
     by_body = [followers[truth.ids == body] for body in np.unique(truth.ids)]
     return StateScores(
         success=len(rows) / len(truth.frames),
@@ -153,37 +153,37 @@ def evaluate_states(
         angle_median=float(np.median(turned)) if len(turned) else np.nan,
         reversed=float((turned > 90).mean()) if len(turned) else np.nan,
         switches=sum(int((np.diff(one[one > 0]) != 0).sum()) for one in by_body),
-        idf1=_identity_f1(truth, found, distance),
-        false=len(found.frames) - len(rows),
+        idf1=_identity_f1(truth, reported, distance),
+        false=len(reported.frames) - len(rows),
         frames=len(np.unique(truth.frames)),
     )
 
 
-def _in_frames(truth: Poses, found: Poses) -> list[tuple[slice, slice]]:
+def _in_frames(truth: Poses, reported: Poses) -> list[tuple[slice, slice]]:
     """Rows of the truth and of what was reported in every frame that has some of the truth."""
     numbers = np.unique(truth.frames)
-    return list(zip(rows_by_frame(truth.frames, numbers), rows_by_frame(found.frames, numbers), strict=True))
+    return list(zip(rows_by_frame(truth.frames, numbers), rows_by_frame(reported.frames, numbers), strict=True))
 
 
-def _distances(truth: Poses, found: Poses, a: slice, b: slice) -> FloatArray:
-    return np.asarray(np.linalg.norm(truth.points[a][:, None] - found.points[b][None], axis=2))
+def _distances(truth: Poses, reported: Poses, a: slice, b: slice) -> FloatArray:
+    return np.asarray(np.linalg.norm(truth.points[a][:, None] - reported.points[b][None], axis=2))
 
 
-def _pairs(truth: Poses, found: Poses, distance: float) -> tuple[IntArray, IntArray]:
+def _pairs(truth: Poses, reported: Poses, distance: float) -> tuple[IntArray, IntArray]:
     """Rows of bodies that are detected, and of the estimates that find them."""
     rows, columns = [np.empty(0, np.int64)], [np.empty(0, np.int64)]
-    for a, b in _in_frames(truth, found):
-        i, j = assign(_distances(truth, found, a, b), distance)
+    for a, b in _in_frames(truth, reported):
+        i, j = assign(_distances(truth, reported, a, b), distance)
         rows.append(i + a.start)
         columns.append(j + b.start)
     return np.concatenate(rows), np.concatenate(columns)
 
 
-def _identity_f1(truth: Poses, found: Poses, distance: float) -> float:
-    bodies, tracks = np.unique(truth.ids), np.unique(found.ids)
+def _identity_f1(truth: Poses, reported: Poses, distance: float) -> float:
+    bodies, tracks = np.unique(truth.ids), np.unique(reported.ids)
     common = np.zeros((len(bodies), len(tracks)))
-    for a, b in _in_frames(truth, found):
-        i, j = np.nonzero(_distances(truth, found, a, b) <= distance)
-        np.add.at(common, (np.searchsorted(bodies, truth.ids[a][i]), np.searchsorted(tracks, found.ids[b][j])), 1)
+    for a, b in _in_frames(truth, reported):
+        i, j = np.nonzero(_distances(truth, reported, a, b) <= distance)
+        np.add.at(common, (np.searchsorted(bodies, truth.ids[a][i]), np.searchsorted(tracks, reported.ids[b][j])), 1)
     rows, columns = linear_sum_assignment(common, maximize=True)
-    return float(2 * common[rows, columns].sum() / (len(truth.frames) + len(found.frames)))
+    return float(2 * common[rows, columns].sum() / (len(truth.frames) + len(reported.frames)))
