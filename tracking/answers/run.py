@@ -8,13 +8,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from tsuiseki.tracking.answers.scene import Scene, scene_of
+from tsuiseki.tracking.answers.scene import Scene, scene_of, scene_text
 from tsuiseki.tracking.answers.settings import CountSettings
 from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.report.drawing import drawn_on
-from tsuiseki.tracking.types import ImageArray
 
 SCENE_FILE = OutputFile(out=Path("scene.yaml"))
 
@@ -50,13 +49,20 @@ def scene(video: Path, /, output: OutputFile = SCENE_FILE) -> None:
         video: a video file, a folder of images, or a sequence folder.
         out: the scene file to write.
     """
-    from tsuiseki.tracking.answers.scene import scene_text
     from tsuiseki.tracking.video.source import open_source
 
     opened = open_source(video)
     if not opened.has_images:
         raise RequestError(f"{opened.name} has no images to draw on; expected them in its folder img1/")
-    drawn = draw_scene(next(iter(opened.frames())).image)
+    image = next(iter(opened.frames())).image
+    size = [image.shape[1], image.shape[0]]
+
+    def taken(answer: Any) -> Scene:
+        if not isinstance(answer, dict) or answer.get("size") != size or "camera" in answer:
+            raise RequestError(f"scene: expected lines and zones in a picture of {size[0]}x{size[1]}")
+        return scene_of(answer, "scene", Path())
+
+    drawn = drawn_on(image, _PAGE, taken, "draw the scene", "write the scene by hand instead")
     output.write(output.out, lambda path: path.write_text(scene_text(drawn), encoding="utf-8"))
     print(f"{len(drawn.lines)} lines, {len(drawn.zones)} zones: {output.out}")
 
@@ -185,19 +191,3 @@ _PAGE = """<!doctype html>
  if (image.complete) show();
 </script></html>
 """
-
-
-def draw_scene(image: ImageArray) -> Scene:
-    """The scene that a user draws on an image with the mouse; see `drawn_on`.
-
-    Raises:
-        RequestError: the page cannot be served.
-    """
-    size = [image.shape[1], image.shape[0]]
-
-    def taken(answer: Any) -> Scene:
-        if not isinstance(answer, dict) or answer.get("size") != size or "camera" in answer:
-            raise RequestError(f"scene: expected lines and zones in a picture of {size[0]}x{size[1]}")
-        return scene_of(answer, "scene", Path())
-
-    return drawn_on(image, _PAGE, taken, "draw the scene", "write the scene by hand instead")

@@ -201,7 +201,7 @@ def compare(sequences: list[SingleSequence], result: Path, published_precision: 
             for name, one in published.items()
         }
         return Compared(curves, {}, ())
-    files = find_results(sequences, result)
+    files = _result_files(sequences, result)
     boxes = {name: read_result(path) for name, path in files.items()}
     wanted = [_scored(s, files[s.name], len(boxes[s.name])) if s.name in files else s for s in sequences]
     return evaluate_single(wanted, boxes, published_precision)
@@ -222,12 +222,8 @@ def _scored(sequence: SingleSequence, result: Path, count: int) -> SingleSequenc
     return replace(sequence, boxes=sequence.boxes[first:last], images=sequence.images[first:last])
 
 
-def find_results(sequences: list[SingleSequence], result: Path) -> dict[str, Path]:
-    """The file of each sequence by name: ``NAME.txt``, ``NAME.json`` or ``NAME/boxes.txt`` in a folder, or one file.
-
-    Raises:
-        RequestError: nothing there, or one file for several sequences.
-    """
+def _result_files(sequences: list[SingleSequence], result: Path) -> dict[str, Path]:
+    """The file of each sequence by name: ``NAME.txt``, ``NAME.json`` or ``NAME/boxes.txt`` in a folder, or one file."""
     if result.is_file():
         if len(sequences) != 1:
             raise RequestError(

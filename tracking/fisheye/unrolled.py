@@ -42,18 +42,6 @@ BELOW = 0.6
 BATCH = 8
 
 
-def tiles_around(camera: Camera, size: tuple[int, int], rings: Sequence[int] = RINGS) -> list[Tile]:
-    """The views from a camera, the one straight down last; ``size`` is the height and width of a tile, pixels."""
-    height, width = size
-    tiles: list[Tile] = []
-    for count in rings:
-        scale = count * width * (1 - OVERLAP) / (2 * np.pi)
-        for k in range(count):
-            middle = -2 * np.pi * k / count
-            tiles.append(CylinderView(camera.position, middle, scale, HORIZON * height, width, height))
-    return [*tiles, DownwardView(camera.position, 0.0, 0.9 * height, width, height)]
-
-
 class UnrolledDetector:
     """Finds people in the upright views around a camera; see the module.
 
@@ -66,7 +54,14 @@ class UnrolledDetector:
 
     def __init__(self, detector: Detect, camera: Camera, size: tuple[int, int], rings: Sequence[int] = RINGS) -> None:
         self.detector, self.camera = detector, camera
-        self.tiles = tiles_around(camera, size, rings)
+        height, width = size
+        self.tiles: list[Tile] = []
+        for number in rings:
+            scale = number * width * (1 - OVERLAP) / (2 * np.pi)
+            for k in range(number):
+                middle = -2 * np.pi * k / number
+                self.tiles.append(CylinderView(camera.position, middle, scale, HORIZON * height, width, height))
+        self.tiles.append(DownwardView(camera.position, 0.0, 0.9 * height, width, height))
         self._maps = [_map(tile, camera) for tile in self.tiles]
 
     def unroll(self, image: ImageArray) -> list[ImageArray]:
@@ -93,7 +88,7 @@ class UnrolledDetector:
         rotated, scores, owners = [np.empty((0, 5))], [np.empty(0)], [np.empty(0, dtype=np.int64)]
         for number, (tile, each) in enumerate(zip(self.tiles, detections, strict=True)):
             kept = each.select(_whole(tile, each.boxes) & _plausible(tile, each.boxes))
-            boxes = in_image(tile, self.camera, kept.boxes)
+            boxes = _in_image(tile, self.camera, kept.boxes)
             usable = np.isfinite(boxes).all(axis=1) & (boxes[:, 2:4] >= 1).all(axis=1)
             rotated.append(boxes[usable])
             scores.append(kept.scores[usable])
@@ -105,7 +100,7 @@ class UnrolledDetector:
         return Detections(corners, score[chosen], angles=boxes[:, 4])
 
 
-def in_image(tile: Tile, camera: Camera, boxes: FloatArray) -> FloatArray:
+def _in_image(tile: Tile, camera: Camera, boxes: FloatArray) -> FloatArray:
     """``(N, 5)`` turned boxes in the camera's image of ``(N, 4)`` upright boxes of a tile; NaN beyond the rim.
 
     The middle of a box's lower end is the feet and that of its upper end the head. In the view down, where upright

@@ -77,7 +77,8 @@ def timeline(rows: Sequence[tuple[str, Sequence[Bar]]], first: int, length: int,
             tip = f"<title>{escape(bar.tip)}, frames {bar.first + 1}-{bar.last + 1}</title>"
             place = f'x="{x:.1f}" y="{y + 2}" width="{size:.1f}" height="{ROW - 4}"'
             marks.append(f'<rect {place} fill="{paint}"{opacity}>{tip}</rect>')
-    for frame in frame_ticks(first, length):
+    step = next((t for t in TICKS if length / t <= 10), TICKS[-1])
+    for frame in range((first // step + 1) * step, first + length + 1, step):
         x = left + (frame - first - 0.5) * scale
         marks.append(f'<path d="M{x:.1f} 0V{height}" stroke="currentColor" stroke-opacity="0.15"/>')
         marks.append(f'<text x="{x:.1f}" y="{height + 12}" text-anchor="middle">{frame}</text>')
@@ -86,12 +87,6 @@ def timeline(rows: Sequence[tuple[str, Sequence[Bar]]], first: int, length: int,
         f'{WIDE}<svg class="plot" viewBox="{box}" role="img" aria-label="{escape(name)}" font-size="11" '
         f'fill="currentColor">{"".join(marks)}</svg></div>'
     )
-
-
-def frame_ticks(first: int, length: int) -> range:
-    """1-based numbers of frames to mark on an axis of ``length`` frames from the 0-based ``first`` on."""
-    step = next((t for t in TICKS if length / t <= 10), TICKS[-1])
-    return range((first // step + 1) * step, first + length + 1, step)
 
 
 MOST_EMBEDDED = 8_000_000

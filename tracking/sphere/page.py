@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.outline import sphere_outlines
-from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.evaluation.space import distance_to_path, distance_to_position
 from tsuiseki.tracking.formats.world_tables import write_track3d
 from tsuiseki.tracking.report.page import embedded_overlay, html_page, html_table, listing, scrolling, section
@@ -129,49 +128,11 @@ TRAIL_MOMENTS = 30
 FONT, SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
 
 
-def draw_sphere(
-    image: ImageArray, camera: PinholeCamera, position: Position, radius: float, view: int, trail: FloatArray
-) -> ImageArray:
-    """A copy of ``image`` with the outline, its centre, the way there and the status.
-
-    Args:
-        image: ``(H, W, 3)`` uint8 RGB.
-        camera: that took it.
-        position: the estimate.
-        radius: of the ball, m.
-        view: number of the camera, from 0; a dashed outline says that it does not contribute.
-        trail: ``(T, 3)`` recent positions, m.
-    """
-    drawn = image.copy()
-    colour = OUTLINE_COLOURS[position.status]
-    way, _ = camera.project(trail.reshape(-1, 3))
-    way = way[np.isfinite(way).all(axis=1)]
-    if len(way) > 1:
-        cv2.polylines(drawn, [_fixed(way)], False, colour, 1, cv2.LINE_AA, SHIFT)
-    outlines = sphere_outlines(camera, position.point[None], radius)
-    points = outlines.points(POINTS)[0]
-    used = len(position.open) <= view or position.open[view] > 0.5
-    if np.isfinite(points).all() and np.abs(points).max() < 1e4:
-        ring = _fixed(np.concatenate([points, points[:1]]))
-        parts = [ring] if used else [ring[k : k + DASH] for k in range(0, POINTS, 2 * DASH)]
-        cv2.polylines(drawn, parts, False, colour, 2, cv2.LINE_AA, SHIFT)
-        cv2.drawMarker(drawn, _fixed(outlines.centre[0], 0).tolist(), colour, cv2.MARKER_CROSS, 7, 1, cv2.LINE_AA)
-    x, y, z = position.point
-    text = f"{position.time:6.2f} s   x {x:+.2f}  y {y:+.2f}  z {z:+.2f} m   {position.status}"
-    text += "" if used else ", this camera is covered"
-    width = cv2.getTextSize(text, FONT, SIZE, 1)[0][0]
-    cv2.rectangle(drawn, (0, 0), (12 + width, 22), (20, 20, 20), cv2.FILLED)
-    cv2.putText(drawn, text, (6, 15), FONT, SIZE, (255, 255, 255), 1, cv2.LINE_AA)
-    return drawn
-
-
-def _fixed(points: FloatArray, shift: int = SHIFT) -> NDArray[np.int32]:
-    # OpenCV counts from the first pixel's centre.
-    return np.asarray(np.round((points - 0.5) * 2**shift), dtype=np.int32)
-
-
 def sphere_painter(chosen: SphereRun, log: SphereLog, view: int) -> Callable[[Frame], ImageArray]:
-    """What draws the ball's outline into the frames of camera ``view``."""
+    """What draws the ball's outline and centre, the way there and the status into the frames of camera ``view``.
+
+    A dashed outline says that the camera does not contribute.
+    """
     camera = chosen.placed[view].camera
     at = {m.frames[view]: k for k, m in enumerate(log.moments) if m.frames[view] is not None}
     points = np.array([p.point for p in log.positions])
@@ -180,10 +141,34 @@ def sphere_painter(chosen: SphereRun, log: SphereLog, view: int) -> Callable[[Fr
         moment = at.get(frame.index)
         if moment is None:
             return frame.image
-        trail = points[max(moment - TRAIL_MOMENTS, 0) : moment + 1]
-        return draw_sphere(frame.image, camera, log.positions[moment], chosen.radius, view, trail)
+        drawn, position = frame.image.copy(), log.positions[moment]
+        colour = OUTLINE_COLOURS[position.status]
+        way, _ = camera.project(points[max(moment - TRAIL_MOMENTS, 0) : moment + 1])
+        way = way[np.isfinite(way).all(axis=1)]
+        if len(way) > 1:
+            cv2.polylines(drawn, [_fixed(way)], False, colour, 1, cv2.LINE_AA, SHIFT)
+        outlines = sphere_outlines(camera, position.point[None], chosen.radius)
+        outline = outlines.points(POINTS)[0]
+        used = len(position.open) <= view or position.open[view] > 0.5
+        if np.isfinite(outline).all() and np.abs(outline).max() < 1e4:
+            ring = _fixed(np.concatenate([outline, outline[:1]]))
+            parts = [ring] if used else [ring[k : k + DASH] for k in range(0, POINTS, 2 * DASH)]
+            cv2.polylines(drawn, parts, False, colour, 2, cv2.LINE_AA, SHIFT)
+            cv2.drawMarker(drawn, _fixed(outlines.centre[0], 0).tolist(), colour, cv2.MARKER_CROSS, 7, 1, cv2.LINE_AA)
+        x, y, z = position.point
+        text = f"{position.time:6.2f} s   x {x:+.2f}  y {y:+.2f}  z {z:+.2f} m   {position.status}"
+        text += "" if used else ", this camera is covered"
+        width = cv2.getTextSize(text, FONT, SIZE, 1)[0][0]
+        cv2.rectangle(drawn, (0, 0), (12 + width, 22), (20, 20, 20), cv2.FILLED)
+        cv2.putText(drawn, text, (6, 15), FONT, SIZE, (255, 255, 255), 1, cv2.LINE_AA)
+        return drawn
 
     return draw
+
+
+def _fixed(points: FloatArray, shift: int = SHIFT) -> NDArray[np.int32]:
+    # OpenCV counts from the first pixel's centre.
+    return np.asarray(np.round((points - 0.5) * 2**shift), dtype=np.int32)
 
 
 def sphere_result(

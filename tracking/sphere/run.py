@@ -128,7 +128,7 @@ def sphere_run(
         raise RequestError("`backgrounds`: expected pictures of the empty scene with live cameras, got none")
     stamps = [] if live else times.of_videos(videos, placed)
     place, box = _start(keywords.get("start"), keywords.get("volume"), settings, placed, radius)
-    weigh = chosen_likelihood(settings, placed, videos, radius, backgrounds)
+    weigh = _likelihood(settings, placed, videos, radius, backgrounds)
     broad = weigh.broad() if isinstance(weigh, SphereContourLikelihood) else weigh
     search = partial(find_ball, weigh, broad, [p.camera for p in placed], radius, box, settings.particles)
     frames = [
@@ -189,18 +189,14 @@ def check_start(position: FloatArray, cameras: Sequence[PlacedCamera]) -> None:
         raise RequestError(f"expected a start that two cameras see, but {shown} is in {taken} of {len(cameras)} images")
 
 
-def chosen_likelihood(
+def _likelihood(
     settings: SphereSettings,
     placed: Sequence[PlacedCamera],
     sources: Sequence[Source],
     radius: float,
-    backgrounds: Sequence[Path] | None = None,
+    backgrounds: Sequence[Path] | None,
 ) -> ViewLikelihood:
-    """The likelihood that the settings name.
-
-    Raises:
-        RequestError: backgrounds are given and not used, or of another number than the videos.
-    """
+    """The likelihood that the settings name."""
     cameras = [p.camera for p in placed]
     if settings.likelihood == "contour":
         if backgrounds is not None:
