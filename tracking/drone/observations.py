@@ -17,7 +17,7 @@ import sys
 import zlib
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +34,8 @@ from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.video.frame_source import Source
 from tsuiseki.tracking.video.image_folder import ImageFolder
-from tsuiseki.tracking.video.source import open_source
 
 
 @dataclass(frozen=True)
@@ -202,36 +202,33 @@ def _observations(arrays: Mapping[str, np.ndarray[Any, Any]]) -> list[Observatio
 
 
 def video_observations(
-    source: str | Path,
+    source: Source,
     observers: Observers,
     keys: Sequence[Mapping[str, Any]],
     cache: Path | None = None,
-    frames: FrameRange | None = None,
     times: StageTimes | None = None,
 ) -> Iterator[Observation]:
     """Observations of every frame, in order: detections, appearance features, action probabilities, camera motion.
 
     Args:
-        source: a video that can be played again, see `open_source`.
+        source: a video that can be played again.
         observers: the detector, the networks and the estimate of the camera motion.
         keys: plain values that identify the observers: models and settings; then those of others whose observations
             include all that these give. Where the cache holds theirs and not these, theirs are read.
         cache: folder of the stored observations; None stores nothing.
-        frames: the range to process; by default all frames.
         times: gets the seconds of every stage.
 
     Raises:
         RequestError: there is a cache, but the length of the video is not known.
     """
-    opened = open_source(source, frames)
     if cache is None:
-        yield from observe(opened.frames(), observers, times)
+        yield from observe(source.frames(), observers, times)
         return
-    if opened.length is None:
+    if source.length is None:
         raise RequestError("`cache`: expected a video of known length, such as a folder of images; leave `cache` out")
-    wanted = opened.frames_wanted.within(opened.length)
+    wanted = source.frames_wanted.within(source.length)
     assert wanted.last is not None
-    files = opened.images if isinstance(opened, ImageFolder) else (Path(source),)
+    files = source.images if isinstance(source, ImageFolder) else (Path(source.address),)
     # By name, size and time of change: quick, whatever their number.
     facts = [(path.name, (status := path.stat()).st_size, status.st_mtime_ns) for path in files]
     keys = [{**one, "video": _digest(facts), "start": wanted.first} for one in keys]
@@ -243,7 +240,7 @@ def video_observations(
         if observations is None:
             # The frames before the first one are history for the optical flow.
             start = max(first - observers.history, wanted.first)
-            again = open_source(source, FrameRange(start, last)).frames()
+            again = replace(source, frames_wanted=FrameRange(start, last)).frames()
             observations = list(observe(again, observers, times, first))
             _write(paths[0], observations)
         yield from observations

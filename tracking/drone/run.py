@@ -16,7 +16,7 @@ from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE
-from tsuiseki.tracking.cli.run import Run, SeededOutput
+from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.drone.drone_models import DroneMethod, DroneModels, tracks_as_detections
 from tsuiseki.tracking.drone.observations import Observation, observe, video_observations
@@ -293,7 +293,10 @@ def drone(
     models = DroneModels.choose(source, method, finding, finding.appearance, actions, tracks, camera_motion=moving)
     with output.run() as run:
         run.facts |= report_models(models.observers.detect, models.observers.describe, models.observers.recognise)
-        observed = observations(run, source, models, None if cache is None else (video.source, cache))
+        if cache is None:
+            observed = observe(run.frames(source), models.observers, run.times)
+        else:
+            observed = video_observations(source, models.observers, models.keys, cache, run.times)
         line = None if finding.detections or cache else lambda number, one: detection_lines(number, one.detections)
         kept = run.kept("detections.txt", ((one.frame, one) for one in observed), line)
         steps = run.steps(one for _, one in kept)
@@ -304,14 +307,3 @@ def drone(
         run.save(result, lambda: video.draw(run, source, result))
         run.done(f"{count(len(result), 'person', 'people')} in {run.count} frames: {output.out / 'tracks.txt'}")
     return run.status
-
-
-def observations(
-    run: Run, source: Source, models: DroneModels, cache: tuple[str, Path] | None
-) -> Iterator[Observation]:
-    """What the models say of each frame; ``cache`` is the name of the source, and the folder that keeps it."""
-    if cache is None:
-        return observe(run.frames(source), models.observers, run.times)
-    name, folder = cache
-    wanted = source.frames_wanted
-    return video_observations(name, models.observers, models.keys, folder, wanted, run.times)

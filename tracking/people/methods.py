@@ -106,13 +106,14 @@ def score_scale(detect: object, method: object, settings: MethodSettings, source
     Args:
         detect: networks give probabilities; functions and given detections anything.
         method: its name, or a tracker with settings of one's own.
-        settings: of all methods; a `start_score` of one's own is for scores as they are.
+        settings: of all methods; a `start_score` of one's own, and a method without one, take scores as they are.
         source: the video.
     """
     if method not in METHODS or method == "flow" or isinstance(inner_detector(detect), Detector | ForeignDetector):
         return None
-    start, usual = (getattr(each, method).lifecycle.start_score for each in (settings, MethodSettings()))
-    return ScoreScale(source.frame_rate, start) if start == usual else None
+    lives = [getattr(getattr(each, str(method)), "lifecycle", None) for each in (settings, MethodSettings())]
+    start, usual = (None if life is None else life.start_score for life in lives)
+    return ScoreScale(source.frame_rate, start) if start is not None and start == usual else None
 
 
 def straddles(detect: object) -> bool:

@@ -39,6 +39,7 @@ from tsuiseki.tracking.output import check_output_file, output_file
 from tsuiseki.tracking.people.flow_input import FlowInput, solve_window
 from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped, shipped_or_file
 from tsuiseki.trainers.association.videos import match_boxes
 
@@ -186,7 +187,7 @@ def fit_action_costs(
     }
     samples = []
     for sequence in sequences:
-        table = list(video_observations(sequence.folder, observers, [key], cache))
+        table = list(video_observations(open_source(sequence.folder), observers, [key], cache))
         truth, size = read_ground_truth(sequence.ground_truth_path), (sequence.width, sequence.height)
         samples.append(link_samples(table, truth, sequence.frame_rate, size))
         print(f"{sequence.folder.name}: {len(samples[-1].same)} links, {_summary(samples[-1:])}")

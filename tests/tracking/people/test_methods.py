@@ -7,8 +7,11 @@ import pytest
 
 from tsuiseki.tracking.association.costs import ProbabilityCost
 from tsuiseki.tracking.features.exported import Detector
-from tsuiseki.tracking.people.methods import people_tracker, straddles
+from tsuiseki.tracking.people import methods
+from tsuiseki.tracking.people.methods import people_tracker, score_scale, straddles
+from tsuiseki.tracking.people.settings import METHODS, MethodSettings
 from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.weights import shipped
 
 
@@ -41,3 +44,11 @@ def test_nobody_stands_half_in_each_of_two_people() -> None:
 def test_tracks_of_this_toolkits_detectors_may_straddle_and_given_ones_may_not() -> None:
     assert straddles(Detector(shipped("detector_street"), threads=1))
     assert not straddles([Detections(np.empty((0, 4)), np.empty(0))])
+
+
+def test_a_method_without_a_start_score_takes_given_scores_as_they_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    video, given = open_source([np.zeros((24, 32, 3), np.uint8)]), [Detections.empty()]
+    monkeypatch.setattr(methods, "METHODS", (*METHODS, "nearest"))
+    monkeypatch.setattr(MethodSettings, "nearest", object(), raising=False)
+    assert score_scale(given, "nearest", MethodSettings(), video) is None
+    assert score_scale(given, "sort", MethodSettings(), video) is not None
