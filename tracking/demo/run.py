@@ -114,7 +114,8 @@ def _demo_drone(output: SeededOutput, frames: int, threads: int, device: Device)
     from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
     from tsuiseki.tracking.demo.page import DRONE_METHODS, drone_report
     from tsuiseki.tracking.drone.drone_models import DroneModels
-    from tsuiseki.tracking.drone.run import link, observations
+    from tsuiseki.tracking.drone.observations import video_observations
+    from tsuiseki.tracking.drone.run import link
     from tsuiseki.tracking.drone.settings import DroneSettings
     from tsuiseki.tracking.features.view_choice import report_models
     from tsuiseki.tracking.formats.mot import read_ground_truth
@@ -129,10 +130,10 @@ def _demo_drone(output: SeededOutput, frames: int, threads: int, device: Device)
         models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads, device=device))
         run.facts |= report_models(models.observers.detect, models.observers.describe, models.observers.recognise)
         truth = read_ground_truth(clip / "gt" / "gt.txt")
-        cache = str(clip), run.work / "observations"
+        observers, cache = models.observers, run.work / "observations"
         results = {
             name: link(
-                run.steps(observations(run, source, models, cache)),
+                run.steps(video_observations(source, observers, models.keys, cache, run.times)),
                 source, models, method, DroneSettings(), run.times, {"frames": frames, "method": method},
             )
             for method, name in DRONE_METHODS.items()

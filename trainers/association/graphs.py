@@ -104,21 +104,23 @@ class Origin(Columns):
 
 
 @dataclass(frozen=True)
-class Others(Columns):
-    """Detections of tracks of which labels do not say whether they are right: appearance is averaged over them, too.
+class Nodes(Columns):
+    """Detections, or the first ones of tracklets.
 
     Attributes:
-        frames: ``(M,)``.
-        boxes: ``(M, 4)`` where the image shows them, pixels.
-        tracks: ``(M,)`` track of each by default.
+        frames: ``(N,)`` of each.
+        owners: ``(N,)`` whose each is, below 0 for a false positive.
+        boxes: ``(N, 4)`` where the image shows them, pixels.
+        tracks: ``(N,)`` track of each by default, -1 for none.
     """
 
     frames: IntArray
+    owners: IntArray
     boxes: FloatArray
     tracks: IntArray
 
 
-NO_OTHERS = Others(np.empty(0, dtype=np.int64), np.empty((0, 4)), np.empty(0, dtype=np.int64))
+NO_NODES = Nodes(*[np.empty(0, dtype=np.int64)] * 2, np.empty((0, 4)), np.empty(0, dtype=np.int64))
 
 
 @dataclass(frozen=True)
@@ -128,10 +130,7 @@ class Graph:
     Attributes:
         name: of the sequence, and of the frames of a window.
         frame_rate: frames a second.
-        frames: ``(N,)`` of the detections, or of the first ones of tracklets.
-        owners: ``(N,)`` whose each is, below 0 for a false positive.
-        boxes: ``(N, 4)`` where the image shows them, pixels.
-        tracks: ``(N,)`` track of each by default, -1 for none.
+        nodes: N detections or tracklets.
         costs: ``(3 N + P,)`` by default: of use, starts, ends and links.
         fixed: ``(3 N,)`` those of use, starts and ends that are not learnt.
         detections: ``(N, G)`` features; without columns where those costs are fixed.
@@ -143,15 +142,13 @@ class Graph:
         images: files of the sequence, one a frame; none where not needed.
         origin: where the detections come from; None where not known.
         truth: labels of the sequence; None where not needed.
-        others: detections that are in tracks and not in the network.
+        others: detections that are in tracks and not in the network, for labels do not say whether they are right;
+            appearance is averaged over them, too.
     """
 
     name: str
     frame_rate: float
-    frames: IntArray
-    owners: IntArray
-    boxes: FloatArray
-    tracks: IntArray
+    nodes: Nodes
     costs: FloatArray
     fixed: BoolArray
     detections: FloatArray
@@ -163,14 +160,14 @@ class Graph:
     images: tuple[Path, ...] = ()
     origin: Origin | None = None
     truth: GroundTruth | None = None
-    others: Others = NO_OTHERS
+    others: Nodes = NO_NODES
 
     def __len__(self) -> int:
-        return len(self.frames)
+        return len(self.nodes)
 
     def arcs(self) -> Arcs:
         """The arcs with what Δ counts for them."""
-        weight = difference_weights(self.owners, self.tail, self.head, self.labelled)
+        weight = difference_weights(self.nodes.owners, self.tail, self.head, self.labelled)
         return Arcs(self.tail, self.head, self.labelled, weight)
 
 
@@ -199,9 +196,9 @@ def labelled(graph: Graph, all_used: bool = False) -> Graph:
         all_used: false positives are used, too, each by itself.
     """
     count = len(graph)
-    follower = next_of_owner(graph.frames, graph.owners)
+    follower = next_of_owner(graph.nodes.frames, graph.nodes.owners)
     taken = follower[graph.tail] == graph.head if count else np.zeros(0, np.bool_)
-    used = np.ones(count, np.bool_) if all_used else graph.owners >= 0
+    used = np.ones(count, np.bool_) if all_used else graph.nodes.owners >= 0
     starts, ends = used.copy(), used.copy()
     starts[graph.head[taken]] = False
     ends[graph.tail[taken]] = False
@@ -220,7 +217,7 @@ def next_of_owner(frames: IntArray, owners: IntArray) -> IntArray:
 
 def taken_out(graph: Graph, which: BoolArray) -> Graph:
     """The graph without some of its detections, of which those in tracks become its others; x* is to be made anew."""
-    more = Others(graph.frames, graph.boxes, graph.tracks).select(which & (graph.tracks >= 0))
+    more = graph.nodes.select(which & (graph.nodes.tracks >= 0))
     return replace(without(graph, which), others=graph.others.and_then(more))
 
 
@@ -234,7 +231,8 @@ def kept_of(graph: Graph, nodes: BoolArray, links: BoolArray) -> Graph:
     place, three = np.cumsum(nodes) - 1, np.tile(nodes, 3)
     return replace(
         graph,
-        **{name: getattr(graph, name)[nodes] for name in ("frames", "owners", "boxes", "tracks", "detections")},
+        nodes=graph.nodes.select(nodes),
+        detections=graph.detections[nodes],
         **{name: getattr(graph, name)[np.append(three, links)] for name in ("costs", "labelled")},
         fixed=graph.fixed[three],
         tail=place[graph.tail[links]],
@@ -251,7 +249,7 @@ def short_runs(graph: Graph, fewest: int) -> BoolArray:
     taken = graph.labelled[3 * count :] > 0
     for tail, head in sorted(zip(graph.tail[taken].tolist(), graph.head[taken].tolist(), strict=True)):
         label[head] = label[tail]
-    return np.asarray((np.bincount(label, minlength=count)[label] < fewest) & (graph.owners >= 0))
+    return np.asarray((np.bincount(label, minlength=count)[label] < fewest) & (graph.nodes.owners >= 0))
 
 
 # Scores nearer to 0 and 1 count as this; a video that trusts all scores alike still lets a little gradient through.
@@ -308,10 +306,7 @@ def _detection_graph(
     graph = Graph(
         video.name,
         video.frame_rate,
-        table.frames,
-        owners,
-        table.image,
-        tracks,
+        Nodes(table.frames, owners, table.image, tracks),
         np.concatenate([observation, np.full(len(table), costs.entry), np.full(len(table), costs.exit), parts.cost]),
         np.zeros(3 * len(table), dtype=np.bool_),
         features,
@@ -365,10 +360,7 @@ def _tracklet_graph(
     graph = Graph(
         f"{video.name}, tracklets",
         video.frame_rate,
-        table.frames[ends.first],
-        majority,
-        table.image[ends.first],
-        np.arange(count),
+        Nodes(table.frames[ends.first], majority, table.image[ends.first], np.arange(count)),
         np.concatenate([np.full(count, -ALWAYS), np.zeros(2 * count), cost]),
         np.ones(3 * count, dtype=np.bool_),
         np.empty((count, len(DETECTION_FEATURES))),
@@ -392,13 +384,15 @@ def _majority(owners: IntArray) -> int:
 def windows(graph: Graph, seconds: float) -> list[Graph]:
     """The graph cut into windows of so many seconds, of two frames at least, end to end."""
     length = max(2, round(seconds * graph.frame_rate))
-    return [window(graph, first, first + length) for first in range(0, int(graph.frames.max(initial=0)) + 1, length)]
+    return [
+        window(graph, first, first + length) for first in range(0, int(graph.nodes.frames.max(initial=0)) + 1, length)
+    ]
 
 
 def window(graph: Graph, first: int, end: int) -> Graph:
     """The frames from ``first`` to before ``end``, with starts and ends that the video beyond makes cheaper."""
     count = len(graph)
-    inside = (graph.frames >= first) & (graph.frames < end)
+    inside = (graph.nodes.frames >= first) & (graph.nodes.frames < end)
     start, stop = graph.costs[count : 2 * count].copy(), graph.costs[2 * count : 3 * count].copy()
     link = np.maximum(graph.costs[3 * count :], 0.0)
     entering = ~inside[graph.tail] & inside[graph.head]
@@ -442,7 +436,7 @@ class FlowCounts:
         self.agreeing += float(np.minimum(flow, graph.labelled)[chosen].sum())
         self.either += float(np.maximum(flow, graph.labelled)[chosen].sum())
         used, links = flow[:count] > 0, flow[3 * count :] > 0
-        owners = graph.owners
+        owners = graph.nodes.owners
         right = float((used & (owners >= 0)).sum())
         self.people += len(graph.people)
         self.missed += max(len(graph.people) - right, 0.0)

@@ -65,8 +65,8 @@ class WindowCrops:
 
 def crops_of(graph: Graph, height: int, width: int) -> WindowCrops:
     """The crops of a window's detections and others, stretched to ``height`` by ``width``."""
-    frames, tracks = np.append(graph.frames, graph.others.frames), np.append(graph.tracks, graph.others.tracks)
-    boxes = np.concatenate([graph.boxes, graph.others.boxes])
+    nodes = graph.nodes.and_then(graph.others)
+    frames, tracks, boxes = nodes.frames, nodes.tracks, nodes.boxes
     images = np.empty((len(frames), height, width, 3), dtype=np.uint8)
     for frame in np.unique(frames):
         here = np.flatnonzero(frames == frame)
@@ -119,7 +119,7 @@ def with_new_distances(rows: Tensor, distance: Tensor, cost: LinkCost) -> tuple[
 
 def contrast_within(features: Tensor, graph: Graph) -> Tensor:
     """The Siamese network's own loss, over the people of a window who have several detections in it."""
-    names, place, counts = np.unique(graph.owners, return_inverse=True, return_counts=True)
+    names, place, counts = np.unique(graph.nodes.owners, return_inverse=True, return_counts=True)
     several = (counts > 1) & (names >= 0)
     if several.sum() < 2:
         return features.new_zeros(())
@@ -153,7 +153,7 @@ def frames_of(graph: Graph, card: ModelCard) -> WindowFrames:
     """
     if graph.origin is None or graph.truth is None:
         raise RequestError(f"{graph.name}: expected detections of --data.detector, whose heads are to learn")
-    frames = range(int(graph.frames.min(initial=0)), int(graph.frames.max(initial=-1)) + 1)
+    frames = range(int(graph.nodes.frames.min(initial=0)), int(graph.nodes.frames.max(initial=-1)) + 1)
     examples = []
     for frame in frames:
         image, scale = fit_image(read_image(graph.images[frame]), card)
@@ -162,7 +162,7 @@ def frames_of(graph: Graph, card: ModelCard) -> WindowFrames:
         examples.append(Example(image, people.boxes * np.tile(scale, 2), ~people.evaluated))
     nothing = torch.empty(0, card.input_height, card.input_width, 3, dtype=torch.uint8)
     none = DetectionBatch(nothing, torch.empty(0, 0, 4), torch.empty(0, 0, dtype=torch.int64))
-    return WindowFrames(collate(examples) if examples else none, graph.frames - frames.start)
+    return WindowFrames(collate(examples) if examples else none, graph.nodes.frames - frames.start)
 
 
 class FrozenTrunk:

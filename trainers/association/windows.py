@@ -91,7 +91,7 @@ class RandomWindows(Dataset[TrainingWindow]):
         rng = np.random.default_rng([*self.seed(), index])
         chosen = self.graphs[int(rng.choice(len(self.graphs), p=self.chances))]
         graph = chosen.detections
-        length, last = max(2, round(self.seconds * graph.frame_rate)), int(graph.frames.max(initial=0)) + 1
+        length, last = max(2, round(self.seconds * graph.frame_rate)), int(graph.nodes.frames.max(initial=0)) + 1
         # A window may reach over either end of the sequence, so that its borders are learnt from as often as the rest.
         first = int(rng.integers(-length // 2, max(last - length // 2, 1)))
         return self.images.at(window(graph, max(first, 0), min(first + length, last)), chosen.tracklets)
@@ -243,7 +243,7 @@ def graphs_of(
 
 def _teaches(graph: Graph, name: str) -> bool:
     """Whether two people have detections; says what speaks against a sequence."""
-    somebody = graph.owners[graph.owners >= 0]
+    somebody = graph.nodes.owners[graph.nodes.owners >= 0]
     people = len(np.unique(somebody))
     if people < 2:
         who = "no person" if not people else "one person"

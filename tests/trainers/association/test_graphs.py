@@ -51,13 +51,13 @@ def parts(graph: Graph) -> tuple[np.ndarray, ...]:
 def test_labelled_flow(graph: Graph) -> None:
     used, starts, ends, links = parts(graph)
     assert used.sum() == 2 * FRAMES
-    assert not used[graph.owners < 0].any()
-    assert (graph.owners < 0).sum() == 10
+    assert not used[graph.nodes.owners < 0].any()
+    assert (graph.nodes.owners < 0).sum() == 10
     assert starts.sum() == ends.sum() == 2
     assert links.sum() == 2 * (FRAMES - 1)
     taken = links > 0
-    assert (graph.owners[graph.tail[taken]] == graph.owners[graph.head[taken]]).all()
-    assert (graph.frames[graph.head[taken]] - graph.frames[graph.tail[taken]] == 1).all()
+    assert (graph.nodes.owners[graph.tail[taken]] == graph.nodes.owners[graph.head[taken]]).all()
+    assert (graph.nodes.frames[graph.head[taken]] - graph.nodes.frames[graph.tail[taken]] == 1).all()
     assert len(graph.people) == 3 * FRAMES
 
 
@@ -71,12 +71,14 @@ def test_the_labelled_flow_is_a_flow(graph: Graph) -> None:
 def test_borders_are_free_only_where_the_video_goes_on(graph: Graph) -> None:
     count = len(graph)
     middle, beginning = window(graph, 20, 40), window(graph, 0, 20)
-    first, starts = middle.frames == 20, middle.costs[len(middle) : 2 * len(middle)]
+    first, starts = middle.nodes.frames == 20, middle.costs[len(middle) : 2 * len(middle)]
     assert (starts[first] == 0).all()
     assert middle.fixed[len(middle) : 2 * len(middle)][first].all()
-    assert (starts[middle.frames == 39] == graph.costs[count]).all()
-    assert (middle.costs[2 * len(middle) : 3 * len(middle)][middle.frames == 39] == 0).all()
-    assert (beginning.costs[len(beginning) : 2 * len(beginning)][beginning.frames == 0] == graph.costs[count]).all()
+    assert (starts[middle.nodes.frames == 39] == graph.costs[count]).all()
+    assert (middle.costs[2 * len(middle) : 3 * len(middle)][middle.nodes.frames == 39] == 0).all()
+    assert (
+        beginning.costs[len(beginning) : 2 * len(beginning)][beginning.nodes.frames == 0] == graph.costs[count]
+    ).all()
     assert len(middle.people) == 3 * 20
 
 
@@ -111,7 +113,7 @@ def test_tracklets() -> None:
 
 def test_tracklets_of_ignored_people_are_neither_right_nor_wrong() -> None:
     levels = sequence_graphs(hidden(1.5, ignored=(2,)))
-    assert set(levels.detections.owners) == set(levels.tracklets.owners) == {1}
+    assert set(levels.detections.nodes.owners) == set(levels.tracklets.nodes.owners) == {1}
     assert len(levels.tracklets) == 2
     assert levels.tracklets.labelled[6:].tolist() == [1]
 
@@ -158,7 +160,7 @@ def test_people_whom_first_prices_leave_out_are_in_tracks_as_in_the_tracker() ->
     when = np.repeat(np.arange(frames), people)
     truth = GroundTruth(when, ids, np.concatenate(labels), every, ~every, np.ones(count))
     graph = sequence_graphs(DetectedVideo("poor", found, truth, rate, (800, 600))).detections
-    assert (graph.tracks >= 0).mean() > 0.7
+    assert (graph.nodes.tracks >= 0).mean() > 0.7
 
 
 def test_single_labelled_boxes_are_neither_right_nor_wrong() -> None:
@@ -176,7 +178,7 @@ def test_counts(graph: Graph) -> None:
     # A third of the people are not detected.
     assert counts.mota == pytest.approx(2 / 3)
     # A link from one person to the other, which the tracker would not consider here.
-    tail, head = (int(np.flatnonzero(graph.owners == who)[k]) for who, k in ((1, 0), (2, 1)))
+    tail, head = (int(np.flatnonzero(graph.nodes.owners == who)[k]) for who, k in ((1, 0), (2, 1)))
     tails, heads = np.append(graph.tail, tail), np.append(graph.head, head)
     wrong = replace(graph, tail=tails, head=heads, labelled=np.append(graph.labelled, 0.0))
     counts.add(wrong, np.append(graph.labelled, 1.0))

@@ -125,7 +125,7 @@ def test_the_own_loss_needs_two_people_seen_twice(street: Path) -> None:
     data.setup("fit")
     graph, features = data.learnt[0].detections, torch.nn.functional.normalize(torch.randn(200, 4), dim=1)
     assert contrast_within(features[: len(graph)], graph) > 0
-    alone = replace(graph, owners=np.where(graph.owners == 1, 1, -1))
+    alone = replace(graph, nodes=replace(graph.nodes, owners=np.where(graph.nodes.owners == 1, 1, -1)))
     assert contrast_within(features[: len(graph)], alone) == 0
 
 
