@@ -233,7 +233,7 @@ def train_objectness(
     Args:
         out: file to write, JSON.
         data: folders of labelled sequences (MOTChallenge, OTB, VOT, UAV123), separated by commas; by default generated
-            chases.
+            clips.
         test: folders to measure the recall on; by default generated clips of another seed.
         interval: take every so many frames of the folders.
         images: number of generated images, where nothing is given.

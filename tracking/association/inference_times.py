@@ -71,7 +71,7 @@ def named_frames(frames: Iterable[int], length: int) -> BoolArray:
     given = np.asarray(list(frames) if isinstance(frames, Iterable) and not isinstance(frames, str) else frames)
     if given.ndim != 1 or not len(given) or given.dtype.kind not in "iu" or given.min() < 0:
         raise RequestError(
-            f"`frames_looked_at`: expected numbers of frames from 0, such as range(0, 300, 10), got {frames!r:.80}"
+            f"`inference_frames`: expected numbers of frames from 0, such as range(0, 300, 10), got {frames!r:.80}"
         )
     inferred = np.zeros(max(length, int(given.max()) + 1), dtype=np.bool_)
     inferred[given] = True

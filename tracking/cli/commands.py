@@ -151,7 +151,7 @@ COMMANDS: Tree = {
     "demo": Command("tracking.demo.run:demo", "run the whole path on a generated labelled clip and write a report"),
     "simulate": Group("make labelled video with exact truth", "tracking.cli.simulate", SIMULATE),
     "train": Group(FIT, "trainers", TRAIN),
-    "adapt": Command("tracking.cli.adapt:adapt", f"learn a camera from its unlabelled video {EXTRA}"),
+    "adapt": Command("trainers.adapt.run:adapt", f"learn a camera from its unlabelled video {EXTRA}"),
     "export": Group(f"turn a trained model into ONNX {EXTRA}", "trainers.exporting", EXPORT),
     "models": Group("networks of other projects that can be downloaded", "tracking.cli.models", MODELS),
     "calibrate": Group("calibrate the lens and pose of cameras", "tracking.calibrate.run", CALIBRATE),

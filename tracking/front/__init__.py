@@ -115,8 +115,6 @@ __all__ = sorted([*_HOMES, "__version__"])
 
 
 def __getattr__(name: str) -> Any:
-    if name == "follow":  # its name before all were called alike
-        name = "follow_single"
     if name == "__version__":
         from importlib import metadata
 

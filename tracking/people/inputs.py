@@ -281,7 +281,7 @@ def frames_with_inference(
     """
     if not isinstance(detect, Sequence):
         if given is not None:
-            raise RequestError("expected `frames_looked_at` with `detections`, got it with a detector")
+            raise RequestError("expected `inference_frames` with `detections`, got it with a detector")
         return None
     length = max(source.length or 0, len(detect))
     if given is not None:

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.people.hiding import Hiding, Wanted
     from tsuiseki.tracking.people.tracking import OpenedPeople
     from tsuiseki.tracking.result import Result
-    from tsuiseki.tracking.types import Detections, Track
-    from tsuiseki.tracking.video.source import Source
+    from tsuiseki.tracking.types import Track
 
 
 def people(

@@ -85,7 +85,7 @@ class PeopleKeywords(TypedDict, total=False):
             other numbers of frames in Python count from 0.
         frame_rate: frames a second, where the source does not say it, as images do not, or is wrong.
         progress: show on the terminal how far the run is.
-        frames_looked_at: numbers, counted from 0, of the frames with inference of ``detections``, such as
+        inference_frames: numbers, counted from 0, of the frames with inference of ``detections``, such as
             ``range(0, 300, 10)``; by default the stride of the detections. No person is missed in other frames.
         seed: of the tracker's random numbers.
         delay: seconds after which ``flow`` decides on a frame for good; with `follow_people` each frame comes so much
@@ -105,7 +105,7 @@ class PeopleKeywords(TypedDict, total=False):
     frames: str | None
     frame_rate: float | None
     progress: bool
-    frames_looked_at: Iterable[int] | None
+    inference_frames: Iterable[int] | None
     moving_camera: bool
     threads: int
     device: Device
@@ -294,7 +294,7 @@ def _opened(
     *,
     frames: str | None = None,
     frame_rate: float | None = None,
-    frames_looked_at: Iterable[int] | None = None,
+    inference_frames: Iterable[int] | None = None,
     seed: int = 0,
     **given: Any,
 ) -> OpenedPeople:
@@ -310,7 +310,7 @@ def _opened(
     video = open_source(source, parse_frames(frames), frame_rate)
     finding = PeopleFinding(**{name: value for name, value in given.items() if name not in own})
     finding.check()
-    return open_people(video, finding, linking, seed, frames_looked_at)
+    return open_people(video, finding, linking, seed, inference_frames)
 
 
 def people_result(

@@ -14,13 +14,13 @@ from lightning.pytorch.callbacks import Callback, EMAWeightAveraging, ModelCheck
 from tsuiseki.datamodules.augmentation import Augmentation
 from tsuiseki.datamodules.detection_data import Composition, DetectionData
 from tsuiseki.datamodules.training_images import TrainingSource
-from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.tiles import view_of
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import Detections, ImageArray
+from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import HELD_OUT, KEPT_BACK, Watched
 from tsuiseki.trainers.exporting.export import export_onnx, load_module, quiet
 from tsuiseki.trainers.exporting.export_networks import RawHeads

@@ -23,7 +23,6 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.drone.observations import file_digest
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import SizedDetect, as_describer, open_detector
@@ -40,6 +39,7 @@ from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune
+from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.track_labels import ONTO_SILHOUETTES, CertainBoxes, TrackLabels, label
 from tsuiseki.trainers.adapt.watch import KEPT_BACK, Watched
 from tsuiseki.trainers.exporting.exported_weights import layout_of

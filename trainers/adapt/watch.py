@@ -12,7 +12,6 @@ import numpy as np
 
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import empty_view
-from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.output import whole_file
@@ -21,6 +20,7 @@ from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.tracking.video.source import Source, open_source
 from tsuiseki.trainers.adapt.foreground import CameraMotion, Difference, difference, edge_correlation, motion_of
+from tsuiseki.trainers.adapt.settings import AdaptSettings
 
 # Share of each video, its end, that nothing is learnt from and that says which round is best; and the share before it
 # that no weight is learnt from and that says what scores mean.

@@ -94,7 +94,7 @@ def check_trained_elsewhere(models: Sequence[OnnxModel], frames: Sequence[tuple[
                 raise RequestError(
                     f"{path}: expected a {card.kind} that was not trained on frames {first}-{last} of {sequence}, got "
                     f"one trained on {card.training_data!r}; costs fitted there trust it too much. Give other "
-                    "`frames`, or take it all the same with `seen`"
+                    "`frames`, or take it all the same with `trained_too`"
                 )
         if not card.training_data:
             warnings.warn(
@@ -238,7 +238,7 @@ class AffinityVideo(Shared):
         detector: exported detector, or the name of a shipped one, to use in place of both.
         appearance: exported appearance network, likewise; without one the appearance counts as unknown.
         actions: exported action streams, for features with actions; by default the shipped ones.
-        seen: take networks also where they were trained.
+        trained_too: also take networks on frames that they were trained on.
         skips: also learn from every n-th frame only, for other frame rates; 1 is the video itself.
     """
 
@@ -248,7 +248,7 @@ class AffinityVideo(Shared):
     detector: Path | None = None
     appearance: Path | None = None
     actions: list[Path] | None = None
-    seen: bool = False
+    trained_too: bool = False
     skips: list[int] | None = None
 
     def parts(self, rng: np.random.Generator, *, acting: bool = False) -> list[LabelledDetections]:
@@ -264,7 +264,7 @@ class AffinityVideo(Shared):
         appearance = None if self.appearance is None else Appearance(shipped_or_file("appearance", self.appearance))
         detector = None if self.detector is None else Detector(shipped_or_file("detector", self.detector))
         videos = [(video, span_of(video, self.frames)) for video in labelled_sequences(self.folders)]
-        if not self.seen:
+        if not self.trained_too:
             frames = [(video.name, start + 1, stop) for video, (start, stop) in videos]
             check_trained_elsewhere([one.model for one in (appearance, detector) if one is not None], frames)
         streams = self.actions or [shipped(f"action_drone_{name}") for name in STREAMS]

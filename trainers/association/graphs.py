@@ -120,7 +120,8 @@ class Nodes(Columns):
     tracks: IntArray
 
 
-NO_NODES = Nodes(*[np.empty(0, dtype=np.int64)] * 2, np.empty((0, 4)), np.empty(0, dtype=np.int64))
+NONE = np.empty(0, dtype=np.int64)
+NO_NODES = Nodes(NONE, NONE, np.empty((0, 4)), NONE)
 
 
 @dataclass(frozen=True)

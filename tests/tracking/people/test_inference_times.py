@@ -76,7 +76,7 @@ def test_a_crowd_is_not_missed_as_a_whole() -> None:
 
 @pytest.mark.parametrize("given", [10, "every", [], [-1, 3], [0.5], [[1, 2]], None])
 def test_looks_are_numbers_of_frames(given: object) -> None:
-    with pytest.raises(RequestError, match="frames_looked_at"):
+    with pytest.raises(RequestError, match="inference_frames"):
         named_frames(given, 20)  # type: ignore[arg-type]
 
 
@@ -100,7 +100,7 @@ def test_every_tenth_frame_is_enough(tmp_path: Path, method: str, jitter: int) -
 @pytest.mark.parametrize("method", METHODS)
 def test_a_stride_gives_what_the_slow_video_gives(tmp_path: Path, method: str) -> None:
     source, file = video(tmp_path, 300, [*range(0, 300, 10)])
-    looked = track_people(source, method, detections=file, frames_looked_at=range(0, 300, 10))  # type: ignore[arg-type]
+    looked = track_people(source, method, detections=file, inference_frames=range(0, 300, 10))  # type: ignore[arg-type]
     slow = tmp_path / "slow"
     slow.mkdir()
     write_sequence_info(slow, "s", 2.5, 30, 640, 480)
@@ -113,11 +113,11 @@ def test_a_stride_gives_what_the_slow_video_gives(tmp_path: Path, method: str) -
         np.testing.assert_allclose(one.boxes[every], other.boxes, atol=1e-6)
 
 
-def test_frames_looked_at_need_detections(tmp_path: Path) -> None:
+def test_inference_frames_need_detections(tmp_path: Path) -> None:
     source, file = video(tmp_path, 300, [*range(0, 300, 10)])
     for given in (10, "1-5", [0.5]):
-        with pytest.raises(RequestError, match="frames_looked_at"):
-            track_people(source, "sort", detections=file, frames_looked_at=given)  # type: ignore[arg-type]
+        with pytest.raises(RequestError, match="inference_frames"):
+            track_people(source, "sort", detections=file, inference_frames=given)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("start", [1000, 1.8e9], ids=["1000", "since 1970"])

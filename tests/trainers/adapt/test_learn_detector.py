@@ -13,7 +13,6 @@ import torch
 from torch import Tensor
 
 from tests.trainers.adapt import street
-from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.errors import Interrupted
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.types import Detections
@@ -21,6 +20,7 @@ from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt import learn_detector
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, TorchDetector, fine_tune
+from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.track_labels import label
 from tsuiseki.trainers.adapt.watch import HELD_OUT, Watched, watch, with_empty_view
 from tsuiseki.trainers.exporting.export import load_module

@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from tests.trainers.adapt import street
-from tsuiseki.tracking.cli.adapt import AdaptSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
@@ -28,6 +27,7 @@ from tsuiseki.trainers.adapt.rounds import (
     resumed,
     rounds,
 )
+from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import Watched, open_camera
 
 START = Path("start.onnx")

@@ -105,8 +105,8 @@ def test_tracklets() -> None:
     assert len(joins) == 4
     # Each person's first half and their second.
     assert joins.labelled[12:].sum() == 2
-    assert sorted(joins.owners) == [1, 1, 2, 2]
-    assert (joins.owners[joins.tail] != joins.owners[joins.head]).any()
+    assert sorted(joins.nodes.owners) == [1, 1, 2, 2]
+    assert (joins.nodes.owners[joins.tail] != joins.nodes.owners[joins.head]).any()
     np.testing.assert_array_equal(cheapest(joins.costs, joins.tail, joins.head), joins.labelled)
     assert joins.fixed.all()
 
