@@ -95,7 +95,6 @@ def track(source, out, method, *options):
     short = [
         "--drone.flow.costs.entry=0",
         "--drone.flow.costs.exit=0",
-        "--drone.flow.min-detections=2",
         "--drone.flow.min-time=0",
     ]
     assert main(["track", "drone", str(source), "--method", method, "--out", str(out), *options, *short]) == 0

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.association import places
+from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.association.places import NO_COUNTS, EntryCounts, place_costs, starts_and_ends
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowSettings
@@ -93,8 +94,11 @@ def test_people_who_stay_apart_have_the_same_tracks_by_place_and_without() -> No
         np.testing.assert_array_equal(plain.boxes, same.boxes)
 
 
-class NoChanges:
+class NoChanges(CostNetwork):
     """Learnt costs that change nothing."""
+
+    def __init__(self) -> None:
+        pass
 
     def links(self, rows: FloatArray) -> FloatArray:
         return np.zeros(len(rows))

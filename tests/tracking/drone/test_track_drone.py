@@ -145,7 +145,7 @@ def test_the_cache_saves_looking_and_survives_damage(
     cache = tmp_path / "cache"
     assert main(words(clip, action_streams, first, "--cache", str(cache))) == 0
     (entry,) = cache.iterdir()
-    assert main(words(clip, action_streams, second, "--cache", str(cache), "--drone.flow.min-detections", "2")) == 0
+    assert main(words(clip, action_streams, second, "--cache", str(cache), "--drone.flow.min-time", "0.1")) == 0
     assert "actions" in values(first)["seconds"]
     assert values(second)["seconds"].keys() == {"link"}
     assert (second / "tracks.json").read_text() == (first / "tracks.json").read_text()

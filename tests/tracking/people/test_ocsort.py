@@ -49,7 +49,7 @@ def test_re_update_is_the_filter_along_the_straight_way() -> None:
             )
             for passed in range(1, misses[track] + 1):
                 virtual = first + passed / (misses[track] + 1) * (last - first)
-                state, _ = update(predict(state, transition, noise), np.array([[virtual]]), observation, spread)
+                state = update(predict(state, transition, noise), np.array([[virtual]]), observation, spread)
             state = predict(state, transition, noise)
             assert again.boxes[track, coordinate] == pytest.approx(state.mean[0, 0])
             assert again.velocities[track, coordinate] == pytest.approx(state.mean[0, 1])
