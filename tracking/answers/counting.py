@@ -132,7 +132,7 @@ def count(
         "sides": sides(paths, scene.pixels(paths.points), size),
         "counts": counts_table(paths, span, rate),
         "people": people(paths, rate),
-        "gatherings": gathering_table(paths, rate),
+        "gatherings": gathering_table(paths, settings.gathering, rate),
     }
     names = {track.id: track.class_name for track in tracks}
     for name in ("crossings", "people"):

@@ -19,10 +19,8 @@ from tsuiseki.tracking.answers.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# So many gather, no farther from each other than so many heights. Who passes each other does so for fewer seconds.
-FEWEST, GATHERING, LEAST_SECONDS = 3, 0.8, 3.0
-# Speed below which a person in a zone waits, heights a second.
-WAITING = 0.2
+# So many gather. Who passes each other does so for fewer seconds.
+FEWEST, LEAST_SECONDS = 3, 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,7 +92,8 @@ def zone_tables(
     zones, times = empty(*ZONES, *MORE), empty("time", "zone", "people", "low", "high", "most", "waiting")
     stays = empty("zone", "id", "start", "end", "seconds", "waited", "entered", "left")
     every = dict[str, IntArray]()
-    waits = speeds(paths, paths.points, doubt.rate) < WAITING * paths.heights if scene.zones else paths.observed
+    slow = settings.waiting * paths.heights
+    waits = speeds(paths, paths.points, doubt.rate) < slow if scene.zones else paths.observed
     for zone in scene.zones:
         within = inside(paths.points, zone.corners)
         crossed = border_crossings(paths, zone, settings.band)
@@ -204,12 +203,12 @@ def people(paths: Paths, rate: float) -> Columns:
     return table
 
 
-def gathering_table(paths: Paths, rate: float) -> Columns:
+def gathering_table(paths: Paths, reach: float, rate: float) -> Columns:
     """The table ``gatherings``, which are searched once a second."""
     table = empty("start", "end", "people", "most", "x", "y", "ids")
     step = max(1, round(rate))
     open_ones, done = list[list[tuple[int, IntArray]]](), list[list[tuple[int, IntArray]]]()
-    for frame, members in _groups(paths, np.flatnonzero(paths.frames % step == 0)):
+    for frame, members in _groups(paths, np.flatnonzero(paths.frames % step == 0), reach):
         done += [one for one in open_ones if one[-1][0] < frame - step]
         open_ones = [one for one in open_ones if one[-1][0] >= frame - step]
         ids = paths.ids[members]
@@ -228,8 +227,8 @@ def gathering_table(paths: Paths, rate: float) -> Columns:
     return table
 
 
-def _groups(paths: Paths, rows: IntArray) -> list[tuple[int, IntArray]]:
-    """Frame and rows of each group of people within reach of each other, in the order of frames."""
+def _groups(paths: Paths, rows: IntArray, reach: float) -> list[tuple[int, IntArray]]:
+    """Frame and rows of each group of people within ``reach`` heights of each other, in the order of frames."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
     from scipy.spatial import cKDTree
@@ -237,7 +236,7 @@ def _groups(paths: Paths, rows: IntArray) -> list[tuple[int, IntArray]]:
     if not len(rows):
         return []
     # People of different frames are never near: the frame is a third coordinate, far apart.
-    limit = GATHERING * paths.heights[rows]
+    limit = reach * paths.heights[rows]
     places = np.column_stack([paths.points[rows], paths.frames[rows] * 2.0 * limit.max()])
     pairs = cKDTree(places).query_pairs(float(limit.max()), output_type="ndarray")
     apart = np.hypot(*(places[pairs[:, 0], :2] - places[pairs[:, 1], :2]).T)

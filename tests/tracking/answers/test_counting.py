@@ -58,6 +58,7 @@ def test_who_is_there_at_the_start_and_the_end_stays_from_first_to_last():
     found = answers(walker([(50, 200)] * 30))
     assert rows(found.tables["stays"]) == [("shop", 1, 0.0, 3.0, 3.0, 3.0, False, False)]
     assert found.tables["occupancy"]["waiting"] == [1, 1, 1]
+    assert answers(walker([(50, 200)] * 30), waiting=0.0).tables["occupancy"]["waiting"] == [0, 0, 0]
 
 
 def test_going_to_and_fro_on_a_border_is_one_stay():
@@ -80,6 +81,7 @@ def test_three_who_stand_together_gather_and_two_do_not():
     found = answers(*three, walker([(400, 200)] * 60, 4), walker([(420, 200)] * 60, 5))
     (only,) = rows(found.tables["gatherings"])
     assert only[2:] == (3, 3, 70, 200, "1 2 3")
+    assert rows(answers(*three, gathering=0.1).tables["gatherings"]) == []
     assert (
         rows(
             answers(*(walker(down(50 + 20 * k, range(60)), k + 1, np.arange(60) + 70 * k) for k in range(3))).tables[
