@@ -272,8 +272,7 @@ def drone(
             recognised as by track people.
         actions: exported action streams, separated by commas; by default the four shipped ones. Not used by
             method flow, which names no actions but along given --tracks.
-        tracks: MOTChallenge tracks (gt.txt, tracks.txt) or an Okutama-Action label file that are right already; only
-            actions are named.
+        tracks: right tracks (gt.txt, tracks.txt) or Okutama-Action labels; then only actions are named.
         affinity: costs learnt on whole tracks as ONNX (train association with --data.tracker drone); by default those
             of --drone. With --preset printed, costs learnt on pairs (train affinity --features thesis_action).
         preset: printed links as the thesis prints it, by the overlap, appearance and actions of pairs: flow is MCF,
@@ -288,8 +287,7 @@ def drone(
     if not 0 <= threshold <= 1:
         raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")
     costs = link_costs(affinity, preset, method, finding.threads)
-    source = video.open(images=True, replayable=True)
-    moving = not keep_camera_motion and preset == "default"
+    source, moving = video.open(images=True, replayable=True), not keep_camera_motion and preset == "default"
     models = DroneModels.choose(source, method, finding, finding.appearance, actions, tracks, camera_motion=moving)
     with output.run() as run:
         run.facts |= report_models(models.observers.detect, models.observers.describe, models.observers.recognise)
