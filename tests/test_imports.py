@@ -1,8 +1,9 @@
-"""The direction of imports, and that tracking runs without torch."""
+"""The house: the direction of imports, its sizes, and that tracking runs without torch."""
 
 from __future__ import annotations
 
 import ast
+import collections
 import doctest
 import importlib
 import pkgutil
@@ -54,6 +55,25 @@ def imported_modules(path: Path) -> set[str]:
 
 def starts_with(module: str, prefixes: set[str]) -> bool:
     return any(module == prefix or module.startswith(prefix + ".") for prefix in prefixes)
+
+
+def test_functions_and_constructors_are_short_and_a_class_name_stands_once():
+    names: collections.Counter[str] = collections.Counter()
+    for path in (file for folder in ("models", "datamodules", "trainers", "tracking") for file in source_files(folder)):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            parameters: list[str] = []
+            if isinstance(node, ast.FunctionDef):
+                given = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+                parameters = [one.arg for one in given if one.arg not in ("self", "cls")]
+                assert node.end_lineno is not None
+                assert node.end_lineno - node.lineno < 60, f"{path}: {node.name} is too long"
+            elif isinstance(node, ast.ClassDef):
+                names[node.name] += 1
+                fields = [one for one in node.body if isinstance(one, ast.AnnAssign)]
+                if any("dataclass" in ast.unparse(one) for one in node.decorator_list):
+                    parameters = [ast.unparse(one) for one in fields if "ClassVar" not in ast.unparse(one.annotation)]
+            assert len(parameters) <= 15, f"{path}: {node.name} takes too many parameters"
+    assert [name for name, count in names.items() if count > 1] == []
 
 
 @pytest.mark.parametrize("folder", sorted(ALLOWED))
