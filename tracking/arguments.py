@@ -234,7 +234,8 @@ def check_argument(name: str, value: Any, kind: Any, default: Any, bounded: bool
     if name.rpartition(".")[2] in ("seed", "threads") and isinstance(value, Real) and value < 0:
         raise RequestError(f"`{name}`: expected a whole number from 0, got {value!r}")
     if bounded and isinstance(value, Real):
-        check_sensible(name, value, value if default is inspect.Parameter.empty else default)
+        any_size = default is inspect.Parameter.empty and value == value  # NaN has none
+        check_sensible(name, value, value if any_size else default)
     elif bounded and is_settings(value):
         usual, types = type(value)(), get_type_hints(type(value))
         for one in fields(value):

@@ -182,7 +182,8 @@ def detection_evidence(table: DetectionTable, cost: FloatArray, logit: FloatArra
     size = sizes(table.image)
     log_height = np.log(size[:, 1])
     before, after, _ = _overlaps(table, table.boxes, 1)
-    now, _, neighbours = _overlaps(table, table.image, 0)
+    # Of two boxes of a frame only the larger may reach the other's centre.
+    one, other, neighbours = _overlaps(table, table.image, 0)
     # How far each box lies from the image's borders, heights; far where the size of the image is not known.
     away = {name: np.full(count, FARTHEST) for name in ("left", "right", "top", "bottom")}
     if table.size is not None:
@@ -198,7 +199,7 @@ def detection_evidence(table: DetectionTable, cost: FloatArray, logit: FloatArra
         **away,
         "overlap_before": before,
         "overlap_after": after,
-        "overlap_now": now,
+        "overlap_now": np.maximum(one, other),
         "neighbours": np.log1p(neighbours),
         "interval": np.full(count, np.log(30 / table.frame_rate)),
         "since_start": np.minimum(table.frames / table.frame_rate, 1.0),

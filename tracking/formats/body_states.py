@@ -17,11 +17,11 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import column_names, finite_number, read_named_rows, repeated, write_columns
-from tsuiseki.tracking.formats.track_tables import table_of, tracks_of
+from tsuiseki.tracking.formats.track_tables import table_of
 from tsuiseki.tracking.formats.tracked_video import NONE
 from tsuiseki.tracking.types import STATUSES, BoolArray, FloatArray, ImageArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
-from tsuiseki.tracking.types.tracks import BodyTrack
+from tsuiseki.tracking.types.tracks import BodyTrack, rows_of_each
 
 LAST_COLUMNS = ("score", "status")
 
@@ -68,9 +68,10 @@ def read_states(path: Path, fields: Sequence[str] | None = None) -> list[BodyTra
             f"{path}: expected an id once in a frame, got id {ids[row]} twice in frame {frames[row] + 1}"
         )
     scores = [finite_number(path, line, "score", one.get("score") or "1") for line, one in table.rows]
-    states = dict(zip(wanted, table.numbers(wanted).T, strict=True))
-    columns = {"frame": frames, "id": ids, **states, "score": np.array(scores), "status": np.array(statuses)}
-    return tracks_of(columns)
+    states, score, status = table.numbers(wanted), np.array(scores), np.array(statuses)
+    rows = np.argsort(frames, kind="stable")
+    parts = [rows[part] for part in rows_of_each(ids[rows])]
+    return [BodyTrack(int(ids[p[0]]), frames[p], states[p], score[p], tuple(status[p].tolist())) for p in parts]
 
 
 FOLDER = "silhouettes"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
+from inspect import Parameter
 from typing import Any, Generic, Literal, TypeVar, get_args, get_type_hints
 
 import numpy as np
@@ -66,7 +67,7 @@ def adjusted(settings: S | None, kind: type[S], given: Mapping[str, Any]) -> S:
     own = {one.name for one in fields(old)}
     if unknown := given.keys() - types.keys():
         raise TypeError(f"expected settings of {kind.__name__}, got {', '.join(sorted(unknown))}")
-    known = {k: check_argument(k, value, types[k], value) for k, value in given.items() if value is not None}
+    known = {k: check_argument(k, value, types[k], Parameter.empty) for k, value in given.items() if value is not None}
     life = {name: known.pop(name) for name in [*known] if name not in own}
     if life:
         known["lifecycle"] = replace(old.lifecycle, **life)

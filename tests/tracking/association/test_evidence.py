@@ -53,6 +53,12 @@ def test_features_of_detections() -> None:
     np.testing.assert_allclose(table["interval"], 0)
 
 
+def test_the_larger_of_two_overlapping_boxes_is_overlapped_too() -> None:
+    detections = seen_of([[[100, 100, 300, 500], [270, 100, 290, 140]]])
+    rows = detection_evidence(detections, np.zeros(2), np.zeros(2))
+    np.testing.assert_allclose(rows[:, DETECTION_FEATURES.index("overlap_now")], 800 / 80_000)
+
+
 def test_borders_are_far_where_the_image_has_no_size() -> None:
     seen = seen_of([[[0, 0, 10, 20]]], size=None)
     table = dict(zip(DETECTION_FEATURES, detection_evidence(seen, np.zeros(1), np.zeros(1)).T, strict=True))

@@ -34,6 +34,12 @@ def test_score_and_status_may_be_missing(tmp_path):
     assert track.statuses == ("tracking",)
 
 
+def test_any_component_may_have_any_name(tmp_path):
+    (tmp_path / "s.csv").write_text("frame,id,x1,time\n2,7,3,0.5\n1,7,4,0.25\n")
+    (track,) = read_states(tmp_path / "s.csv")
+    assert (track.id, track.states.tolist()) == (7, [[4, 0.25], [3, 0.5]])
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [

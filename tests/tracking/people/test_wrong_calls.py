@@ -90,6 +90,7 @@ def test_a_detector_takes_images(images: Any) -> None:
     "make",
     [
         lambda: Sort(SortSettings(min_iou=NAN)),
+        lambda: Sort(min_iou=NAN),
         lambda: Sort(SortSettings(lifecycle=LifecycleSettings(start_score=NAN))),
         lambda: Sort(SortSettings(lifecycle=LifecycleSettings(max_age=NAN))),  # type: ignore[arg-type]
         lambda: ByteTrack(ByteTrackSettings(high_score=NAN)),
