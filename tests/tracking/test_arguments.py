@@ -31,7 +31,7 @@ def good(folder: Path) -> dict[str, dict[str, Any]]:
     """Arguments of each public function with which it works, or ends at a file that is not there."""
     missing, out = folder / "missing", folder / "out"
     return {
-        "as_detections": {"found": FOUND[0]},
+        "as_detections": {"detections": FOUND[0]},
         "batch": {"command": "track people", "sources": missing, "out": out},
         "calibrate_people": {"sources": [missing, missing]},
         "check_cameras": {"given": [], "found": NOTHING},
