@@ -68,10 +68,10 @@ def read_states(path: Path, fields: Sequence[str] | None = None) -> list[BodyTra
             f"{path}: expected an id once in a frame, got id {ids[row]} twice in frame {frames[row] + 1}"
         )
     scores = [finite_number(path, line, "score", one.get("score") or "1") for line, one in table.rows]
-    states, score, status = table.numbers(wanted), np.array(scores), np.array(statuses)
+    states, score, every_status = table.numbers(wanted), np.array(scores), np.array(statuses)
     rows = np.argsort(frames, kind="stable")
     parts = [rows[part] for part in rows_of_each(ids[rows])]
-    return [BodyTrack(int(ids[p[0]]), frames[p], states[p], score[p], tuple(status[p].tolist())) for p in parts]
+    return [BodyTrack(int(ids[p[0]]), frames[p], states[p], score[p], tuple(every_status[p].tolist())) for p in parts]
 
 
 FOLDER = "silhouettes"
