@@ -66,7 +66,7 @@ def adjusted(settings: S | None, kind: type[S], given: Mapping[str, Any]) -> S:
     types = get_type_hints(LifecycleSettings) | get_type_hints(kind)
     own = {one.name for one in fields(old)}
     if unknown := given.keys() - types.keys():
-        raise TypeError(f"expected settings of {kind.__name__}, got {', '.join(sorted(unknown))}")
+        raise TypeError(f"expected the keywords {', '.join(types)}, got {', '.join(sorted(unknown))}")
     known = {k: check_argument(k, value, types[k], Parameter.empty) for k, value in given.items() if value is not None}
     life = {name: known.pop(name) for name in [*known] if name not in own}
     if life:

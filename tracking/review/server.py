@@ -86,6 +86,10 @@ class JpegFrames:
         except UnfitIndexError:
             self._seekable, self._next = None, self.length
             return self._image(frame)
+        except RunError:
+            self._next = self.length  # where frames break off the next one is read anew
+            raise
+        self._next = self.length
         raise RunError(f"{self._video.name}: frame {frame + 1} cannot be decoded")
 
 

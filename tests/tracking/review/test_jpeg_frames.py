@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.review.server import JpegFrames
 
 av = pytest.importorskip("av")
@@ -87,3 +87,16 @@ def test_a_source_without_pictures_is_refused(tmp_path):
     for name in ("a.txt", "b.mp4", "."):
         with pytest.raises(RequestError):
             JpegFrames(tmp_path / name)
+
+
+def test_one_broken_picture_leaves_the_others(tmp_path):
+    for number in range(6):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((24, 32, 3), 40 * number, np.uint8))
+    pictures = JpegFrames(tmp_path)
+    (tmp_path / "2.png").write_bytes(b"broken")
+    assert pictures.jpeg(1)
+    with pytest.raises(RunError):
+        pictures.jpeg(2)
+    assert cv2.imdecode(np.frombuffer(pictures.jpeg(3), np.uint8), cv2.IMREAD_GRAYSCALE).mean() == pytest.approx(
+        120, abs=2
+    )
