@@ -308,8 +308,8 @@ class AppearanceData(lightning.LightningDataModule):
     Args:
         train_folders: MOTChallenge sequences, or folders of them.
         train_frames: first and last frame of them, 1-based and both included; null for all.
-        validation_folders: likewise for validation; none validates on rendered people that training never sees.
-        validation_frames: likewise.
+        validation_folders: sequences to validate on; none validates on rendered people that training never uses.
+        validation_frames: first and last frame of these, 1-based and both included; null for all.
         least_visible: smallest visible share of a labelled box, in [0, 1].
         rendered: people of the generator among them.
         height: of the network's input, pixels.

@@ -163,7 +163,7 @@ class DetectionData(lightning.LightningDataModule):
         train: labelled video to learn from.
         val: labelled video to validate on.
         height: of the network's input, pixels.
-        width: likewise.
+        width: of the network's input, pixels.
         resize: how validation images are fitted into the input; as the exported model will.
         classes: names of those to learn, as the labels call them; ``person`` is people as a layout counts them.
         batch_size: images a step and device.

@@ -48,7 +48,7 @@ def simulate_detections(
         truth: labels.
         length: of the video, frames.
         width: of the images, pixels.
-        height: likewise.
+        height: of the images, pixels.
         faults: how the detector errs.
     """
     people = truth.select(truth.evaluated)

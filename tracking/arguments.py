@@ -179,7 +179,7 @@ def check_sensible(name: str, value: Any, default: Any) -> None:
     Args:
         name: of the argument, with those above it before dots; empty where it is given by place.
         value: a number or a text; settings and lists are checked inside.
-        default: likewise.
+        default: of the argument, of the same kind.
 
     Raises:
         RequestError: it is of no use.

@@ -46,7 +46,7 @@ class ModelCard:
         name: architecture, for people to read.
         class_names: what each output class means, without the background; for affinities the feature names.
         input_height: of the network's input, pixels; 0 where the input is no image.
-        input_width: likewise.
+        input_width: of the network's input, pixels; 0 where the input is no image.
         resize: ``letterbox`` keeps the aspect ratio and pads right and below with the mean, ``stretch`` does not.
         layout: ``NCHW`` for images, ``NF`` for feature rows.
         colour_order: ``RGB``.

@@ -27,7 +27,7 @@ class FlowPair:
 
     Attributes:
         first: ``(H, W, 3)`` uint8 RGB.
-        second: likewise.
+        second: ``(H, W, 3)`` uint8 RGB.
         flow: ``(H, W, 2)`` float32, pixels to the right and down, of what shows in ``first``.
         inside: ``(H, W)`` what is still within the image in ``second``.
     """

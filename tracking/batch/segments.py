@@ -118,7 +118,7 @@ class SegmentPlan:
         gave: whether pictures there gave boxes of any class.
         beginning: detections by frame from the first on.
         stamps: of the video, see `SeekableVideo`.
-        times: likewise.
+        times: of its frames in seconds, see `SeekableVideo`.
     """
 
     parts: list[tuple[int, int]]

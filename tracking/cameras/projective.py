@@ -173,7 +173,7 @@ class Camera(Protocol):
 
     Attributes:
         width: of the image, pixels.
-        height: likewise.
+        height: of the image, pixels.
         position: ``(3,)`` of the optical centre in the world, metres.
     """
 

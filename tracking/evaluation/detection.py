@@ -37,7 +37,7 @@ class DetectionScores:
     Attributes:
         average_precision: area under the precision envelope, in [0, 1].
         recall: ``(K,)`` after each counted detection from the best score down.
-        precision: ``(K,)`` likewise.
+        precision: ``(K,)`` after each of them.
         scores: ``(K,)`` of the counted detections, falling.
         boxes: number of labelled boxes that count.
         best_f1: largest harmonic mean of recall and precision over all score thresholds.

@@ -31,11 +31,11 @@ class OnFloorScores:
 
     Attributes:
         idf1: of identities, within `distance`.
-        mota: likewise.
+        mota: of tracks, within `distance`.
         hota: over the thresholds of similarity.
         switches: changes of identity.
         moda: of detections, within `near`.
-        modp: likewise.
+        modp: precision of places of detections, within `near`.
         recall: share of the true places reported within `near`.
         precision: share of the results that are right there.
         gospa: mean over the moments.

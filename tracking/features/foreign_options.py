@@ -55,7 +55,7 @@ class DetectorOptions:
         scores: what the class values are: ``probabilities``, or logits of a ``sigmoid`` a class or, in layouts detr and
             corners, of one ``softmax`` with a class for no object.
         height: of the input, pixels, where the file leaves it open.
-        width: likewise.
+        width: of the input, pixels, where the file leaves it open.
         resize: how pictures are fitted into the input.
         colour: order of the channels.
         pixels: ``unit`` for values in [0, 1], ``bytes`` for values in [0, 255].
@@ -87,7 +87,7 @@ class AppearanceOptions:
 
     Attributes:
         height: of the input, pixels, where the file leaves it open.
-        width: likewise.
+        width: of the input, pixels, where the file leaves it open.
         colour: order of the channels.
         pixels: ``unit`` for values in [0, 1], ``bytes`` for values in [0, 255].
         mean: subtracted from the channels after that.

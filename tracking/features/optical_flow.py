@@ -189,7 +189,7 @@ def dis_flow(first: Grey, second: Grey, preset: int = cv2.DISOPTICAL_FLOW_PRESET
 
     Args:
         first: ``(H, W)`` uint8.
-        second: likewise.
+        second: ``(H, W)`` uint8.
         preset: of OpenCV; the more careful, the slower.
     """
     start: Any = None

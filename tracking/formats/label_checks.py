@@ -135,7 +135,7 @@ def compare_with_labels(where: str | Path, right: int, boxes: FloatArray, labels
         where: they were read, for the message.
         right: number of those that are on a label.
         boxes: ``(N, 4)`` pixels, of those that count.
-        labels: ``(M, 4)`` likewise.
+        labels: ``(M, 4)`` pixels, of the labelled boxes.
     """
     if right >= RARE * min(len(boxes), len(labels)):
         return

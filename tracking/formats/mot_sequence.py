@@ -27,7 +27,7 @@ class MotSequence:
         frame_rate: frames per second.
         length: number of frames; 0 where neither ``seqinfo.ini`` nor images tell.
         width: of the images, pixels; 0 where unknown.
-        height: likewise.
+        height: of the images, pixels; 0 where unknown.
         images: one path a frame, empty where the sequence is text only.
         rate_missing: ``seqinfo.ini`` does not say the frame rate, and 25 are taken.
     """

@@ -42,7 +42,7 @@ class Passages:
     Attributes:
         view: ``(N,)`` number of the result that each is of.
         begin: ``(N,)`` seconds of the common clock.
-        end: ``(N,)`` likewise.
+        end: ``(N,)`` seconds of the common clock.
         entry: ``(N, 2)`` where it begins, as shares of the picture.
         exit: ``(N, 2)`` where it ends.
         features: ``(N, D)`` appearance of unit length, zeros where it is not known.

@@ -104,7 +104,7 @@ class LifecycleTracker(Generic[S]):
         seed: taken as by all trackers; nothing is drawn.
 
     Attributes:
-        settings: likewise.
+        settings: of the method.
         bad: boxes that are none, and left out.
     """
 

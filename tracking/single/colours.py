@@ -148,7 +148,7 @@ def shift_response(
     Args:
         probabilities: from `PixelColour.probabilities` of a patch whose middle is shift zero.
         width: of the target, patch pixels.
-        height: likewise.
+        height: of the same, patch pixels.
         shape: rows and columns of the response.
         cell: side of a cell, patch pixels.
 
@@ -167,7 +167,7 @@ def size_contrast(probabilities: Float32Array, width: float, height: float, fact
     Args:
         probabilities: from `PixelColour.probabilities`.
         width: of the box, patch pixels.
-        height: likewise.
+        height: of the same, patch pixels.
         factors: ``(S,)`` on width and height, > 0.
 
     Returns:
@@ -189,7 +189,7 @@ def coloured_area(probabilities: Float32Array, width: float, height: float) -> f
     Args:
         probabilities: from `PixelColour.probabilities`.
         width: of the target's box, patch pixels; pixels within twice its sides count.
-        height: likewise.
+        height: of the same, patch pixels.
     """
     rows, columns = probabilities.shape
     across, down = round(width / STEP), round(height / STEP)

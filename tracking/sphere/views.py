@@ -65,7 +65,7 @@ class PolarMaps:
 
     Attributes:
         columns: ``(R, N * A)`` float32, the angle fastest.
-        rows: likewise.
+        rows: ``(R, N * A)`` float32, the angle fastest.
         inside: ``(N, A)`` whether the whole ray lies in the image.
     """
 

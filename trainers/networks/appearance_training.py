@@ -31,7 +31,7 @@ class AppearanceTraining(Tested):
         feature_length: D of the features.
         dropout: share of the pooled values left out in training, in [0, 1).
         height: of the input, pixels.
-        width: likewise.
+        width: of the input, pixels.
         loss: ``softmax`` compares all views of a batch and is the one to start from scratch with; ``triplet`` and
             ``contrastive`` compare the hardest ones.
         margin: of ``triplet`` and ``contrastive``; the temperature of ``softmax``.

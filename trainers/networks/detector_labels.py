@@ -99,7 +99,7 @@ def anchors_for(
     Args:
         folder: a MOTChallenge sequence, or a folder of sequences.
         height: of the detector's input, pixels.
-        width: likewise.
+        width: of the detector's input, pixels.
         frames: first and last frame, 1-based and both included; by default all.
         resize: how images are fitted into the input.
         per_level: anchors at strides 8, 16, 32 and, with a fourth number, 64.

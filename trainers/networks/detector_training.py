@@ -78,7 +78,7 @@ class DetectorTraining(Tested):
         start: checkpoint of another detector training, exported detector, or name of a shipped one, whose weights are
             taken over where their shapes fit.
         height: of the input, pixels.
-        width: likewise.
+        width: of the input, pixels.
         resize: how images are fitted into the input.
         normalisation: of the channels; null is what the starting weights were trained with.
         anchors: of ``people``: for strides 8, 16, 32 and maybe 64 the ``[width, height]`` of its anchors in input

@@ -98,7 +98,7 @@ def rasterise(corners: FloatArray, depth: FloatArray, width: int, height: int) -
         corners: ``(T, 3, 2)`` pixels.
         depth: ``(T, 3)`` along the camera's axis; triangles that reach behind it are left out.
         width: of the picture.
-        height: likewise.
+        height: of the picture, pixels.
     """
     # Minima over an axis of three are slow; so are stacks of small arrays.
     first, second, third = corners[:, 0], corners[:, 1], corners[:, 2]

@@ -148,8 +148,8 @@ class PersonSkeleton:
         head: ``(3,)`` centre of the head.
         shoulder, elbow, wrist, fingers, hip, knee, ankle, toe: ``(2, 3)``.
         pelvis_axes: ``(3, 3)`` columns forward, left, up.
-        trunk_axes: ``(3, 3)`` likewise.
-        head_axes: ``(3, 3)`` likewise.
+        trunk_axes: ``(3, 3)`` columns forward, left, up.
+        head_axes: ``(3, 3)`` columns forward, left, up.
     """
 
     def __init__(self, build: Build, pose: Pose, position: FloatArray, heading: float) -> None:
