@@ -52,7 +52,7 @@ class FlowCosts:
         entry: cost of a track's start, c_entr.
         exit: cost of a track's end, c_exit.
         rounds: how often costs are computed along tracks at most; 0 keeps the costs of pairs.
-        places: change both by the places where tracks begin and end (`places`); otherwise all places are alike.
+        places: starts and ends cost by where tracks begin and end (`places`); otherwise all places are alike.
     """
 
     link: LinkCost = field(default_factory=LinkCost)

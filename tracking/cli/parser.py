@@ -396,6 +396,8 @@ def _help(option: Option) -> str:
         return text
     if default is MISSING:
         return f"{text} (required)"
+    if default is True:
+        return f"{text} (on by default; =false turns it off)"
     if default in (None, "") or isinstance(default, bool) or dataclasses.is_dataclass(default):
         return text
     return f"{text} (default: {','.join(map(str, default)) if isinstance(default, tuple | list) else default})"

@@ -20,10 +20,12 @@ class Filter:
     Attributes:
         max_age: frames.
         gain: of it.
+        smooth: also smooth.
     """
 
     max_age: int = 3
     gain: float = 0.5
+    smooth: bool = True
 
     def __post_init__(self) -> None:
         if self.gain < 0:
@@ -192,5 +194,7 @@ def test_help_names_every_option_with_its_default() -> None:
 def test_settings_are_shown_when_everything_is_asked_for() -> None:
     assert "--filter.max-age" not in help_text()
     assert "--filter.max-age N frames (default: 3)" in help_text("--help-all")
+    assert "--filter.smooth also smooth (on by default; =false turns it off)" in help_text("--help-all")
+    assert parsed("video", "result", "--out", "o", "--filter.smooth=false")["filter"].smooth is False
     with pytest.raises(SystemExit):
         parsed("--help-all")
