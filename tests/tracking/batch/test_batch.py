@@ -151,9 +151,13 @@ def test_the_same_command_goes_on_after_a_kill(
     assert main(["batch", "status", str(out)]) == 0
     assert capsys.readouterr().out.startswith("not running: 0 of 1 videos done, 1 begun")
     assert main(words) == 0
-    assert 15 <= count(out, "detect") <= 17
+    # The worker may finish a segment after its driver was killed: no journal names that one, and it is kept, too.
+    assert 14 <= count(out, "detect") <= 17
     assert main(["batch", "status", str(out)]) == 0
     assert "1 of 1 videos done" in capsys.readouterr().out
+    alone = ["track", "people", str(videos / "pictures"), *networks, "--view", "1", "--out", str(tmp_path / "alone")]
+    assert main(alone) == 0
+    assert (out / "pictures/tracks.txt").read_bytes() == (tmp_path / "alone/tracks.txt").read_bytes()
 
 
 def count(out: Path, kind: str) -> int:
