@@ -165,8 +165,7 @@ def calibrate_people(
             camera sees too few together with the others.
     """
     if not 0.3 < person_height < 3:
-        got = f"{person_height}, {HEIGHT_SPREAD}"
-        raise RequestError(f"expected a person's height in metres and its spread, got {got}")
+        raise RequestError(f"expected a person's height in metres, got {person_height}")
     if not sources:
         raise RequestError("expected a source or more, got none")
     rates = rates_of(frame_rates, len(sources))

@@ -40,7 +40,7 @@ from tsuiseki.tracking.cameras.lens_fitting import (
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalLens
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.formats.rows import read_text
+from tsuiseki.tracking.formats.rows import read_text, refusing
 from tsuiseki.tracking.types import FloatArray
 
 # What programs call the same things.
@@ -210,11 +210,8 @@ def _first(path: Path, content: dict[str, Any], names: Sequence[str]) -> FloatAr
     value = next((content[name] for name in names if content.get(name) is not None), None)
     if value is None:
         return None
-    try:
-        numbers = np.asarray(value["data"] if isinstance(value, dict) else value, dtype=np.float64)
-    except (TypeError, ValueError, KeyError) as error:
-        raise RequestError(f"{path}: expected numbers in matrix, coefficients and size, got something else") from error
-    return numbers
+    with refusing(f"{path}: expected numbers in matrix, coefficients and size, got something else"):
+        return np.asarray(value["data"] if isinstance(value, dict) else value, dtype=np.float64)
 
 
 def _content(path: Path) -> dict[str, Any]:

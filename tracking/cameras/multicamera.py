@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -28,7 +27,6 @@ from tsuiseki.tracking.formats.rows import (
     finite_number,
     read_named_rows,
     read_text,
-    whole_number,
 )
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
@@ -103,30 +101,29 @@ def read_standing(path: Path, length: int | None = None, step: int = 1) -> list[
         RequestError: a column is missing, a value is no number, a box has no area, or a frame lies beyond the length.
     """
     table = read_named_rows(path, "a CSV of detections", ("frame", *CORNERS))
-    numbers = [whole_number(path, line, "frame", row["frame"], 0, LAST_FRAME) for line, row in table.rows]
-    first = 0 if 0 in numbers else 1
-    frames = (np.array(numbers, dtype=np.int64) - first) // step
+    numbers = table.whole_numbers("frame", 0, LAST_FRAME)
+    frames = (numbers - (0 if 0 in numbers else 1)) // step
     last = int(frames.max(initial=-1)) + 1
     if length is not None and last > length:
         raise RequestError(f"{path}: expected frames up to {length}, got {last}; are these boxes of another video?")
-    boxes = _numbers(table, CORNERS)
+    boxes = table.numbers(CORNERS)
     flat = np.flatnonzero((boxes[:, 2:] <= boxes[:, :2]).any(axis=1))
     if len(flat):
         raise RequestError(f"{path}:{table.rows[flat[0]][0]}: expected x1 < x2 and y1 < y2, got {boxes[flat[0]]}")
-    scores = _numbers(table, ("score",))[:, 0] if "score" in table.names else np.ones(len(boxes))
+    scores = table.numbers(("score",))[:, 0] if "score" in table.names else np.ones(len(boxes))
     ankles = set(ANKLES) <= set(table.names)
-    feet = _numbers(table, ANKLES, empty=True) if ankles else np.full((len(boxes), 2), np.nan)
+    feet = _ankles(table) if ankles else np.full((len(boxes), 2), np.nan)
     own = [frames == frame for frame in range(last if length is None else length)]
     return [StandingPeople(Detections(boxes[rows], scores[rows]), feet[rows]) for rows in own]
 
 
-def _numbers(table: NamedRows, names: Sequence[str], empty: bool = False) -> FloatArray:
-    """``(N, C)`` the cells of columns; with ``empty`` NaN where there is nothing."""
+def _ankles(table: NamedRows) -> FloatArray:
+    """``(N, 2)`` the ankles, NaN where there is nothing."""
     values = [
-        [np.nan if empty and not row[name] else finite_number(table.path, line, name, row[name]) for name in names]
+        [finite_number(table.path, line, name, row[name]) if row[name] else np.nan for name in ANKLES]
         for line, row in table.rows
     ]
-    return np.array(values).reshape(-1, len(names))
+    return np.array(values).reshape(-1, len(ANKLES))
 
 
 def is_floor_folder(path: Path) -> bool:
@@ -174,12 +171,12 @@ def _truth(
     table = read_named_rows(path, "a CSV of places", (when, who, *where))
     if not table.rows and not empty:
         raise RequestError(f"{path}: expected rows of places, found none")
-    times = (_numbers(table, (when,))[:, 0] - first) / rate
-    ids = np.array([whole_number(path, line, who, row[who]) for line, row in table.rows], dtype=np.int64)
+    times = (table.numbers((when,))[:, 0] - first) / rate
+    ids = table.whole_numbers(who)
     _, counts = np.unique(np.stack([times, ids.astype(np.float64)]), axis=1, return_counts=True)
     if (counts > 1).any():
         raise RequestError(f"{path}: expected each {who} once at a time, got one twice")
-    return PlacedTruth(times, ids, _numbers(table, where))
+    return PlacedTruth(times, ids, table.numbers(where))
 
 
 def _read_wildtrack(path: Path) -> FloorFolder:

@@ -27,6 +27,7 @@ import numpy as np
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.geometry import areas, intersections
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
+from tsuiseki.tracking.types.tracks import rows_of_each
 
 NUMBERS = ("log_focal", "x", "y", "tilt", "roll", "log_height", "turn", "east", "north", "offset", "drift")
 LENS, PLACE, OFFSET, DRIFT = slice(0, 6), slice(6, 9), 9, 10
@@ -102,8 +103,7 @@ def view_of(
 def _covered(frames: IntArray, boxes: FloatArray) -> BoolArray:
     """``(N,)`` boxes of which somebody nearer may hide the feet."""
     hidden = np.zeros(len(frames), dtype=np.bool_)
-    order = np.argsort(frames, kind="stable")
-    for rows in np.split(order, np.flatnonzero(np.diff(frames[order])) + 1):
+    for rows in rows_of_each(frames):
         own = boxes[rows]
         shared = intersections(own[:, None], own[None]) * (own[None, :, 3] > own[:, None, 3])
         hidden[rows] = shared.max(axis=1, initial=0.0) / areas(own) > COVERED

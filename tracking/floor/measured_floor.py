@@ -14,6 +14,7 @@ from tsuiseki.tracking.cameras.multicamera import StandingPeople
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.floor.foot_points import expected_boxes, on_floor
 from tsuiseki.tracking.formats.world_tables import FloorPositions, check_names
+from tsuiseki.tracking.geometry import intersections
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.video.synchronise import Moment, align, default_tolerance
 
@@ -133,10 +134,8 @@ class SensorView:
         area = np.prod(expected[:, 2:] - expected[:, :2], axis=1)
         inside = np.clip(expected, 0.0, [camera.width, camera.height] * 2)
         in_view = np.prod(inside[:, 2:] - inside[:, :2], axis=1)
-        boxes = self.boxes[moment]
-        low = np.maximum(inside[:, None, :2], boxes[..., :2])
-        high = np.minimum(inside[:, None, 2:], boxes[..., 2:])
-        shared = np.prod(np.maximum(high - low, 0.0), axis=2) * (self.nearness[moment] < distance[:, None] - NEARER)
+        nearer = self.nearness[moment] < distance[:, None] - NEARER
+        shared = intersections(inside[:, None], self.boxes[moment]) * nearer
         with np.errstate(invalid="ignore", divide="ignore"):
             hidden = np.minimum(np.nan_to_num(shared).sum(axis=1) / np.maximum(in_view, 1e-9), HIDDEN_BY)
             share = np.nan_to_num(in_view / area) * (1.0 - np.nan_to_num(hidden))

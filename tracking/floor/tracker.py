@@ -107,21 +107,26 @@ def _states(nodes: PersonNodes, own: IntArray, around: Expectations) -> tuple[In
 
 def _solved(measured: MeasuredFloor) -> tuple[PersonNodes, IntArray, Expectations]:
     """The groups, ``(G,)`` the track of each, from 0, or -1, and every track from its first to its last node."""
-    times, rates, expected = measured.times, measured.rates, None
+    times, rates, views = measured.times, measured.rates, measured.views
+    expected, visible = None, np.empty((0, len(views)))
     for _ in range(ROUNDS):
-        nodes, track = _grouped(measured, rates, expected)
+        nodes, track = _grouped(measured, rates, expected, visible)
         ahead, behind, _ = _passes(nodes, track, times, 0)
         label = _linked(measured.points, nodes, ahead, behind, times)
         *_, expected = _passes(nodes, label, times, BEYOND)
-        rates = _learnt(measured, nodes, label, expected, rates)
+        visible = shares(views, expected.moment, expected.states.mean[:, :2])
+        rates = _learnt(measured, nodes, label, expected, rates, visible)
     assert expected is not None
     return nodes, label, expected
 
 
 def _grouped(
-    measured: MeasuredFloor, rates: SensorRates, expected: Expectations | None
+    measured: MeasuredFloor, rates: SensorRates, expected: Expectations | None, visible: FloatArray
 ) -> tuple[PersonNodes, IntArray]:
-    """The groups of all moments, and ``(G,)`` the track that each goes on with, -1 for none."""
+    """The groups of all moments, and ``(G,)`` the track that each goes on with, -1 for none.
+
+    ``(E, S)`` shares of the expected people are ``visible`` to the sensors.
+    """
     points, moments = measured.points, len(measured.moments)
     chance = rates.detected(points.visible)
     missed = np.log(1.0 - chance)
@@ -131,7 +136,7 @@ def _grouped(
     known, numbers, ends = None, np.empty(0, np.int64), np.zeros(moments + 1, np.int64)
     if expected is not None:
         mean, covariance = expected.states.mean[:, :2], expected.states.covariance[:, :2, :2]
-        away = np.log(1.0 - rates.detected(shares(measured.views, expected.moment, mean)))
+        away = np.log(1.0 - rates.detected(visible))
         ends = np.searchsorted(expected.moment, np.arange(moments + 1))
     parts: list[PersonNodes] = []
     tracks: list[IntArray] = []
@@ -285,9 +290,14 @@ def _candidates(nodes: PersonNodes, times: FloatArray) -> tuple[IntArray, IntArr
 
 
 def _learnt(
-    measured: MeasuredFloor, nodes: PersonNodes, label: IntArray, expected: Expectations, rates: SensorRates
+    measured: MeasuredFloor,
+    nodes: PersonNodes,
+    label: IntArray,
+    expected: Expectations,
+    rates: SensorRates,
+    visible: FloatArray,
 ) -> SensorRates:
-    """The rates as the tracks say: detections over what could be detected, and false positives."""
+    """The rates as the tracks say: detections over what could be detected, and false positives; see `_grouped`."""
     points, views = measured.points, measured.views
     track = label[nodes.node]
     used = track >= 0
@@ -300,7 +310,7 @@ def _learnt(
     known = key[at] == wanted[: len(at)]
     hit = np.zeros((len(key), len(views)), dtype=np.bool_)
     hit[at[known], points.sensor[used][: len(at)][known]] = True
-    return rates.learnt(shares(views, expected.moment, expected.states.mean[:, :2]), hit, spurious)
+    return rates.learnt(visible, hit, spurious)
 
 
 def tracks_in(measured: MeasuredFloor, people: Sequence[PersonOnFloor], camera: int) -> list[Track]:

@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.formats.rows import NamedRows, Rows, read_named_rows, read_rows, whole_number, write_csv
+from tsuiseki.tracking.formats.rows import NamedRows, Rows, read_named_rows, read_rows, write_csv
 from tsuiseki.tracking.formats.sleap_hdf5 import is_hdf5, read_sleap_hdf5
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.tracks import PointTable
@@ -99,9 +99,9 @@ def _named(table: NamedRows, ends: tuple[str, str, str], frame: str, track: str,
     for n, (line, row) in enumerate(table.rows):
         for k, node in enumerate(nodes):
             values[n, k] = [_number(table.path, line, row.get(node + end, "")) for end in ends]
-    frames = [whole_number(table.path, line, frame, row[frame], first, LAST_FRAME) for line, row in table.rows]
+    frames = table.whole_numbers(frame, first, LAST_FRAME) - first
     names = tuple(row.get(track, "") for _, row in table.rows)
-    return PointTable(tuple(nodes), np.array(frames, np.int64) - first, names, values[:, :, :2], values[:, :, 2])
+    return PointTable(tuple(nodes), frames, names, values[:, :, :2], values[:, :, 2])
 
 
 def _deeplabcut(table: Rows) -> PointTable:

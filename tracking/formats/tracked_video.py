@@ -20,7 +20,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.class_choice import PERSON_NAMES
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.tracking.types.tracks import PointTable
+from tsuiseki.tracking.types.tracks import PointTable, rows_of_each
 
 Size: TypeAlias = tuple[int, int] | None
 BoxOfPicture: TypeAlias = tuple[int, tuple[int, str], Sequence[float], bool]
@@ -263,11 +263,11 @@ def tracks_of_rows(
             f"{path}: expected boxes with an area, got {boxes[row].tolist()} of id {ids[row]} in frame {frames[row]}, "
             "counted from 0"
         )
-    order = np.lexsort([frames, ids])
     if (twice := repeated(frames, ids)) is not None:
         raise RequestError(f"{path}: id {ids[twice]} stands twice in frame {frames[twice]}, counted from 0")
     observed, shift = np.array([row[4] for row in given], dtype=np.bool_), 1 if ids.min() == 0 else 0
-    parts = np.split(order, np.flatnonzero(np.diff(ids[order])) + 1)
+    order = np.argsort(frames, kind="stable")
+    parts = [order[part] for part in rows_of_each(ids[order])]
     names = sorted({name for _, name in classes.values()})
     found = []
     for p in parts:

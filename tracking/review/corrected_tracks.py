@@ -17,7 +17,7 @@ from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.review.correction_log import CorrectedVideo, Correction, read_corrections
 from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
-from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack
+from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, rows_of_each
 
 ROW = np.dtype([("frame", "<i4"), ("id", "<i4"), ("box", "<f4", 4), ("filled", "<i4")])
 Rows = NDArray[Any]
@@ -53,7 +53,7 @@ class Reporter:
         # Detections that were drawn come last, whatever their frames.
         used = used[np.lexsort((network.frames[used], ids[used]))]
         before, self._made = self._made, {}
-        for rows in np.split(used, np.flatnonzero(np.diff(ids[used])) + 1) if len(used) else []:
+        for rows in (used[part] for part in rows_of_each(ids[used])):
             number = int(ids[rows[0]])
             here = {n: box for n, box in shown.items() if ids[n] == number}
             key = number, rows.tobytes() + b"".join(str(n).encode() + box.tobytes() for n, box in here.items())

@@ -348,8 +348,7 @@ def _tracklet_graph(
     """Tracklets in place of detections, joins of their ends in place of links; an owner has half of one."""
     ends = Ends.of(labels)
     count = len(ends.track)
-    none = np.empty(0, dtype=np.int64)
-    i, j, cost, rows = none, none, np.empty(0), np.empty((0, len(JOIN_FEATURES)))
+    i, j, cost, rows = NONE, NONE, np.empty(0), np.empty((0, len(JOIN_FEATURES)))
     if count:
         link = replace(settings.costs.link, miss=MISS_OF_JOIN)
         parts = join_parts(table, labels, None, link)
@@ -369,7 +368,7 @@ def _tracklet_graph(
         j,
         rows,
         np.zeros(3 * count + len(i)),
-        none,
+        NONE,
     )
     # It is unknown what follows an ignored one.
     return labelled(without(graph, majority == IGNORED), all_used=True)
