@@ -255,9 +255,9 @@ def headed_by_labels(
         own = after[row]
         number = _nearest(np.array([p.place for p in own]), np.array([p.length for p in own]), points)
         if number is not None:
-            pose = after[row][number]
+            pose = own[number]
             same = ahead[0] * np.cos(pose.axis) + ahead[1] * np.sin(pose.axis) >= 0
-            after[row][number] = replace(pose, axis=pose.axis + (0.0 if same else np.pi), headed=True)
+            own[number] = replace(pose, axis=pose.axis + (0.0 if same else np.pi), headed=True)
     return after
 
 

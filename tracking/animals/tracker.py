@@ -210,5 +210,6 @@ def _remembered(
             step = 0.5 * old.step + 0.5 * (pose.core - old.core)
             new = replace(new, spread=spread, shift=shift, length=length, step=step)
         after.append(new)
-    missed = [one for i, one in enumerate(recent) if i not in {i for i, _ in pairs} and one.undetected < PATIENCE]
+    paired = {i for i, _ in pairs}
+    missed = [one for i, one in enumerate(recent) if i not in paired and one.undetected < PATIENCE]
     return after + [replace(one, step=np.zeros(2), undetected=one.undetected + 1) for one in missed]

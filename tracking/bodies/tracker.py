@@ -197,8 +197,6 @@ class DeformableTracker:
 
         They go on by their last step, whatever their motion: a random walk would expect a fast body where it was.
         """
-        if not self.targets:
-            return {}
         now, before = (
             np.array([getattr(t, name)[: self._columns] for t in self.targets]) for name in ("estimate", "before")
         )

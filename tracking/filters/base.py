@@ -155,16 +155,15 @@ def whole_frames(seconds: float) -> int:
     return count
 
 
-def bootstrap(motion: Motion, seconds: float = 1.0) -> Proposal[object]:
+def bootstrap(motion: Motion) -> Proposal[object]:
     """The motion model itself as proposal, equation (21): its correction is zero.
 
     Args:
-        motion: draws the next states.
-        seconds: from one observation to the next.
+        motion: draws the next states, one unit of its time later.
     """
 
     def propose(particles: FloatArray, observation: object, rng: np.random.Generator) -> tuple[FloatArray, FloatArray]:
         del observation
-        return motion(particles, seconds, rng), np.zeros(len(particles))
+        return motion(particles, 1.0, rng), np.zeros(len(particles))
 
     return propose

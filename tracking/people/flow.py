@@ -29,7 +29,7 @@ __all__ = ["FlowSettings", "FlowTracker"]
 class FlowTracker:
     """The cheapest set of tracks that explains all detections.
 
-    What a score is worth is learnt from the video (`score_calibration`), and the camera's motion is taken out
+    What a score is worth is learnt from the video (`video_evidence`), and the camera's motion is taken out
     (`camera_from_boxes`). The flow over detections is solved exactly (`network_flow`), in turn with the costs of its
     links by the motion along its tracks (`flow_rounds`). Its tracks are joined over longer gaps (`join`), weak ones
     are dropped, and gaps filled. Without a ``delay`` all this waits for the end (`whole_flow`); with one every frame is

@@ -19,7 +19,7 @@ from typing import Literal
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.geometry import clip_boxes, iou_matrix
+from tsuiseki.tracking.geometry import centres, clip_boxes, iou_matrix
 from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, ImageArray, IntArray, Track
 
 Style = Literal["pixelated", "filled"]
@@ -108,7 +108,7 @@ def places_of(track: Track, rate: float, size: tuple[int, int], last: int, heads
         boxes[:, 3] = boxes[:, 1] + HEAD * high
     boxes = clip_boxes(boxes + margin * [-1, -1, 1, 1], *size)
     ids = np.full(len(frames), track.id)
-    middle = (bare[:, :2] + bare[:, 2:]) / 2
+    middle = centres(bare)
     held[(held != 0) & ((middle < 0) | (middle > size)).any(axis=1)] = WEAK
     kept: BoolArray = np.all(boxes[:, 2:] > boxes[:, :2], axis=1)
     return Places(frames, boxes, ids, bare, held).select(kept)
@@ -127,7 +127,7 @@ def _velocity(frames: IntArray, boxes: FloatArray) -> FloatArray:
     """``(2,)`` pixels a frame of the middle of the boxes, by least squares; 0 for fewer than three."""
     if len(frames) < 3:
         return np.zeros(2)
-    middle, time = (boxes[:, :2] + boxes[:, 2:]) / 2, frames - frames.mean()
+    middle, time = centres(boxes), frames - frames.mean()
     slope: FloatArray = time @ middle / (time @ time)
     return slope
 

@@ -20,7 +20,7 @@ from tsuiseki.tracking.filters.kalman import (
     start_boxes,
     update_boxes,
 )
-from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import BadBoxes
 from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
 from tsuiseki.tracking.types.tracks import rows_of_each
@@ -263,7 +263,7 @@ def with_area(boxes: FloatArray) -> FloatArray:
     thin = (boxes[:, 2:] - boxes[:, :2]) < 1
     if not thin.any():
         return boxes
-    middle = (boxes[:, :2] + boxes[:, 2:]) / 2
+    middle = centres(boxes)
     return np.where(np.tile(thin, 2), np.concatenate([middle - 0.5, middle + 0.5], axis=1), boxes)
 
 

@@ -170,7 +170,7 @@ class PointTracker(BoxedSetTracker):
         """Take the detections of the next frame; its targets."""
         given = as_detections(detections)
         used = given.boxes[given.scores >= 0]
-        measured = np.concatenate([(used[:, :2] + used[:, 2:]) / 2, used[:, 2:] - used[:, :2]], axis=1)
+        measured = np.concatenate([box_centres(used), used[:, 2:] - used[:, :2]], axis=1)
         if self._filter is None and len(measured):
             self._filter = box_filter(self.settings, self._extent, float(np.median(measured[:, 3])))
         if self._filter is None:

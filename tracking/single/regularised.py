@@ -2,7 +2,7 @@
 
 It has three parts, each published on its own:
 
-* where the target is: a filter of the target alone in a wide window (`filters.regularised_correlation`: Li
+* where the target is: a filter of the target alone in a wide window (`filters.correlation_filters`: Li
   2018, Galoogahi 2017);
 * the colours of its pixels (`colours.PixelColour`: Bertinetto 2016);
 * how large it is: a filter over sizes (`filters.scale_filter`: Danelljan 2014).
@@ -185,7 +185,7 @@ class RegularisedTarget:
     Attributes:
         centre: ``(2,)`` pixels.
         size: relative to the first.
-        filters: see `regularised_correlation.learn`.
+        filters: see `correlation_filters.learn`.
         colour: of its pixels.
         sizes: the size filter; None where one size is tried.
         contrast_at: where the colours' contrast was greatest in the first frame, over the size of the box there.

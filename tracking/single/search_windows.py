@@ -92,7 +92,7 @@ class ResponseMaps:
     """Responses of F filters in W windows of one frame.
 
     Attributes:
-        maps: ``(W, F, rows, columns)`` over cyclic shifts, as :func:`correlation.respond` gives them.
+        maps: ``(W, F, rows, columns)`` over cyclic shifts, as :func:`correlation_filters.respond` gives them.
         centres: ``(W, 2)`` of the windows, pixels.
         cell: side of a cell, pixels.
     """

@@ -102,7 +102,7 @@ def find(
     detections = [found for _, found in inputs.detections()]
     seconds = (perf_counter() - begun) / max(len(detections), 1)
     scores = cost_of_scores(detector)
-    # Labels take straddling tracks of an uncalibrated detector for counter-examples (see `labels`); those of a
+    # Labels take straddling tracks of an uncalibrated detector for counter-examples (see `label`); those of a
     # calibrated one are dropped, as `track people` does.
     straddling = scores is not None
     tracker = people_tracker("flow", None, costs, 0, watched.open(), camera, scores=scores, drop_straddling=straddling)

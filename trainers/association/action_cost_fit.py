@@ -190,16 +190,15 @@ def fit_action_costs(
         table = list(video_observations(open_source(sequence.folder), observers, [key], cache))
         truth, size = read_ground_truth(sequence.ground_truth_path), (sequence.width, sequence.height)
         samples.append(link_samples(table, truth, sequence.frame_rate, size))
-        print(f"{sequence.folder.name}: {len(samples[-1].same)} links, {_summary(samples[-1:])}")
+        print(f"{sequence.folder.name}: {len(samples[-1].same)} links, {_summary(fit_action_cost(samples[-1:]))}")
     found = fit_action_cost(samples)
     term = {"weight": [*map(float, found.weight)], "neutral": [*map(float, found.neutral)]}
     content = {"drone": {"flow": {"costs": {"link": {"action": term}}}}}
     with output_file(out, overwrite=overwrite) as work:
         work.write_text(yaml.safe_dump(content), encoding="utf-8")
-    print(f"{out}: {_summary(samples)}")
+    print(f"{out}: {_summary(found)}")
 
 
-def _summary(samples: Sequence[LinkSamples]) -> str:
-    found = fit_action_cost(samples)
+def _summary(found: ActionCost) -> str:
     weights, neutral = ([f"{value:.2f}" for value in values] for values in (found.weight, found.neutral))
     return f"weight {', '.join(weights)}, neutral {', '.join(neutral)} (single detections, means along tracks)"

@@ -12,6 +12,7 @@ import numpy as np
 from tsuiseki.datamodules.labelled_images import picture_files, read_image
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
 from tsuiseki.tracking.association.assignment import assign_overlaps
+from tsuiseki.tracking.association.detection_tables import boxes_of_frames
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import owners_of
@@ -48,8 +49,9 @@ def labelled_sequences(folders: Sequence[Path], frame_rate: float = OTHER_RATE) 
         RequestError: nothing known is there, or an id stands twice in a frame.
     """
     for folder in folders:
+        sequences = _sequences(folder)
         for labelled in open_labelled(folder):
-            sequence = _sequence(folder, labelled.name)
+            sequence = next((one for one in sequences if one.name == labelled.name), None)
             truth = labelled.people()
             length = labelled.length or int(truth.frames.max(initial=-1)) + 1
             images = picture_files(labelled)
@@ -222,21 +224,19 @@ def check_video(video: DetectedVideo) -> None:
         raise RequestError(
             f"{video.name}: expected labels of people who count, got none; see columns 7 and 8 of gt.txt"
         )
-    counts = [len(one) for one in video.detections]
-    boxes = np.concatenate([one.boxes for one in video.detections]) if sum(counts) else np.empty((0, 4))
-    owners = owners_of(np.repeat(np.arange(len(counts)), counts), boxes, truth)
-    if len(boxes) and not (owners >= 0).any():
+    frames, boxes, _ = boxes_of_frames(video.detections)
+    if len(boxes) and not (owners_of(frames, boxes, truth) >= 0).any():
         raise RequestError(
             f"{video.name}: expected detections on labelled people, but none of {len(boxes)} overlaps one by half; are "
             "they of the same class, size and frames?"
         )
 
 
-def _sequence(folder: Path, name: str) -> MotSequence | None:
+def _sequences(folder: Path) -> list[MotSequence]:
     try:
-        return next((one for one in find_sequences(folder) if one.name == name), None)
+        return list(find_sequences(folder))
     except RequestError:
-        return None
+        return []
 
 
 def part_of(video: DetectedVideo, first: float, last: float) -> DetectedVideo:

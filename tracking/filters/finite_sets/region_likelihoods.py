@@ -21,7 +21,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from tsuiseki.tracking.features.colour_region import ColourImage, region_contrast
-from tsuiseki.tracking.filters.finite_sets.clusters import LabelledParticles, cluster_sizes, cluster_starts
+from tsuiseki.tracking.filters.finite_sets.clusters import (
+    LabelledParticles,
+    cluster_moments,
+    cluster_sizes,
+    cluster_starts,
+)
 from tsuiseki.tracking.filters.point_motion import SMALLEST_SIDE
 from tsuiseki.tracking.filters.resampling import logarithms
 from tsuiseki.tracking.geometry import grown, intersections
@@ -37,11 +42,7 @@ def boxes_of(states: FloatArray) -> FloatArray:
 def cluster_means(state: LabelledParticles) -> tuple[IntArray, FloatArray, FloatArray]:
     """Label, weight and mean state of each cluster."""
     starts = cluster_starts(state.labels)
-    if len(starts) == 0:
-        return np.empty(0, dtype=np.int64), np.empty(0), np.empty((0, 6))
-    masses = np.add.reduceat(state.weights, starts)
-    sums = np.add.reduceat(state.weights[:, None] * state.particles, starts, axis=0)
-    means = sums / np.maximum(masses, np.finfo(np.float64).tiny)[:, None]
+    masses, means = cluster_moments(state, starts)
     means[:, 4:] = np.maximum(means[:, 4:], SMALLEST_SIDE)
     return state.labels[starts], masses, means
 
