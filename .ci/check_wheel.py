@@ -16,13 +16,10 @@ MOST_MODEL_BYTES = 40 * 2**20
 
 def expected_files() -> set[str]:
     """The files of the repository that must be in the wheel, by their path there."""
-    suffixes = {".py", ".onnx", ".json", ".yaml", ".typed", ".html", ".css", ".js", ".svg"}
-    return {
-        f"tsuiseki/{path.relative_to(REPOSITORY).as_posix()}".replace("tsuiseki/tracking/front/", "tsuiseki/")
-        for folder in FOLDERS
-        for path in (REPOSITORY / folder).rglob("*")
-        if path.is_file() and path.suffix in suffixes
-    }
+    suffixes = {".py", ".onnx", ".json", ".yaml", ".html", ".css", ".js", ".svg"}
+    found = (path for folder in FOLDERS for path in (REPOSITORY / folder).rglob("*") if path.suffix in suffixes)
+    top = {f"tsuiseki/{path.name}" for path in (REPOSITORY / "src/tsuiseki").iterdir() if path.is_file()}
+    return top | {f"tsuiseki/{path.relative_to(REPOSITORY).as_posix()}" for path in found if path.is_file()}
 
 
 def build(folder: Path) -> Path:

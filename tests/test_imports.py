@@ -30,7 +30,7 @@ LAYERS = ("errors", "arguments", "output", "weights", "types", "geometry", "opti
           "preprocessing", "interchange", "formats", "video", "stages", "cameras", "features", "filters",
           "association", "evaluation", "report", "result", "cli", "following", "review", "answers",
           "single", "people", "drone", "fisheye", "animals",
-          "bodies", "points", "sphere", "floor", "linking", "batch", "calibrate", "demo", "front")  # fmt: skip
+          "bodies", "points", "sphere", "floor", "linking", "batch", "calibrate", "demo")  # fmt: skip
 TORCH_FREE = ("tracking", "datamodules/scenes", *(f"datamodules/{name}.py" for name in (
     "labelled_images", "identity_crops", "action_crops", "training_images")))  # fmt: skip
 

@@ -1,10 +1,9 @@
-"""The packaging holds together: every package is listed, the type checkers see what runs, data files ship."""
+"""The packaging holds together: the package is its folders, data files ship."""
 
 from __future__ import annotations
 
 import importlib.resources
 import json
-import tomllib
 from pathlib import Path
 
 import onnx
@@ -15,25 +14,10 @@ REPOSITORY = Path(__file__).resolve().parent.parent
 FOLDERS = ("configs", "datamodules", "models", "tracking", "trainers")
 
 
-def test_every_package_on_disk_is_listed():
-    configuration = tomllib.loads((REPOSITORY / "pyproject.toml").read_text(encoding="utf-8"))
-    listed = set(configuration["tool"]["setuptools"]["packages"])
-    on_disk = {
-        "tsuiseki." + ".".join(path.parent.relative_to(REPOSITORY).parts)
-        for folder in FOLDERS
-        for path in (REPOSITORY / folder).rglob("__init__.py")
-    }
-    # The front installs as the top level itself.
-    assert listed == on_disk - {"tsuiseki.tracking.front"} | {"tsuiseki"}
-
-
-def test_type_checkers_see_the_files_that_run():
+def test_the_package_is_its_folders():
+    """`src/tsuiseki` links to the folders at the top, so that installers, editors and type checkers see one tree."""
     for folder in FOLDERS:
-        assert (REPOSITORY / ".types" / "tsuiseki" / folder).resolve() == (REPOSITORY / folder).resolve()
-    front = REPOSITORY / "tracking" / "front"
-    for path in front.iterdir():
-        if path.is_file():
-            assert (REPOSITORY / ".types" / "tsuiseki" / path.name).resolve() == path.resolve()
+        assert (REPOSITORY / "src" / "tsuiseki" / folder).resolve() == REPOSITORY / folder
 
 
 def test_configurations_are_package_data():

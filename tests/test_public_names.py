@@ -14,13 +14,13 @@ import pytest
 import tsuiseki
 from tsuiseki.tracking.people.tracking import PeopleKeywords, _opened
 
-SOURCE = Path(__file__).resolve().parents[3] / "tracking" / "front" / "__init__.py"
+STUB = Path(tsuiseki.__file__).with_suffix(".pyi")
 
 
 def test_every_public_name_loads() -> None:
     for name in tsuiseki.__all__:
         assert getattr(tsuiseki, name) is not None
-    assert dir(tsuiseki) == tsuiseki.__all__
+    assert sorted(dir(tsuiseki)) == sorted(tsuiseki.__all__)
     assert tsuiseki.__version__ == metadata.version("tsuiseki")
 
 
@@ -39,13 +39,12 @@ def test_every_tracker_and_every_function_that_tracks_takes_a_seed() -> None:
 
 
 def test_an_unknown_name_is_an_attribute_error() -> None:
-    with pytest.raises(AttributeError, match="no attribute 'track_peeple'"):
+    with pytest.raises(AttributeError, match="attribute track_peeple"):
         tsuiseki.track_peeple  # noqa: B018
 
 
 def test_type_checkers_see_the_names_that_there_are() -> None:
-    (guarded,) = (node for node in ast.parse(SOURCE.read_text(encoding="utf-8")).body if isinstance(node, ast.If))
-    imports = [node for node in guarded.body if isinstance(node, ast.ImportFrom)]
+    imports = [node for node in ast.parse(STUB.read_text(encoding="utf-8")).body if isinstance(node, ast.ImportFrom)]
     # Only `import A as A` hands a name on, for a type checker.
     assert all(alias.asname == alias.name for node in imports for alias in node.names)
     assert set(tsuiseki.__all__) == {*(alias.name for node in imports for alias in node.names), "__version__"}

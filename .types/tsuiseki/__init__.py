@@ -1,1 +1,0 @@
-../../tracking/front/__init__.py
