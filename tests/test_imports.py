@@ -28,9 +28,9 @@ ALLOWED = {
 # Inside `tracking` a module imports only what stands before it here.
 LAYERS = ("errors", "arguments", "output", "weights", "types", "geometry", "options", "processes", "devices", "onnx",
           "preprocessing", "interchange", "formats", "video", "stages", "cameras", "features", "filters",
-          "association", "evaluation", "report", "result", "cli", "following", "review", "answers",
+          "association", "evaluation", "report", "result", "runs", "review", "answers",
           "single", "people", "drone", "fisheye", "animals",
-          "bodies", "points", "sphere", "floor", "linking", "batch", "calibrate", "demo")  # fmt: skip
+          "bodies", "points", "sphere", "floor", "linking", "cli", "batch", "calibrate", "demo")  # fmt: skip
 TORCH_FREE = ("tracking", "datamodules/scenes", *(f"datamodules/{name}.py" for name in (
     "labelled_images", "identity_crops", "action_crops", "training_images")))  # fmt: skip
 

@@ -23,10 +23,8 @@ from tsuiseki.tracking.animals.skeleton import (
 from tsuiseki.tracking.animals.tracker import AnimalTracker
 from tsuiseki.tracking.answers.page import with_page
 from tsuiseki.tracking.answers.scene import Scene
-from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
-from tsuiseki.tracking.following import Video
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.formats.result_folder import POINTS
 from tsuiseki.tracking.people.tracking import check_corrections, correction_files
@@ -34,6 +32,8 @@ from tsuiseki.tracking.report.overlay import draw_marks
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.review.corrected_tracks import corrected_bodies
 from tsuiseki.tracking.review.session import SOLVED_STATES, STATES_FILE
+from tsuiseki.tracking.runs.following import Video
+from tsuiseki.tracking.runs.run import Output
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable, boxes_about
@@ -219,7 +219,7 @@ def animals(video: Video, output: Output, skeleton: SkeletonSettings, choice: An
     with its plots and numbers in report/, run.json and, with --overlay, overlay.webm; with --points or --labels also
     points.sleap.csv and points.dlc.csv, and points.sleap.h5 where h5py is installed.
     """
-    from tsuiseki.tracking.following import count
+    from tsuiseki.tracking.runs.following import count
 
     source = video.open(images=True, replayable=True, timed=True)
     table = skeleton.table()

@@ -10,10 +10,10 @@ from typing import Any
 
 from tsuiseki.tracking.answers.scene import Scene, scene_of, scene_text
 from tsuiseki.tracking.answers.settings import CountSettings
-from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.report.drawing import drawn_on
+from tsuiseki.tracking.runs.run import Output
 
 SCENE_FILE = OutputFile(out=Path("scene.yaml"))
 

@@ -22,11 +22,11 @@ from tsuiseki.tracking.batch.sources import jobs_of
 from tsuiseki.tracking.batch.tasks import TOKEN, Doing
 from tsuiseki.tracking.cli.commands import EVALUATE, TRACK
 from tsuiseki.tracking.cli.parser import Option, arguments_of, documentation, options_of, parse, plain, read
-from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.output import held, whole_file, writable
 from tsuiseki.tracking.report.page import html_page, html_table, listing, section
+from tsuiseki.tracking.runs.run import Output
 
 SOURCES = (
     "videos, folders of them, globs, addresses that fsspec reads (s3://, gs://, https://), or manifests: CSV or YAML "

@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.cli.run import Run
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.standing_camera import StandingCamera
@@ -27,6 +26,7 @@ from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 from tsuiseki.tracking.people.tracker import PeopleTracker
 from tsuiseki.tracking.people.tracking import OpenedPeople, open_people
+from tsuiseki.tracking.runs.run import Run
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray
 from tsuiseki.tracking.video.image_folder import ImageFolder

@@ -24,9 +24,9 @@ from tsuiseki.tracking.batch.continuous import GivenTracks, join_files, joined_t
 from tsuiseki.tracking.batch.jobs import STATE, Job, Place, key_of, settings_of
 from tsuiseki.tracking.batch.segments import PLAN, SegmentPlan, again, cut, detect_segment
 from tsuiseki.tracking.batch.sources import fetch
-from tsuiseki.tracking.cli.ending import LATE, ended, message_of
 from tsuiseki.tracking.cli.parser import options_of
 from tsuiseki.tracking.errors import RequestError, RunError, explained
+from tsuiseki.tracking.runs.ending import LATE, ended, message_of
 from tsuiseki.tracking.video.source import UnfitIndexError
 
 Kind = Literal["begin", "detect", "join", "finish", "whole"]

@@ -20,13 +20,13 @@ from tsuiseki.tracking.bodies.settings import (
     starting_states,
 )
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
-from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import StandingOut, video_background
 from tsuiseki.tracking.features.colour_region import parse_colour
-from tsuiseki.tracking.following import Video
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.runs.following import Video
+from tsuiseki.tracking.runs.run import SeededOutput
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray, as_numbers
 from tsuiseki.tracking.types.tracks import BodyTrack
@@ -195,7 +195,7 @@ def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:
     Args:
         seed: of the particles.
     """
-    from tsuiseki.tracking.following import count
+    from tsuiseki.tracking.runs.following import count
 
     source = video.open(images=True)
     tracker = body_tracker(choice, source, output.seed)

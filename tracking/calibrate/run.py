@@ -228,7 +228,7 @@ def checkerboard(
         every: use every so many frames of a video.
     """
     from tsuiseki.tracking.cameras.lens_files import write_intrinsics
-    from tsuiseki.tracking.cli.progress import progress
+    from tsuiseki.tracking.runs.progress import progress
 
     if min(corners) < 3 or corners[0] == corners[1] or every < 1:
         shown = f"{corners[0]},{corners[1]} and {every}"

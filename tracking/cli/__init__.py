@@ -10,8 +10,8 @@ from contextlib import suppress
 from functools import partial
 
 from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group, Tree
-from tsuiseki.tracking.cli.ending import DEADLINE, DONE, SIGNALLED, WRONG_REQUEST, ended
 from tsuiseki.tracking.errors import RequestError, hint_at
+from tsuiseki.tracking.runs.ending import DEADLINE, DONE, SIGNALLED, WRONG_REQUEST, ended
 
 PROGRAM = "tsuiseki"
 

@@ -25,7 +25,7 @@ def get(name: str, /, yes: bool = False) -> int:
         name: of the model, as tsuiseki models list has it.
         yes: do not ask.
     """
-    from tsuiseki.tracking.cli.progress import progress
+    from tsuiseki.tracking.runs.progress import progress
     from tsuiseki.tracking.weights.catalogue import MEGABYTE, download, model_named
 
     entry = model_named(name)

@@ -32,9 +32,9 @@ from tsuiseki.tracking.arguments import (
     unknown,
     usual_of,
 )
-from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
+from tsuiseki.tracking.runs.run import Output
 
 CONFIG_HELP = "YAML file of options, with underscores in their names; options given here win over it"
 # A word that names an option: no number below zero.

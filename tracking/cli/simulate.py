@@ -8,10 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
+from tsuiseki.tracking.runs.progress import progress
+from tsuiseki.tracking.runs.run import SeededOutput
 
 T = TypeVar("T")
 LARGEST, LONGEST = 16_384, 1_000_000

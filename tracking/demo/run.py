@@ -7,9 +7,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from tsuiseki.tracking.cli.run import Run, SeededOutput
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.runs.run import Run, SeededOutput
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.report.page import Report

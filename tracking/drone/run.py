@@ -16,7 +16,6 @@ from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE
-from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.drone.drone_models import DroneMethod, DroneModels, tracks_as_detections
 from tsuiseki.tracking.drone.observations import Observation, observe, video_observations
@@ -27,7 +26,6 @@ from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.camera_path import line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.view_choice import devices_of, report_blank, report_models
-from tsuiseki.tracking.following import Video, count
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import detection_lines, write_tracks
 from tsuiseki.tracking.people.inputs import GivenDetections
@@ -36,6 +34,8 @@ from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.people.tracker import FrameLog, shifted
 from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.runs.following import Video, count
+from tsuiseki.tracking.runs.run import SeededOutput
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.tracks import ActingTrack

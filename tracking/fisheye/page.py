@@ -11,10 +11,10 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from tsuiseki.tracking.fisheye.view import CeilingSource
-from tsuiseki.tracking.following import count
 from tsuiseki.tracking.report.overlay import draw_label, track_colour
 from tsuiseki.tracking.report.page import embedded_overlay, html_page, listing, section
 from tsuiseki.tracking.report.plots import dress, inline_svg
+from tsuiseki.tracking.runs.following import count
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray
 from tsuiseki.tracking.types.tracks import FloorTrack
 

@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
-from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import (
@@ -27,13 +26,14 @@ from tsuiseki.tracking.fisheye.settings import CeilingOptions, FisheyeSettings
 from tsuiseki.tracking.fisheye.tracker import FloorMethod, link_on_floor
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, ceiling_detector
 from tsuiseki.tracking.fisheye.view import CeilingSource, CeilingView, given_detections, open_ceiling
-from tsuiseki.tracking.following import count
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.rotated import RotatedBoxes, half_turned, write_rotated_detections
 from tsuiseki.tracking.formats.world_tables import write_world
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.runs.following import count
+from tsuiseki.tracking.runs.run import SeededOutput
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack

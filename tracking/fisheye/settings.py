@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
-from tsuiseki.tracking.following import Drawing
+from tsuiseki.tracking.runs.following import Drawing
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,6 @@ import numpy as np
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, read_cameras
 from tsuiseki.tracking.cameras.multicamera import StandingPeople, is_floor_folder, read_floor_folder, read_standing
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer, as_detector
 from tsuiseki.tracking.fisheye.unrolled import ceiling_detector
@@ -20,7 +19,6 @@ from tsuiseki.tracking.floor.measured_floor import CameraFeed, MeasuredFloor, me
 from tsuiseki.tracking.floor.online_floor import people_online
 from tsuiseki.tracking.floor.page import floor_files
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
-from tsuiseki.tracking.following import Drawing, count
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.measurement_tables import is_point_file
 from tsuiseki.tracking.formats.mot import read_detections
@@ -30,6 +28,8 @@ from tsuiseki.tracking.people.inputs import PeopleInputs
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.runs.following import Drawing, count
+from tsuiseki.tracking.runs.run import SeededOutput
 from tsuiseki.tracking.sphere.settings import FrameTimes
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track

@@ -12,13 +12,13 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import AppearanceLike, Describe, as_describer
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.linking.transits import MARGIN, Passages, Transits, linked, people_of
 from tsuiseki.tracking.people.tracked import boxes_of, frame_times, name_of, rates_of, tracked
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.runs.run import Output
 from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.tracking.video.source import open_source
 

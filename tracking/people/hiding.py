@@ -10,7 +10,6 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from tsuiseki.tracking.cli.progress import progress as shown
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import DetectorLike
@@ -24,6 +23,7 @@ from tsuiseki.tracking.people.settings import PeopleFinding
 from tsuiseki.tracking.people.sort import Sort, SortSettings
 from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.runs.progress import progress as shown
 from tsuiseki.tracking.types import BoolArray, Detections, Frame, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.source import Source, open_source

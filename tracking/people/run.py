@@ -10,25 +10,25 @@ from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
-from tsuiseki.tracking.following import SourceOptions, Video, count
 from tsuiseki.tracking.formats.measurement_tables import write_points
 from tsuiseki.tracking.formats.mot import write_detections
 from tsuiseki.tracking.options import OutputFile, Shared
 from tsuiseki.tracking.people.inputs import PeopleInputs, people_detect
 from tsuiseki.tracking.people.settings import FindingOptions, Linking, PeopleFinding
+from tsuiseki.tracking.runs.following import SourceOptions, Video, count
+from tsuiseki.tracking.runs.progress import progress
+from tsuiseki.tracking.runs.run import SeededOutput
 from tsuiseki.tracking.types import Detections, Frame
 from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.people.hiding import Hiding, Wanted
     from tsuiseki.tracking.people.tracking import OpenedPeople
     from tsuiseki.tracking.result import Result
+    from tsuiseki.tracking.runs.run import Run
     from tsuiseki.tracking.types import Track
 
 

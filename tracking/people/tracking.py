@@ -21,7 +21,6 @@ from tsuiseki.tracking.association.clutter import above_floor, score_choice
 from tsuiseki.tracking.association.inference_times import stride_of
 from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNetwork, network_of_tracks
-from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
 from tsuiseki.tracking.features.camera_path import CameraPath, line_on_camera
@@ -59,6 +58,7 @@ from tsuiseki.tracking.people.settings import METHODS, Ground, Linking, PeopleFi
 from tsuiseki.tracking.people.sort import DeepSort
 from tsuiseki.tracking.people.tracker import FirstDetections, PeopleTracker, run_trackers, skipped
 from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame, Targets, Track
 from tsuiseki.tracking.types.class_choice import called

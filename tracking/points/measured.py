@@ -11,10 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.following import count
 from tsuiseki.tracking.formats.measurement_tables import (
     read_scans,
     read_sensing_model,
@@ -30,6 +27,9 @@ from tsuiseki.tracking.points.settings import Lag, SetMethod
 from tsuiseki.tracking.points.tracker import MeasurementTracker
 from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.runs.following import count
+from tsuiseki.tracking.runs.progress import progress
+from tsuiseki.tracking.runs.run import SeededOutput
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel

@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.answers.settings import CountSettings
-from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourRange, colour_of_box, parse_colour
-from tsuiseki.tracking.following import Video, count
 from tsuiseki.tracking.formats.measurement_tables import is_point_file, read_points, write_point_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
@@ -24,6 +22,8 @@ from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.points.settings import SIZE, BlobChoice, BlobSettings, PointSettings
 from tsuiseki.tracking.points.tracker import BlobTracker, PointTracker, SingleBlobTracker
 from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.runs.following import Video, count
+from tsuiseki.tracking.runs.run import SeededOutput
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, Targets, Track
 from tsuiseki.tracking.video.source import Source, SourceLike, named

@@ -25,9 +25,9 @@ def review(result: Path, /, video: Path | None = None) -> int:
         result: folder of a result.
         video: what was tracked in; by default what the result names. Without it boxes are on a plain background.
     """
-    from tsuiseki.tracking.cli.ending import DEADLINE
     from tsuiseki.tracking.report.drawing import show_page
     from tsuiseki.tracking.review.session import Session
+    from tsuiseki.tracking.runs.ending import DEADLINE
 
     if missing := [name for name in ("starlette", "uvicorn") if importlib.util.find_spec(name) is None]:
         needs = " and ".join(missing)

@@ -14,14 +14,14 @@ from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.answers.page import with_page
 from tsuiseki.tracking.answers.settings import CountSettings
-from tsuiseki.tracking.cli.run import Run, SeededOutput
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.following import Video
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.single import find_single_sequences, has_labels, write_boxes
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
 from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.runs.following import Video
+from tsuiseki.tracking.runs.run import Run, SeededOutput
 from tsuiseki.tracking.single.settings import SingleChoice, SingleMethod, SinglePreset, warn_if_not_asked
 from tsuiseki.tracking.single.tracker import SingleTracker, as_box, follow_target
 from tsuiseki.tracking.stages import StageTimes

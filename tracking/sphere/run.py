@@ -13,12 +13,12 @@ from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.volume import check_volume, common_volume, in_view
-from tsuiseki.tracking.cli.run import Run, SeededOutput
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.following import Drawing
 from tsuiseki.tracking.formats.world_tables import read_path3d
 from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.runs.following import Drawing
+from tsuiseki.tracking.runs.run import Run, SeededOutput
 from tsuiseki.tracking.sphere.page import distances_to_truth, sphere_painter, sphere_result
 from tsuiseki.tracking.sphere.points import sphere_points_run
 from tsuiseki.tracking.sphere.search import find_ball

@@ -11,18 +11,18 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from tsuiseki.tracking.cli.run import SeededOutput
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
 from tsuiseki.tracking.features.view_choice import report_models
+from tsuiseki.tracking.runs.run import SeededOutput
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shipped, shipped_or_file
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.features.exported import SizedDetect
+    from tsuiseki.tracking.runs.run import Run
     from tsuiseki.trainers.adapt.rounds import Adaptation, Round
     from tsuiseki.trainers.adapt.watch import Watched
 

@@ -18,7 +18,6 @@ from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
 from tsuiseki.tracking.association.costs import ActionFeatures
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import Affinity
-from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.drone.drone_models import DroneMethod, tracks_as_detections
 from tsuiseki.tracking.drone.observations import Observation, Observers, observe
 from tsuiseki.tracking.drone.run import suited
@@ -47,6 +46,7 @@ from tsuiseki.tracking.people.printed_flow import ITERATIONS, PrintedFlow
 from tsuiseki.tracking.people.sort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.processes import on_all_cores
+from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.types import IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import ActingTrack

@@ -24,7 +24,6 @@ from tsuiseki.datamodules.scenes.room_clip import CAMERAS, SIZES, Room, RoomClip
 from tsuiseki.tracking.cameras.lens_files import read_lens
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.cameras.person_model import build_table
-from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import coverage
 from tsuiseki.tracking.evaluation.multi import PeopleScores, SequencePair, evaluate_sequences
@@ -38,6 +37,7 @@ from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.people.sort import DeepSort, DeepSortSettings, Sort, SortSettings
 from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.report.overlay import Overlay, draw_label
+from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth

@@ -17,12 +17,12 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from tsuiseki.datamodules.scenes.single_clip import SingleClip, SingleClipSettings
-from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import spans
 from tsuiseki.tracking.evaluation.success_curves import OVERLAPS, evaluate_boxes
 from tsuiseki.tracking.formats.single import SingleSequence, find_single_sequences
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_pairs, xywh_from_corners
+from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.single import kcf
 from tsuiseki.tracking.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.single.kcf_particle import PRINTED, ROBUST, KcfParticle

@@ -21,11 +21,11 @@ from scipy.spatial.transform import Rotation
 from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, SphereClip, ball_cameras
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
 from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.resampling import Covering
+from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.sphere import views
 from tsuiseki.tracking.sphere.points import track_sphere_points, triangulate
 from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion

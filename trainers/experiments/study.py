@@ -31,12 +31,12 @@ from matplotlib.figure import Figure
 from scipy.stats import t
 
 from tsuiseki.datamodules.scenes.clip import Clip, write_clip
-from tsuiseki.tracking.cli.progress import progress
-from tsuiseki.tracking.cli.run import Output
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.evaluation.tables import score_table
 from tsuiseki.tracking.output import output_folder, versions
 from tsuiseki.tracking.report.plots import COLOURS
+from tsuiseki.tracking.runs.progress import progress
+from tsuiseki.tracking.runs.run import Output
 from tsuiseki.tracking.types import FloatArray
 
 P = ParamSpec("P")

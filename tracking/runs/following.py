@@ -14,8 +14,8 @@ from tsuiseki.tracking.options import BY_PLACE, Shared
 from tsuiseki.tracking.types.frame_range import check_frame_rate, parse_frames
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.cli.run import Run
     from tsuiseki.tracking.result import Result
+    from tsuiseki.tracking.runs.run import Run
     from tsuiseki.tracking.types import Frame
     from tsuiseki.tracking.video.source import Source
 

@@ -15,8 +15,9 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.cli import ending, main, run
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.output import output_file
+from tsuiseki.tracking.runs import ending, run
 from tsuiseki.tracking.video import image_folder
 from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.video.webm import VideoWriter

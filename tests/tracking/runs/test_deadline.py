@@ -19,12 +19,13 @@ import pytest
 from onnx import TensorProto, helper, numpy_helper
 
 from tsuiseki.tracking.answers.page import TrackedPage
-from tsuiseki.tracking.cli import ending, main
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.drone.tracker import DroneTracker
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.onnx import CALLS
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.sort import Sort
+from tsuiseki.tracking.runs import ending
 from tsuiseki.tracking.types import ImageArray, Track
 from tsuiseki.tracking.video import image_folder
 
@@ -32,7 +33,7 @@ from tsuiseki.tracking.video import image_folder
 SCRIPT = """
 import ctypes, os, sys
 from pathlib import Path
-from tsuiseki.tracking.cli.ending import ended
+from tsuiseki.tracking.runs.ending import ended
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.processes import on_all_cores
 

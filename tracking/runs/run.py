@@ -1,6 +1,6 @@
 """The frame of every command: where the video comes from, and what happens to the result, whatever happens.
 
-A command is a function of typed options; those that several share stand below and in `tracking.following`.
+A command is a function of typed options; those that several share stand below and in `tracking.runs.following`.
 
     def blobs(video: Video, output: SeededOutput, particles: int = 500) -> int:
         source = video.open()                                   # checked before anything is computed
@@ -33,11 +33,11 @@ from pathlib import Path, PurePath
 from types import FrameType, TracebackType
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tsuiseki.tracking.cli.ending import DEADLINE, DONE, FAILED, LATE, NOTES, complain, message_of, on_signals
-from tsuiseki.tracking.cli.progress import progress
 from tsuiseki.tracking.errors import Dropped, Interrupted, RequestError, RunError, signal_of
 from tsuiseki.tracking.options import NO_OPTION, Seed, Shared
 from tsuiseki.tracking.output import RunRecord, check_output_folder, output_folder
+from tsuiseki.tracking.runs.ending import DEADLINE, DONE, FAILED, LATE, NOTES, complain, message_of, on_signals
+from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.weights.catalogue import records_of

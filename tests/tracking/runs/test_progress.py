@@ -6,8 +6,8 @@ import io
 
 import pytest
 
-from tsuiseki.tracking.cli import progress as module
-from tsuiseki.tracking.cli.progress import progress
+from tsuiseki.tracking.runs import progress as module
+from tsuiseki.tracking.runs.progress import progress
 
 
 class Terminal(io.StringIO):

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from tsuiseki.tracking.cli.ending import ended
 from tsuiseki.tracking.cli.parser import call
 from tsuiseki.tracking.options import PlottedFile
+from tsuiseki.tracking.runs.ending import ended
 from tsuiseki.trainers.experiments.study import Outcome, Store, Table
 from tsuiseki.trainers.experiments.study import command as reproduction
 
