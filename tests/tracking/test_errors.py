@@ -40,11 +40,6 @@ def test_a_command_says_in_a_line_what_to_do(hidden: dict[str, str], tmp_path: P
     assert done.stderr.count("\n") == 1
 
 
-def test_a_function_says_so_too(hidden: dict[str, str]) -> None:
-    done = run(hidden, "-c", "import tsuiseki\ntry: tsuiseki.track_people\nexcept tsuiseki.RunError as e: print(e)")
-    assert done.stdout.startswith("OpenCV does not load, for libGL.so.1 is not there;"), done.stderr
-
-
 def test_trackers_of_given_boxes_need_no_opencv(hidden: dict[str, str]) -> None:
     code = (
         "import tsuiseki as t\nfor s in (t.Sort(), t.DeepSort(), t.ByteTrack(), t.OcSort()): s.update([[0, 0, 9, 9]])"
