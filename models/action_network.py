@@ -145,7 +145,7 @@ def action_loss(logits: Tensor, truth: Tensor, positive_weight: Tensor | None = 
 
 def fused_logits(logits: Sequence[Tensor]) -> Tensor:
     """``(B, C)`` logits of the mean probability of streams (thesis Fig. 5.3), from those of each, ``(B, C)``."""
-    mean = torch.stack([one.sigmoid() for one in logits]).mean(dim=0)
+    mean = torch.stack([stream.sigmoid() for stream in logits]).mean(dim=0)
     return torch.logit(mean, eps=1e-6)
 
 

@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+# Divisors of the offsets of centres and of log sizes (SSD, Liu et al. 2016): they bring both to about 1.
 VARIANCES = (0.1, 0.2)
 # Beyond this a predicted size is a thousand times its anchor: the exponential would overflow.
 _LARGEST_LOG_SIZE = 6.9

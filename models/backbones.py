@@ -19,6 +19,7 @@ TrunkName = Literal[
     "wide_resnet50",
     "vgg16",
 ]
+# Input pixels from one cell of a map to the next.
 TRUNK_STRIDES = (8, 16, 32)
 
 # torchvision's MobileNetV3 averages batch statistics with momentum 0.01, which needs thousands of steps to settle.

@@ -78,15 +78,15 @@ class OneClass(nn.Module):
 
     Args:
         detector: of many classes.
-        kept: index of the kept class among the logits; 0 is the background.
+        class_index: index of the class that stays among the logits; 0 is the background.
     """
 
     anchors: Tensor
 
-    def __init__(self, detector: AnchorDetector, kept: int) -> None:
+    def __init__(self, detector: AnchorDetector, class_index: int) -> None:
         super().__init__()
         self.detector = detector
-        self.kept = kept
+        self.class_index = class_index
         self.classes = 1
         self.size = detector.size
         self.register_buffer("anchors", detector.anchors, persistent=False)
@@ -94,9 +94,9 @@ class OneClass(nn.Module):
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
         """As `AnchorDetector.forward`, with logits ``(B, A, 2)``."""
         logits, offsets = self.detector(images)
-        others = torch.cat((logits[..., : self.kept], logits[..., self.kept + 1 :]), dim=-1)
-        kept = logits[..., self.kept : self.kept + 1]
-        return torch.cat((torch.logsumexp(others, dim=-1, keepdim=True), kept), dim=-1), offsets
+        others = torch.cat((logits[..., : self.class_index], logits[..., self.class_index + 1 :]), dim=-1)
+        score = logits[..., self.class_index : self.class_index + 1]
+        return torch.cat((torch.logsumexp(others, dim=-1, keepdim=True), score), dim=-1), offsets
 
 
 class TopDown(nn.Module):
@@ -156,8 +156,8 @@ class BranchedDetector(AnchorDetector):
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
         """As `AnchorDetector.forward`, the anchors of the branch last."""
         maps = self.features.trunk(images)
-        own: Any = self.branch.features
-        beside = self.branch.heads(own.merged([maps[0], *own.trunk(maps[0])]))
+        pyramid: Any = self.branch.features
+        beside = self.branch.heads(pyramid.merged([maps[0], *pyramid.trunk(maps[0])]))
         logits, offsets = self.heads(self.features.merged(maps))
         return torch.cat((logits, beside[0]), dim=1), torch.cat((offsets, beside[1]), dim=1)
 
@@ -166,8 +166,8 @@ class BranchedDetector(AnchorDetector):
         for part in self.branch.modules():
             if isinstance(part, nn.BatchNorm2d):
                 part.reset_parameters()
-        own: Any = self.branch.features
-        own.trunk.stages.load_state_dict(self.features.trunk.stages[1:].state_dict())
+        pyramid: Any = self.branch.features
+        pyramid.trunk.stages.load_state_dict(self.features.trunk.stages[1:].state_dict())
 
     def train(self, mode: bool = True) -> BranchedDetector:
         """Train the branch; all other normalisations keep their statistics."""
@@ -218,10 +218,10 @@ def branched_detector(trunk: Trunk, size: tuple[int, int], anchor_sizes: AnchorS
             "expected anchors for 6 maps, 3 of the detector that stays and 3 of the branch; "
             f"got them for {len(anchor_sizes)}"
         )
-    people, own = people_detector(trunk, size, anchor_sizes[:3]), copy.deepcopy(list(trunk.stages[1:]))
+    people, stages = people_detector(trunk, size, anchor_sizes[:3]), copy.deepcopy(list(trunk.stages[1:]))
     features = TopDown(trunk, width, 3, depth=2)
     # The pyramid takes the first map of the trunk of `people`, too.
-    features.trunk = Trunk(own, trunk.channels[1:])
+    features.trunk = Trunk(stages, trunk.channels[1:])
     return BranchedDetector(people, _with_heads(features, size, [8, 16, 32], anchor_sizes[3:], width, 1))
 
 

@@ -20,7 +20,12 @@ from torchvision.ops import box_iou, complete_box_iou_loss
 
 from tsuiseki.models.anchors import corners_from_centres, decode, encode
 
-PERSON, IGNORED, PADDING = 1, -1, 0
+# Label of a box of the first class.
+PERSON = 1
+# Label of a box that is neither right nor wrong.
+IGNORED = -1
+# Label of what fills a batch up.
+PADDING = 0
 
 
 @dataclass(frozen=True)
@@ -107,10 +112,10 @@ class DetectionLoss:
         matches = match_anchors(anchors, boxes, labels)
         image, anchor = matches.positive.nonzero(as_tuple=True)
         count = max(len(image), 1)
-        own, reference = offsets.float()[image, anchor], anchors[anchor]
-        wanted = boxes[image, matches.box[image, anchor]]
-        box_loss = self.box(own, reference, wanted) / count
-        overlap = paired_iou(decode(own.detach(), reference), wanted)
+        predicted, reference = offsets.float()[image, anchor], anchors[anchor]
+        target = boxes[image, matches.box[image, anchor]]
+        box_loss = self.box(predicted, reference, target) / count
+        overlap = paired_iou(decode(predicted.detach(), reference), target)
         return self.score(logits.float(), matches, overlap) / count, self.box_weight * box_loss
 
 
@@ -138,11 +143,11 @@ def mined_entropy(
     del overlap
     entropy = functional.cross_entropy(logits.transpose(1, 2), matches.classes, reduction="none")
     candidates = ~(matches.positive | matches.neutral)
-    wanted = (matches.positive.sum(dim=1) * negatives_per_positive).clamp(min=fewest_negatives)
+    negatives = (matches.positive.sum(dim=1) * negatives_per_positive).clamp(min=fewest_negatives)
     order = entropy.detach().masked_fill(~candidates, -1.0).argsort(dim=1, descending=True)
     rank = torch.empty_like(order)
     rank.scatter_(1, order, torch.arange(order.shape[1], device=order.device).expand_as(order))
-    return entropy[matches.positive | (candidates & (rank < wanted[:, None]))].sum()
+    return entropy[matches.positive | (candidates & (rank < negatives[:, None]))].sum()
 
 
 def paired_iou(a: Tensor, b: Tensor) -> Tensor:
@@ -222,7 +227,7 @@ def distillation_loss(logits: Tensor, offsets: Tensor, anchors: Tensor, targets:
     weights = targets.scores[certain]
     count = weights.sum().clamp(min=1)
     score_loss = quality_focal(logits[..., 1].float() - logits[..., 0].float(), targets.scores).sum() / count
-    own = anchors.expand(len(logits), -1, -1)[certain]
-    boxes, wanted = decode(offsets.float()[certain], own), decode(targets.offsets[certain], own)
-    box_loss = (weights * complete_box_iou_loss(boxes, wanted, reduction="none")).sum() / count
+    reference = anchors.expand(len(logits), -1, -1)[certain]
+    boxes, target = decode(offsets.float()[certain], reference), decode(targets.offsets[certain], reference)
+    box_loss = (weights * complete_box_iou_loss(boxes, target, reduction="none")).sum() / count
     return score_loss, box_loss

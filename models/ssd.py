@@ -18,7 +18,9 @@ from tsuiseki.models.backbones import FROM_SCRATCH_MOMENTUM, Trunk, build_trunk,
 from tsuiseki.models.detector import AnchorDetector, OneClass
 
 CocoArchitecture = Literal["ssdlite320", "ssd300"]
+# Logits of torchvision's COCO detectors beside the background: the ids run up to 90, with gaps.
 COCO_CLASSES = 90
+# Index of a person among them; 0 is the background.
 COCO_PERSON = 1
 
 
@@ -32,10 +34,10 @@ def ssdlite320(classes: int = 1, state: dict[str, Tensor] | None = None, trunk: 
     """
     model = ssdlite320_mobilenet_v3_large(weights=None, weights_backbone=None, num_classes=classes + 1)
     if trunk is not None:
-        own = model.backbone.features.state_dict()
-        given = zip(own.items(), trunk.state_dict().values(), strict=True)
-        own.update({name: new for (name, old), new in given if old.shape == new.shape})
-        model.backbone.features.load_state_dict(own)
+        weights = model.backbone.features.state_dict()
+        pairs = zip(weights.items(), trunk.state_dict().values(), strict=True)
+        weights.update({name: new for (name, old), new in pairs if old.shape == new.shape})
+        model.backbone.features.load_state_dict(weights)
     elif state is None:
         set_norm_momentum(model, FROM_SCRATCH_MOMENTUM)
     return _from_torchvision(model, 320, classes, state)
@@ -162,7 +164,7 @@ def coco_person_detector(architecture: CocoArchitecture, state: dict[str, Tensor
         ConnectionError: the weights are not on this machine and cannot be downloaded.
         ValueError: the state dict is of another network.
     """
-    return OneClass(_coco_detector(architecture, state), kept=COCO_PERSON)
+    return OneClass(_coco_detector(architecture, state), class_index=COCO_PERSON)
 
 
 def coco_start(architecture: CocoArchitecture, state: dict[str, Tensor] | Path | None = None) -> AnchorDetector:
@@ -171,16 +173,16 @@ def coco_start(architecture: CocoArchitecture, state: dict[str, Tensor] | Path |
     The arguments and errors are those of `coco_person_detector`.
     """
     many = _coco_detector(architecture, state)
-    one = _BUILDERS[architecture](1)
-    own = one.state_dict()
+    detector = _BUILDERS[architecture](1)
+    weights = detector.state_dict()
     for name, values in many.state_dict().items():
-        if values.shape == own[name].shape:
-            own[name] = values
+        if values.shape == weights[name].shape:
+            weights[name] = values
         else:
             rows = values.unflatten(0, (-1, COCO_CLASSES + 1))[:, [0, COCO_PERSON]]
-            own[name] = rows.flatten(0, 1)
-    one.load_state_dict(own)
-    return one
+            weights[name] = rows.flatten(0, 1)
+    detector.load_state_dict(weights)
+    return detector
 
 
 def _coco_detector(architecture: CocoArchitecture, state: dict[str, Tensor] | Path | None) -> AnchorDetector:
