@@ -18,9 +18,6 @@ N detections is within ``2 * N / SCALE`` of the optimum of the costs as given.
 
 from __future__ import annotations
 
-import pickle
-import subprocess
-import sys
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
@@ -32,12 +29,6 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 SCALE = 1_000_000
 # The solver adds whole numbers up in double precision: a path of 90,000 arcs of SCALE * LARGEST_COST stays below 2**53.
 LARGEST_COST = 1e5
-# SciPy hears no signal while it matches. From so many choices on that may take a second.
-LONG = 1_000_000
-APART = (
-    "import pickle, sys; from scipy.sparse.csgraph import min_weight_full_bipartite_matching as matched; "
-    "pickle.dump(matched(pickle.load(sys.stdin.buffer)), sys.stdout.buffer)"
-)
 
 
 @dataclass(frozen=True)
@@ -143,7 +134,7 @@ def solve(graph: FlowGraph, inflow: BoolArray | None = None) -> FlowSolution:
     continued = np.zeros(count, dtype=np.bool_) if inflow is None else inflow
     fresh = np.flatnonzero(~continued)
     matrix = _matching(graph, fresh)
-    rows, columns = _matched(matrix)
+    rows, columns = scipy.sparse.csgraph.min_weight_full_bipartite_matching(matrix)
     # `_matching` numbers backwards.
     before = np.empty(len(rows), dtype=np.int64)
     before[len(rows) - 1 - rows] = len(rows) - 1 - columns
@@ -154,16 +145,6 @@ def solve(graph: FlowGraph, inflow: BoolArray | None = None) -> FlowSolution:
     used = np.ones(count, dtype=np.bool_)
     used[fresh[before == fresh]] = False
     return solution_of(graph, continued, used, follower)
-
-
-def _matched(matrix: scipy.sparse.csr_array) -> tuple[IntArray, IntArray]:
-    """Rows and columns of the cheapest full matching; a long one is found by a process that a signal can end."""
-    if matrix.nnz >= LONG:
-        words, given = [sys.executable, "-P", "-c", APART], pickle.dumps(matrix)
-        done = subprocess.run(words, input=given, capture_output=True, start_new_session=True, check=False)
-        if done.returncode == 0:
-            return pickle.loads(done.stdout)  # type: ignore[no-any-return]
-    return scipy.sparse.csgraph.min_weight_full_bipartite_matching(matrix)  # type: ignore[no-any-return]
 
 
 def _matching(graph: FlowGraph, fresh: IntArray) -> scipy.sparse.csr_array:

@@ -9,7 +9,6 @@ import pytest
 from scipy.optimize import linprog
 from scipy.sparse import coo_array
 
-from tsuiseki.tracking.association import network_flow
 from tsuiseki.tracking.association.network_flow import SCALE, FlowGraph, FlowSolution, build_graph, solve, track_labels
 
 
@@ -134,15 +133,3 @@ def test_an_empty_video_has_no_track() -> None:
 def test_costs_must_be_finite_and_fit_the_solver(value: float) -> None:
     with pytest.raises(ValueError, match="observation costs"):
         build_graph(np.array([value]), [], 1.0, 1.0)
-
-
-def test_a_long_matching_is_the_same_from_a_process_of_its_own(monkeypatch: pytest.MonkeyPatch) -> None:
-    _, graph = random_graph(np.random.default_rng(0), 60, 12)
-    expected = solve(graph)
-    monkeypatch.setattr(network_flow, "LONG", 1)
-    found = solve(graph)
-    np.testing.assert_array_equal(found.follower, expected.follower)
-    assert found.cost == expected.cost
-    # Where there is none, it is found here.
-    monkeypatch.setattr(network_flow, "APART", "raise SystemExit(1)")
-    assert solve(graph).cost == expected.cost
