@@ -28,9 +28,9 @@ ALLOWED = {
 # Inside `tracking` a module imports only what stands before it here.
 LAYERS = ("errors", "arguments", "output", "weights", "types", "geometry", "options", "processes", "devices", "onnx",
           "preprocessing", "interchange", "formats", "video", "stages", "cameras", "features", "filters",
-          "association", "evaluation", "report", "result", "runs", "review", "answers",
+          "association", "evaluation", "report", "result", "runs", "review", "counts",
           "single", "people", "drone", "fisheye", "animals",
-          "bodies", "points", "sphere", "floor", "linking", "cli", "batch", "calibrate", "demo")  # fmt: skip
+          "bodies", "points", "sphere", "hiding", "floor", "linking", "cli", "batch", "calibrate", "demo")  # fmt: skip
 TORCH_FREE = ("tracking", "datamodules/scenes", *(f"datamodules/{name}.py" for name in (
     "labelled_images", "identity_crops", "action_crops", "training_images")))  # fmt: skip
 
@@ -147,7 +147,7 @@ def test_tracking_people_starts_without_what_it_needs_late():
     """SciPy loads its parts on first use; loaded at the start they would take as long as ten frames."""
     late = ("scipy.optimize", "scipy.ndimage", "scipy.sparse", "scipy.fft", "rich")
     program = (
-        "import sys, tsuiseki.tracking.people.run, tsuiseki.tracking.answers.page; "
+        "import sys, tsuiseki.tracking.cli.track_people, tsuiseki.tracking.counts.page; "
         f"print([name for name in {late} if name in sys.modules])"
     )
     found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True).stdout

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import tsuiseki
-from tsuiseki.tracking.people.tracking import PeopleKeywords, _opened
+from tsuiseki.tracking.people.api import PeopleKeywords, _opened
 
 STUB = Path(tsuiseki.__file__).with_suffix(".pyi")
 

@@ -30,9 +30,9 @@ from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.inference_times import InferenceTimes
 from tsuiseki.tracking.association.network_flow import FlowGraph, scaled
 from tsuiseki.tracking.association.sliding_flow import solve_in_windows
+from tsuiseki.tracking.people.contract import run_tracker
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
-from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections, FloatArray
 
 Result = TypeVar("Result")

@@ -23,9 +23,9 @@ from benchmarks.walkers import walking_people
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.people.bytetrack import ByteTrack
+from tsuiseki.tracking.people.contract import PeopleTracker
 from tsuiseki.tracking.people.ocsort import OcSort
 from tsuiseki.tracking.people.sort import DeepSort, Sort
-from tsuiseki.tracking.people.tracker import PeopleTracker
 from tsuiseki.tracking.types import Detections
 
 

@@ -21,16 +21,17 @@ from tsuiseki.tracking.animals.skeleton import (
     with_centre,
 )
 from tsuiseki.tracking.animals.tracker import AnimalTracker
-from tsuiseki.tracking.answers.page import with_page
-from tsuiseki.tracking.answers.scene import Scene
+from tsuiseki.tracking.association.corrected_tracks import corrected_bodies
+from tsuiseki.tracking.counts.page import with_page
+from tsuiseki.tracking.counts.scene import Scene
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.formats.result_folder import POINTS
-from tsuiseki.tracking.people.tracking import check_corrections, correction_files
+from tsuiseki.tracking.people.opening import check_corrections
+from tsuiseki.tracking.people.people_result import correction_files
 from tsuiseki.tracking.report.overlay import draw_marks
 from tsuiseki.tracking.result import Result, Writer
-from tsuiseki.tracking.review.corrected_tracks import corrected_bodies
 from tsuiseki.tracking.review.session import SOLVED_STATES, STATES_FILE
 from tsuiseki.tracking.runs.following import Video
 from tsuiseki.tracking.runs.run import Output

@@ -24,7 +24,7 @@ from tsuiseki.tracking.formats.track_tables import table_of, tracks_of
 from tsuiseki.tracking.interchange import DetectionsLike
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.people.tracking import OpenedPeople, open_people
+from tsuiseki.tracking.people.opening import OpenedPeople, open_people
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 

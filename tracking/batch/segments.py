@@ -23,9 +23,9 @@ from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.features.tiles import TileView
 from tsuiseki.tracking.features.view_choice import ViewChoice, ViewedDetector, ViewHistory, inner_detector
 from tsuiseki.tracking.output import whole_file
+from tsuiseki.tracking.people.contract import PeopleTracker
+from tsuiseki.tracking.people.opening import OpenedPeople, open_people
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
-from tsuiseki.tracking.people.tracker import PeopleTracker
-from tsuiseki.tracking.people.tracking import OpenedPeople, open_people
 from tsuiseki.tracking.runs.run import Run
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame, ImageArray
@@ -36,8 +36,6 @@ from tsuiseki.tracking.video.source import SeekableVideo, Source, VideoFile
 WATCHED = 3
 # File of a plan.
 PLAN = "plan.npz"
-
-
 COLUMNS = ("boxes", "scores", "features", "angles", "classes", "sources")
 
 

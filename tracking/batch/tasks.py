@@ -166,7 +166,7 @@ def _detect(task: BatchTask) -> TaskOutcome:
 
 
 def _finish(task: BatchTask) -> TaskOutcome:
-    from tsuiseki.tracking.people.run import track
+    from tsuiseki.tracking.cli.track_people import track
 
     place, plan = task.place, task.plan()
     found = task.job.arguments(task.source(), place.folder)

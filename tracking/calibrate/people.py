@@ -31,7 +31,7 @@ from tsuiseki.tracking.cameras.people_views import (
     view_of,
 )
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.people.tracked import boxes_of, frame_times, name_of, rates_of, tracked
+from tsuiseki.tracking.people.tracks_of_source import boxes_of, frame_times, name_of, rates_of, tracked
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import FloatArray, Track
 
@@ -154,7 +154,7 @@ def calibrate_people(
     """Where cameras are and how they see, from the people who walk in them.
 
     Args:
-        sources: one a camera, see `people.tracked.tracked`.
+        sources: one a camera, see `people.tracks_of_source.tracked`.
         person_height: of people on average, metres.
         reach: largest difference of two clocks, seconds.
         frame_rates: frames a second, of all sources or of each, where a source does not say.

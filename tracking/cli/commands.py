@@ -1,4 +1,4 @@
-"""All commands of `tsuiseki`, each a typed function: `track people` is `people` in `tracking/people/run.py`.
+"""All commands of `tsuiseki`, each a typed function: `track people` is `people` in `tracking/cli/track_people.py`.
 
 A command's module is imported when the command is chosen, and what it needs when it runs, so that help is quick and the
 commands that track never import torch.
@@ -99,7 +99,7 @@ CALIBRATE = {
     "people": "from the people who walk in them",
 }
 TRACK = {
-    "people": (".people.run:people", "everyone in view, each with an id"),
+    "people": (".cli.track_people:people", "everyone in view, each with an id"),
     "single": (".single.run:single", "one target, from its box in the first frame"),
     "sphere": (".sphere.run:sphere", "a ball in space, from calibrated cameras"),
     "drone": (".drone.run:drone", "people seen from a drone, and what they do"),
@@ -156,10 +156,10 @@ COMMANDS: Tree = {
     "models": Group("networks of other projects that can be downloaded", "tracking.cli.models", MODELS),
     "calibrate": Group("calibrate the lens and pose of cameras", "tracking.calibrate.run", CALIBRATE),
     "track": Group("follow something through a video with exported models", "tracking", TRACK),
-    "detect": Command("tracking.people.run:detect", "write what a network detects in a video, without tracking"),
-    "scene": Command("tracking.answers.run:scene", "draw lines and zones to count in, on a page in the browser"),
-    "hide": Command("tracking.people.hiding:hide_people", "hide people in a video that was tracked"),
-    "count": Command("tracking.answers.run:count", "who crosses lines and stays in zones, from a finished result"),
+    "detect": Command("tracking.cli.detect:detect", "write what a network detects in a video, without tracking"),
+    "scene": Command("tracking.counts.run:scene", "draw lines and zones to count in, on a page in the browser"),
+    "hide": Command("tracking.hiding.run:hide_people", "hide people in a video that was tracked"),
+    "count": Command("tracking.counts.run:count", "who crosses lines and stays in zones, from a finished result"),
     "review": Command("tracking.review.run:review", "look through a result on a page in the browser, and correct it"),
     "link": Command("tracking.linking.run:link_results", "the same ids in cameras that do not overlap"),
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),

@@ -17,10 +17,10 @@ from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, e
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.geometry import centres, iou_matrix
-from tsuiseki.tracking.people.inputs import PeopleInputs, ground_of
-from tsuiseki.tracking.people.methods import people_tracker
+from tsuiseki.tracking.people.contract import PeopleTracker
+from tsuiseki.tracking.people.detections import PeopleInputs, ground_of
 from tsuiseki.tracking.people.settings import PeopleMethod
-from tsuiseki.tracking.people.tracker import PeopleTracker
+from tsuiseki.tracking.people.tracker_choice import people_tracker
 from tsuiseki.tracking.report.page import BOXES_NOTE, Report
 from tsuiseki.tracking.types import BoolArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth

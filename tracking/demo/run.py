@@ -72,7 +72,7 @@ def _demo_street(
     from tsuiseki.tracking.demo.page import STREET_METHODS, STREET_MODELS, street, street_report
     from tsuiseki.tracking.features.view_choice import report_models
     from tsuiseki.tracking.formats.mot import read_ground_truth, write_tracks
-    from tsuiseki.tracking.people.tracker import run_trackers
+    from tsuiseki.tracking.people.run_log import run_trackers
     from tsuiseki.tracking.report.overlay import Overlay
     from tsuiseki.tracking.video.source import open_source
     from tsuiseki.trainers.shipped_models import make_models

@@ -17,7 +17,7 @@ from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.formats.okutama import ADVICE, check_frames, is_okutama_file, read_okutama
-from tsuiseki.tracking.people.inputs import people_detect
+from tsuiseki.tracking.people.detections import people_detect
 from tsuiseki.tracking.people.settings import NONE, FindingOptions
 from tsuiseki.tracking.types import Detections, IntArray, Track
 from tsuiseki.tracking.video.image_folder import ImageFolder

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tsuiseki.tracking.answers.page import followed
+from tsuiseki.tracking.counts.page import followed
 from tsuiseki.tracking.evaluation.coverage import spans
 from tsuiseki.tracking.report.page import Bar, section, timeline
 from tsuiseki.tracking.types.tracks import ActingTrack

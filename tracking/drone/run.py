@@ -28,10 +28,11 @@ from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.view_choice import devices_of, report_blank, report_models
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import detection_lines, write_tracks
-from tsuiseki.tracking.people.inputs import GivenDetections
+from tsuiseki.tracking.people.contract import shifted
+from tsuiseki.tracking.people.given_detections import GivenDetections
 from tsuiseki.tracking.people.printed_flow import ITERATIONS, PrintedFlow
+from tsuiseki.tracking.people.run_log import FrameLog
 from tsuiseki.tracking.people.settings import FindingOptions
-from tsuiseki.tracking.people.tracker import FrameLog, shifted
 from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.runs.following import Video, count
@@ -151,7 +152,7 @@ def link(
     Raises:
         RunError: there is no frame.
     """
-    from tsuiseki.tracking.answers.page import with_page
+    from tsuiseki.tracking.counts.page import with_page
     from tsuiseki.tracking.drone.page import action_timelines, captions_of
     from tsuiseki.tracking.report.overlay import Overlay
 

@@ -24,7 +24,7 @@ from tsuiseki.tracking.formats.measurement_tables import is_point_file
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.world_tables import FloorPositions, read_floor_positions
 from tsuiseki.tracking.options import Shared
-from tsuiseki.tracking.people.inputs import PeopleInputs
+from tsuiseki.tracking.people.detections import PeopleInputs
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.result import Result

@@ -16,7 +16,7 @@ from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import AppearanceLike, Describe, as_describer
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.linking.transits import MARGIN, Passages, Transits, linked, people_of
-from tsuiseki.tracking.people.tracked import boxes_of, frame_times, name_of, rates_of, tracked
+from tsuiseki.tracking.people.tracks_of_source import boxes_of, frame_times, name_of, rates_of, tracked
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.run import Output
 from tsuiseki.tracking.types import FloatArray, Track
@@ -57,7 +57,7 @@ def link(
     """Give the same id to the same person in several results.
 
     Args:
-        results: see `people.tracked.tracked`: of cameras that do not overlap, or of files that follow each other.
+        results: see `people.tracks_of_source`: of cameras that do not overlap, or of files that follow each other.
         starts: seconds at which each begins, by one clock; by default all at once.
         appearance: as of `track_people`; by default the shipped network, where the videos are there; ``"none"`` goes
             by times and places alone.

@@ -199,7 +199,7 @@ class Linking(MethodSettings):
         if self.corrections is not None and not Path(self.corrections).is_file():
             raise RequestError(f"`corrections`: expected a file that is there, got {self.corrections}")
         if self.corrections is not None:
-            from tsuiseki.tracking.review.correction_log import read_corrections
+            from tsuiseki.tracking.formats.correction_log import read_corrections
 
             read_corrections(Path(self.corrections))
 

@@ -19,7 +19,7 @@ from tsuiseki.tracking.formats.measurement_tables import (
     write_sensed_tracks,
 )
 from tsuiseki.tracking.geometry import centres
-from tsuiseki.tracking.people.run import network_detections
+from tsuiseki.tracking.people.detections import network_detections
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.points.observed import positions_of, region_of
 from tsuiseki.tracking.points.run import extent_of

@@ -9,16 +9,16 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tsuiseki.tracking.answers.settings import CountSettings
+from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourRange, colour_of_box, parse_colour
 from tsuiseki.tracking.formats.measurement_tables import is_point_file, read_points, write_point_tracks
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.inputs import given_detections
-from tsuiseki.tracking.people.run import network_detections
+from tsuiseki.tracking.people.contract import shifted
+from tsuiseki.tracking.people.detections import network_detections
+from tsuiseki.tracking.people.given_detections import given_detections
 from tsuiseki.tracking.people.settings import FindingOptions
-from tsuiseki.tracking.people.tracker import shifted
 from tsuiseki.tracking.points.settings import SIZE, BlobChoice, BlobSettings, PointSettings
 from tsuiseki.tracking.points.tracker import BlobTracker, PointTracker, SingleBlobTracker
 from tsuiseki.tracking.result import Result, Writer
@@ -200,7 +200,7 @@ def blob_result(
     source: Source | None, tracker: AnyBlobTracker, steps: Iterable[Any], times: StageTimes, settings: Mapping[str, Any]
 ) -> Result[Track]:
     """The result of a run of a fresh tracker, where ``steps`` are what it takes of each frame."""
-    from tsuiseki.tracking.answers.page import with_page
+    from tsuiseki.tracking.counts.page import with_page
     from tsuiseki.tracking.report.overlay import Overlay
 
     update: Callable[[Any], object] = tracker.update

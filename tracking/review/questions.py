@@ -21,7 +21,7 @@ from tsuiseki.tracking.association.marginals import Marginals
 from tsuiseki.tracking.association.network_flow import FlowSolution, track_labels
 from tsuiseki.tracking.association.residual_flow import FREE, ResidualFlow
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
-from tsuiseki.tracking.review.correction_log import Box, Correction, Kind, boxes_of
+from tsuiseki.tracking.formats.correction_log import Box, Correction, Kind, boxes_of
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 QuestionKind = Literal["link", "start", "end", "detection", "exchange"]

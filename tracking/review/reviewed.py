@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.correction_log import Box, Correction
 from tsuiseki.tracking.formats.tracked_video import runs_of
-from tsuiseki.tracking.review.corrected_tracks import rows_of
-from tsuiseki.tracking.review.correction_log import Box, Correction
 from tsuiseki.tracking.review.questions import Question
 from tsuiseki.tracking.review.session import Session
+from tsuiseki.tracking.review.track_rows import rows_of
 from tsuiseki.tracking.types import Track
 
 CHUNK = 500

@@ -13,18 +13,14 @@ from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 
+from tsuiseki.tracking.association.corrected_flow import EVERY, CorrectedFlow, refitted
+from tsuiseki.tracking.association.corrected_tracks import Reporter, acting, corrected_bodies
+from tsuiseki.tracking.association.correction_demands import Finder
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNetwork, network_of_tracks
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks, write_acting_tracks
 from tsuiseki.tracking.formats.body_states import read_states, write_states
-from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
-from tsuiseki.tracking.formats.result_folder import filled_frames
-from tsuiseki.tracking.formats.single import write_boxes
-from tsuiseki.tracking.formats.track_tables import table_of, write_table
-from tsuiseki.tracking.output import RUN_FILE, hold, output_file, record_text, whole_file
-from tsuiseki.tracking.result import Result
-from tsuiseki.tracking.review.corrected_tracks import Reporter, acting, changes, corrected_bodies
-from tsuiseki.tracking.review.correction_log import (
+from tsuiseki.tracking.formats.correction_log import (
     CORRECTIONS_FILE,
     Box,
     CorrectedVideo,
@@ -35,9 +31,14 @@ from tsuiseki.tracking.review.correction_log import (
     boxes_of,
     read_corrections,
 )
-from tsuiseki.tracking.review.demands import Finder
+from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
+from tsuiseki.tracking.formats.result_folder import filled_frames
+from tsuiseki.tracking.formats.single import write_boxes
+from tsuiseki.tracking.formats.track_tables import table_of, write_table
+from tsuiseki.tracking.output import RUN_FILE, hold, output_file, record_text, whole_file
+from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.review.questions import Question, Questioner
-from tsuiseki.tracking.review.solving import EVERY, CorrectedFlow, refitted
+from tsuiseki.tracking.review.track_rows import changes
 from tsuiseki.tracking.types import IntArray, Track
 from tsuiseki.tracking.types.tracks import BodyTrack, boxes_about
 from tsuiseki.tracking.video.source import open_source

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tsuiseki.tracking.answers.page import with_page
-from tsuiseki.tracking.answers.settings import CountSettings
+from tsuiseki.tracking.counts.page import with_page
+from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.single import find_single_sequences, has_labels, write_boxes
@@ -261,8 +261,8 @@ def corrected_boxes(path: Path, source: Source) -> dict[int, FloatArray]:
     Raises:
         RequestError: the file cannot be read, speaks of a video of another size, or moves or adds no box.
     """
-    from tsuiseki.tracking.review.correction_log import CorrectedVideo, read_corrections
-    from tsuiseki.tracking.review.demands import corners
+    from tsuiseki.tracking.association.correction_demands import corners
+    from tsuiseki.tracking.formats.correction_log import CorrectedVideo, read_corrections
 
     file = read_corrections(path, CorrectedVideo(Path(source.name).name, source.size, 0)).given
     parts = [part for one in file for part in (one.parts or (one,)) if part.kind == "box"]

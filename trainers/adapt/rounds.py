@@ -32,10 +32,10 @@ from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.output import whole_file
-from tsuiseki.tracking.people.inputs import PeopleInputs
-from tsuiseki.tracking.people.methods import cost_of_scores, people_affinity, people_tracker
+from tsuiseki.tracking.people.contract import shifted
+from tsuiseki.tracking.people.detections import PeopleInputs
 from tsuiseki.tracking.people.settings import NONE
-from tsuiseki.tracking.people.tracker import shifted
+from tsuiseki.tracking.people.tracker_choice import cost_of_scores, people_affinity, people_tracker
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, export_calibrated, fine_tune

@@ -17,8 +17,8 @@ import numpy as np
 from tsuiseki.datamodules.identity_crops import uncovered
 from tsuiseki.tracking.association.tracklets import EXPLAINED, explained_boxes, is_straddling
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.correction_log import CORRECTIONS_FILE, CorrectedVideo, Correction, read_corrections
 from tsuiseki.tracking.geometry import areas, clip_boxes, intersections, iou_matrix, iou_pairs, shared_with_all
-from tsuiseki.tracking.review.correction_log import CORRECTIONS_FILE, CorrectedVideo, Correction, read_corrections
 from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.adapt.foreground import (

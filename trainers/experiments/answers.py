@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
-from tsuiseki.tracking.answers.counting import count
-from tsuiseki.tracking.answers.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.association.detection_tables import rows_of
+from tsuiseki.tracking.counts.counting import count
+from tsuiseki.tracking.counts.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track

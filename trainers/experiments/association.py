@@ -27,10 +27,10 @@ from tsuiseki.tracking.evaluation.paired_bootstrap import COUNTS, SCORES, paired
 from tsuiseki.tracking.evaluation.result_files import read_truths
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, write_detections
 from tsuiseki.tracking.formats.mot_sequence import read_sequence, write_sequence_info
+from tsuiseki.tracking.people.api import track_people
+from tsuiseki.tracking.people.contract import shifted
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.settings import PeopleMethod
-from tsuiseki.tracking.people.tracker import shifted
-from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 from tsuiseki.tracking.types.labels import GroundTruth

@@ -13,15 +13,15 @@ from typing import Any
 
 import numpy as np
 
+from tsuiseki.tracking.association.corrected_flow import CorrectedFlow
+from tsuiseki.tracking.association.corrected_tracks import Reporter, track_ids
+from tsuiseki.tracking.association.correction_demands import Finder
 from tsuiseki.tracking.association.marginals import Marginals
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import IGNORED, UNMATCHED, owners_of
-from tsuiseki.tracking.review.corrected_tracks import Reporter, track_ids
-from tsuiseki.tracking.review.correction_log import Correction, boxes_of
-from tsuiseki.tracking.review.demands import Finder
+from tsuiseki.tracking.formats.correction_log import Correction, boxes_of
 from tsuiseki.tracking.review.questions import Question, Questioner
-from tsuiseki.tracking.review.solving import CorrectedFlow
 from tsuiseki.tracking.types import BoolArray, IntArray
 from tsuiseki.trainers.experiments import association
 from tsuiseki.trainers.experiments.association import STREETS, GivenSequence, combined_scores, track_sums

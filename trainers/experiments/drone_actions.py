@@ -41,7 +41,7 @@ from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
-from tsuiseki.tracking.people.methods import MotionCompensated
+from tsuiseki.tracking.people.motion_compensated import MotionCompensated
 from tsuiseki.tracking.people.printed_flow import ITERATIONS, PrintedFlow
 from tsuiseki.tracking.people.sort import DeepSort, DeepSortSettings
 from tsuiseki.tracking.people.whole_flow import long_tracks

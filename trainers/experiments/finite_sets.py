@@ -37,8 +37,8 @@ from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
 from tsuiseki.tracking.filters.finite_sets.region_phd import AnywhereBirths, PatchBirths, RegionPhdFilter
 from tsuiseki.tracking.filters.point_motion import SteppingBox, constant_velocity, coordinated_turn
 from tsuiseki.tracking.geometry import centres
+from tsuiseki.tracking.people.contract import run_tracker
 from tsuiseki.tracking.people.sort import Sort
-from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.points.settings import BlobSettings, Lag, SetMethod
 from tsuiseki.tracking.points.tracker import BlobTracker, MeasurementTracker
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, measurements

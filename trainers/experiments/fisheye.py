@@ -33,9 +33,9 @@ from tsuiseki.tracking.fisheye.settings import FisheyeSettings
 from tsuiseki.tracking.fisheye.tracker import FloorMethod, link_on_floor
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, ceiling_detector
 from tsuiseki.tracking.fisheye.view import CeilingView, Crops
+from tsuiseki.tracking.people.contract import run_tracker
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.people.sort import DeepSort, DeepSortSettings, Sort, SortSettings
-from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.report.overlay import Overlay, draw_label
 from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.stages import StageTimes

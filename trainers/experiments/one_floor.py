@@ -26,8 +26,8 @@ from tsuiseki.tracking.floor.run import open_floor
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor
 from tsuiseki.tracking.formats.world_tables import FloorPositions
 from tsuiseki.tracking.geometry import centres
+from tsuiseki.tracking.people.contract import run_tracker
 from tsuiseki.tracking.people.sort import Sort
-from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, IntArray
 from tsuiseki.trainers.experiments import study

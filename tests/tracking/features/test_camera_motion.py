@@ -14,7 +14,7 @@ from tsuiseki.datamodules.scenes.render.ground import ground_homography
 from tsuiseki.tracking.features.camera_motion import camera_flow, camera_motion, undone
 from tsuiseki.tracking.features.camera_path import CameraPath, move_boxes
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.people.methods import MotionCompensated
+from tsuiseki.tracking.people.motion_compensated import MotionCompensated
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.types import Detections
 

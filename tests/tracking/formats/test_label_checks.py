@@ -13,7 +13,7 @@ from tsuiseki.tracking.evaluation.result_files import match_results, read_truths
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.single import read_boxes
-from tsuiseki.tracking.people.inputs import given_detections
+from tsuiseki.tracking.people.given_detections import given_detections
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.video.source import open_source
 

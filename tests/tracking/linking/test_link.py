@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 import tsuiseki
-from tests.tracking.answers.walkers import walker
+from tests.tracking.counts.walkers import walker
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.linking.transits import MARGIN, Passages, Transits, linked, people_of
-from tsuiseki.tracking.people.tracked import tracked
+from tsuiseki.tracking.people.tracks_of_source import tracked
 from tsuiseki.tracking.result import Result
 
 

@@ -11,11 +11,11 @@ import pytest
 
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
+from tsuiseki.tracking.people.by_class import ByClass
 from tsuiseki.tracking.people.bytetrack import ByteTrack
+from tsuiseki.tracking.people.contract import PeopleTracker
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.people.methods import ByClass
 from tsuiseki.tracking.people.sort import Sort
-from tsuiseki.tracking.people.tracker import PeopleTracker
 from tsuiseki.tracking.types import Detections
 
 SHUFFLED = np.random.default_rng(0)

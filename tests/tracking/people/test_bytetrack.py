@@ -9,8 +9,8 @@ import pytest
 
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.people.bytetrack import ByteTrack, ByteTrackSettings
+from tsuiseki.tracking.people.contract import run_tracker
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings, matched
-from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections
 
 HERE = [100.0, 100.0, 140.0, 200.0]

@@ -11,12 +11,12 @@ import pytest
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import as_detector
 from tsuiseki.tracking.formats.mot import read_tracks
+from tsuiseki.tracking.people.api import follow_people, track_people
 from tsuiseki.tracking.people.bytetrack import ByteTrack
+from tsuiseki.tracking.people.contract import PeopleTracker
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.ocsort import OcSort
 from tsuiseki.tracking.people.sort import DeepSort, Sort
-from tsuiseki.tracking.people.tracker import PeopleTracker
-from tsuiseki.tracking.people.tracking import follow_people, track_people
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.class_choice import ClassChoice
 

@@ -6,8 +6,9 @@ import pytest
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.people.api import track_people
+from tsuiseki.tracking.people.opening import open_people
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
-from tsuiseki.tracking.people.tracking import open_people, track_people
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.review.session import Session
 from tsuiseki.tracking.types.frame_range import parse_frames

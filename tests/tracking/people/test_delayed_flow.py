@@ -13,9 +13,9 @@ from tsuiseki.tracking.association.costs import ObservationCost
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
+from tsuiseki.tracking.people.contract import run_tracker
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowSettings
-from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections, Targets, Track
 
 RATE = 20.0

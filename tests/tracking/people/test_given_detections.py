@@ -12,9 +12,9 @@ from tsuiseki.tracking.evaluation.multi import evaluate_sequence
 from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
+from tsuiseki.tracking.people.contract import run_tracker, shifted
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowSettings
-from tsuiseki.tracking.people.tracker import run_tracker, shifted
 from tsuiseki.tracking.weights import shipped
 
 FIRST, LAST = 300, 399

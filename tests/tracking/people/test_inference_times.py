@@ -13,11 +13,11 @@ from tsuiseki.tracking.association.inference_times import inferred_frames, named
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion, per_longer_frame, predict_boxes, start_boxes, update_boxes
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
+from tsuiseki.tracking.people.api import follow_people, track_people
 from tsuiseki.tracking.people.bytetrack import ByteTrack
 from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
 from tsuiseki.tracking.people.ocsort import OcSort
 from tsuiseki.tracking.people.sort import DeepSort, Sort
-from tsuiseki.tracking.people.tracking import follow_people, track_people
 from tsuiseki.tracking.types import Detections, Track
 
 ONLINE = [Sort, DeepSort, ByteTrack, OcSort]

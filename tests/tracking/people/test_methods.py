@@ -7,9 +7,9 @@ import pytest
 
 from tsuiseki.tracking.association.costs import ProbabilityCost
 from tsuiseki.tracking.features.exported import Detector
-from tsuiseki.tracking.people import methods
-from tsuiseki.tracking.people.methods import people_tracker, score_scale, straddles
+from tsuiseki.tracking.people import tracker_choice as methods
 from tsuiseki.tracking.people.settings import METHODS, MethodSettings
+from tsuiseki.tracking.people.tracker_choice import people_tracker, score_scale, straddles
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.weights import shipped

@@ -7,9 +7,9 @@ import pytest
 
 from tsuiseki.tracking.filters.kalman import BoxMotion, Gaussians, predict, start_boxes, update
 from tsuiseki.tracking.geometry import centres
+from tsuiseki.tracking.people.contract import run_tracker
 from tsuiseki.tracking.people.ocsort import History, OcSort, OcSortSettings, direction_costs, re_updated
 from tsuiseki.tracking.people.sort import Sort, SortSettings
-from tsuiseki.tracking.people.tracker import run_tracker
 from tsuiseki.tracking.types import Detections, FloatArray
 
 HERE = np.array([100.0, 100.0, 140.0, 200.0])

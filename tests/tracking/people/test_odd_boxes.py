@@ -14,9 +14,9 @@ import pytest
 from tsuiseki.tracking.drone.drone_models import read_given_tracks
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
+from tsuiseki.tracking.people.api import track_people
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.sort import Sort
-from tsuiseki.tracking.people.tracking import track_people
 from tsuiseki.tracking.video.source import open_source
 
 WIDTH, HEIGHT, FRAMES = 320, 240, 12

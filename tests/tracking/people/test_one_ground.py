@@ -13,8 +13,8 @@ from tsuiseki.tracking.features.tiles import parse_view
 from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.geometry import iou_matrix
-from tsuiseki.tracking.people.inputs import PeopleInputs, ground_of
-from tsuiseki.tracking.people.tracking import track_people
+from tsuiseki.tracking.people.api import track_people
+from tsuiseki.tracking.people.detections import PeopleInputs, ground_of
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.source import open_source

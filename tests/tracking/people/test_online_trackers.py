@@ -21,8 +21,8 @@ from tsuiseki import (
     SortSettings,
 )
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.people.contract import OnlineTracker
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings, with_area
-from tsuiseki.tracking.people.tracker import OnlineTracker
 from tsuiseki.tracking.types import Targets, Track
 
 LIFE = LifecycleSettings(min_hits=3, max_age=2)

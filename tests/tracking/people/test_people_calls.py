@@ -15,9 +15,9 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
+from tsuiseki.tracking.people.api import follow_people, track_people
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.sort import Sort
-from tsuiseki.tracking.people.tracking import follow_people, track_people
 from tsuiseki.tracking.types import Targets, Track
 from tsuiseki.tracking.types.tracks import targets_at
 from tsuiseki.tracking.video.source import open_source

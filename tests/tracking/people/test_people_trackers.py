@@ -11,12 +11,12 @@ import pytest
 from tsuiseki.tracking.association.costs import ObservationCost, ProbabilityCost
 from tsuiseki.tracking.association.flow_window import FlowCosts
 from tsuiseki.tracking.people.bytetrack import ByteTrack
+from tsuiseki.tracking.people.contract import PeopleTracker, run_tracker
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.people.ocsort import OcSort
 from tsuiseki.tracking.people.sort import DeepSort, DeepSortSettings, Sort, SortSettings
-from tsuiseki.tracking.people.tracker import PeopleTracker, run_tracker
 from tsuiseki.tracking.types import Detections, Track
 
 MAKERS: dict[str, Callable[[], PeopleTracker]] = {

@@ -14,11 +14,11 @@ import pytest
 from tsuiseki import track_people
 from tsuiseki.tracking.association.clutter import LOWEST, ScoreChoice, score_choice
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
-from tsuiseki.tracking.people.inputs import PeopleInputs
+from tsuiseki.tracking.people.detections import PeopleInputs
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
+from tsuiseki.tracking.people.opening import open_people
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 from tsuiseki.tracking.people.sort import SortSettings
-from tsuiseki.tracking.people.tracking import open_people
 from tsuiseki.tracking.types import Detections, ImageArray
 from tsuiseki.tracking.video.source import open_source
 

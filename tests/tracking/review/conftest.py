@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.people.tracking import track_people
+from tsuiseki.tracking.people.api import track_people
 from tsuiseki.tracking.types import Track
 
 SIZE, FRAMES, PEOPLE = (640, 360), 80, 8

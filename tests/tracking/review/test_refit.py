@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from tsuiseki.tracking.association.corrected_flow import refitted
 from tsuiseki.tracking.association.network_flow import FlowGraph
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
-from tsuiseki.tracking.review.correction_log import Correction, boxes_of
-from tsuiseki.tracking.review.solving import refitted
+from tsuiseki.tracking.formats.correction_log import Correction, boxes_of
 
 COUNT = 40
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.association.corrected_flow import CorrectedFlow
 from tsuiseki.tracking.association.network_flow import FlowGraph
 from tsuiseki.tracking.association.residual_flow import FORCED
 from tsuiseki.tracking.association.sliding_flow import solve_in_windows
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
-from tsuiseki.tracking.review.correction_log import Correction, boxes_of
-from tsuiseki.tracking.review.solving import CorrectedFlow
+from tsuiseki.tracking.formats.correction_log import Correction, boxes_of
 
 
 def street(frames=1000, people=30, seed=0):

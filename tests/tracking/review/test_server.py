@@ -16,10 +16,10 @@ from starlette.testclient import TestClient
 
 from tests.tracking.review.conftest import FRAMES, PEOPLE, SIZE
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.review.corrected_tracks import ROW
 from tsuiseki.tracking.review.reviewed import Reviewed
 from tsuiseki.tracking.review.server import JpegFrames, application
 from tsuiseki.tracking.review.session import Session
+from tsuiseki.tracking.review.track_rows import ROW
 
 TOKEN, HOST = "t0ken", "127.0.0.1:8000"
 ADDRESS = f"http://{HOST}/{TOKEN}/"

@@ -6,13 +6,13 @@ import cv2
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.association.corrected_flow import CorrectedFlow
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.people.tracking import track_people
+from tsuiseki.tracking.formats.correction_log import Correction, boxes_of
+from tsuiseki.tracking.people.api import track_people
 from tsuiseki.tracking.result import Result
-from tsuiseki.tracking.review.correction_log import Correction, boxes_of
 from tsuiseki.tracking.review.session import Session
-from tsuiseki.tracking.review.solving import CorrectedFlow
 
 SIZE = (400, 200)
 

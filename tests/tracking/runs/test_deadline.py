@@ -18,8 +18,8 @@ import onnx
 import pytest
 from onnx import TensorProto, helper, numpy_helper
 
-from tsuiseki.tracking.answers.page import TrackedPage
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.counts.page import TrackedPage
 from tsuiseki.tracking.drone.tracker import DroneTracker
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.onnx import CALLS

@@ -6,9 +6,9 @@ import pytest
 
 from tests.tracking.single.moving_texture import clip, walk
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.formats.correction_log import Box, CorrectedVideo, Correction, append
 from tsuiseki.tracking.formats.single import read_boxes
 from tsuiseki.tracking.geometry import iou_pairs
-from tsuiseki.tracking.review.correction_log import Box, CorrectedVideo, Correction, append
 
 SHAPE, GONE, FOUND = (160, 320), range(15, 20), 35
 

@@ -10,7 +10,7 @@ import pytest
 
 from tests.trainers.adapt import street
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.review.correction_log import CORRECTIONS_FILE, CorrectedVideo, Correction, append, boxes_of
+from tsuiseki.tracking.formats.correction_log import CORRECTIONS_FILE, CorrectedVideo, Correction, append, boxes_of
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.trainers.adapt.track_labels import (

@@ -13,8 +13,8 @@ from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.options import OutputFile
+from tsuiseki.tracking.people.contract import run_tracker, shifted
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.people.tracker import run_tracker, shifted
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.affinity_fit import AffinitySettings, AffinityVideo, fit_affinity
 

@@ -14,9 +14,9 @@ from tsuiseki.models.association_network import AssociationNetwork
 from tsuiseki.tracking.association.learnt_costs import CostNetwork, FeatureNames
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY
+from tsuiseki.tracking.people.contract import run_tracker
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.people.methods import people_affinity, people_tracker
-from tsuiseki.tracking.people.tracker import run_tracker
+from tsuiseki.tracking.people.tracker_choice import people_affinity, people_tracker
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.trainers.exporting.export_costs import TOLERANCE, export_association
 

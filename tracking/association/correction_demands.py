@@ -1,0 +1,201 @@
+"""What corrections ask of the detections of a network, and which of them contradict each other."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.association.pair_constraints import Pair
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.correction_log import Box, Correction
+from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
+from tsuiseki.tracking.types import FloatArray, IntArray
+
+# Of a box that was spoken of, the detection of its frame is meant that overlaps it most, and by as much.
+SAME_BOX = 0.5
+NOTHING = -1
+# A detection that was deleted later.
+GONE = -2
+
+
+class ContradictionError(RequestError):
+    """Two corrections cannot both hold."""
+
+    def __init__(self, one: str, other: str) -> None:
+        super().__init__(f"these two cannot both be right: {one}; {other}; take one back")
+
+
+@dataclass
+class _Group:
+    """Detections of one person by frame, each with the sentence that put it there, and the last sentence."""
+
+    members: dict[int, tuple[int, str]]
+    sentence: str
+
+
+@dataclass
+class Demands:
+    """What must hold of detections, by their numbers.
+
+    Attributes:
+        frames: ``(N,)`` of the detections.
+        used: whether detections are in tracks.
+        after: what follows a detection; -1 for nothing.
+        before: what precedes it; -1 for nothing.
+        pairs: whether two, the earlier one first, are of one track.
+        shown: boxes that take the place of the detections', ``(4,)`` pixels.
+        names: of the tracks that detections are in.
+        left_out: sentences that do not apply.
+    """
+
+    frames: IntArray
+    used: dict[int, bool] = field(default_factory=dict)
+    after: dict[int, int] = field(default_factory=dict)
+    before: dict[int, int] = field(default_factory=dict)
+    pairs: dict[tuple[int, int], bool] = field(default_factory=dict)
+    shown: dict[int, FloatArray] = field(default_factory=dict)
+    names: dict[int, str] = field(default_factory=dict)
+    left_out: list[str] = field(default_factory=list)
+    _sentences: dict[tuple[int, Any], str] = field(default_factory=dict)
+    _groups: dict[int, _Group] = field(default_factory=dict)
+
+    def use(self, i: int, wanted: bool, sentence: str) -> None:
+        """A detection is a person, or none."""
+        self._note(self.used, i, wanted, sentence)
+
+    def link(self, i: int, j: int, sentence: str) -> None:
+        """One detection follows another; -1 stands for none, at the start or the end of a track."""
+        if GONE in (i, j):
+            return
+        for table, key, value in ((self.after, i, j), (self.before, j, i)):
+            if key != NOTHING:
+                self.use(key, True, sentence)
+                self._note(table, key, value, sentence)
+        if NOTHING not in (i, j):
+            self.pair(i, j, True, sentence)
+
+    def pair(self, i: int, j: int, same: bool, sentence: str) -> None:
+        """Two detections are of one track, or not."""
+        first, last = sorted((i, j), key=lambda n: int(self.frames[n]))
+        self._note(self.pairs, (first, last), same, sentence)
+        if same:
+            self._join(i, j, sentence)
+
+    def wanted_pairs(self) -> list[Pair]:
+        """What `pairs` come to that links do not make sure of: of one person, neighbours in time."""
+        groups = {id(group): sorted(group.members.items()) for group in self._groups.values()}.values()
+        same = [pair for group in groups for pair in itertools.pairwise(n for _, (n, _) in group)]
+        together = [Pair(i, j, same=True) for i, j in same if self.after.get(i) != j]
+        return together + [Pair(i, j, same=False) for (i, j), same in self.pairs.items() if not same]
+
+    def check(self) -> None:
+        """Refuse two that are apart although others put them together.
+
+        Raises:
+            ContradictionError: there are some.
+        """
+        for (i, j), same in self.pairs.items():
+            group = self._groups.get(i)
+            if not same and group is not None and group is self._groups.get(j):
+                raise ContradictionError(self._sentences[id(self.pairs), (i, j)], group.sentence)
+
+    def _note(self, table: dict[Any, Any], key: Any, value: Any, sentence: str) -> None:
+        known = self._sentences.setdefault((id(table), key), sentence)
+        if table.setdefault(key, value) != value:
+            raise ContradictionError(known, sentence)
+
+    def _join(self, i: int, j: int, sentence: str) -> None:
+        """Put two detections into one group, in which each frame stands once."""
+        one, other = (
+            self._groups.setdefault(n, _Group({int(self.frames[n]): (n, sentence)}, sentence)) for n in (i, j)
+        )
+        if one is not other:
+            for frame, (n, _) in other.members.items():
+                known, before = one.members.setdefault(frame, (n, sentence))
+                if known != n:
+                    raise ContradictionError(before, sentence)
+                self._groups[n] = one
+        one.sentence = sentence
+
+
+def demands_of(corrections: Sequence[Correction], frames: IntArray, boxes: FloatArray) -> Demands:
+    """What corrections, in their order, ask of detections of ``(N,)`` frames and ``(N, 4)`` boxes in pixels.
+
+    Raises:
+        ContradictionError: two of them contradict each other; the message has both.
+    """
+    demands, find = Demands(frames), Finder(frames, boxes)
+    sentences = [
+        (one, sentence, [NOTHING if box is None else find(box) for box in one.boxes])
+        for one, sentence in _single(corrections)
+    ]
+    deleted = {n: place for place, (one, _, found) in enumerate(sentences) if one.kind == "delete" for n in found}
+    for place, (one, sentence, found) in enumerate(sentences):
+        lost = [n == NOTHING and box is not None for n, box in zip(found, one.boxes, strict=True)]
+        if all(lost) if one.kind in ("delete", "right", "box") else any(lost):
+            demands.left_out.append(f"{sentence} (no detection is there)")
+            continue
+        # Who deletes a track takes back what was decided of it before.
+        found = [GONE if deleted.get(n, -1) > place else n for n in found]
+        if GONE not in found or one.kind in ("switch", "right"):
+            _ask(demands, one, found, sentence)
+    demands.check()
+    return demands
+
+
+def _single(corrections: Sequence[Correction]) -> Iterator[tuple[Correction, str]]:
+    """Corrections that say one thing, with the sentences that they came in."""
+    return ((part, str(one)) for one in corrections for part in one.parts or (one,))
+
+
+def _ask(demands: Demands, one: Correction, numbers: list[int], sentence: str) -> None:
+    known = [n for n in numbers if n != NOTHING]
+    if one.kind == "switch":
+        a, b, a_after, b_after = numbers
+        demands.link(a, b_after, sentence)
+        demands.link(b, a_after, sentence)
+    elif one.kind in ("next", "right"):
+        for i, j in itertools.pairwise(known):
+            demands.link(i, j, sentence)
+    elif one.kind == "name":
+        demands.names[known[0]] = one.name
+    else:
+        if one.kind in ("same", "not_same"):
+            demands.pair(numbers[0], numbers[1], one.kind == "same", sentence)
+        elif one.kind == "box":
+            demands.shown[known[0]] = corners(one.there[-1])
+        for n in known[:1] if one.kind == "box" else known:
+            demands.use(n, one.kind not in ("delete", "not_person"), sentence)
+
+
+def corners(box: Box) -> FloatArray:
+    """``(4,)`` x1, y1, x2, y2."""
+    return np.asarray(corners_from_xywh(np.array([box[1:]]))[0])
+
+
+class Finder:
+    """Finds detections, of ``(N,)`` frames and ``(N, 4)`` boxes in pixels, by boxes that were spoken of."""
+
+    def __init__(self, frames: IntArray, boxes: FloatArray) -> None:
+        self._boxes = boxes
+        self._order = np.argsort(frames, kind="stable")
+        self._sorted = frames[self._order]
+
+    def __call__(self, box: Box) -> int:
+        """Number of the detection that a box of its frame means, -1 for none."""
+        rows = self._order[slice(*np.searchsorted(self._sorted, [box.frame, box.frame + 1]))]
+        if len(rows) == 0:
+            return NOTHING
+        overlap = iou_matrix(corners(box)[None], self._boxes[rows])[0]
+        best = int(overlap.argmax())
+        return int(rows[best]) if overlap[best] >= SAME_BOX else NOTHING
+
+
+def unmet_boxes(corrections: Sequence[Correction], frames: IntArray, boxes: FloatArray) -> list[Box]:
+    """Boxes of people where no detection is: they become detections."""
+    find, people = Finder(frames, boxes), [one for one, _ in _single(corrections) if one.kind in ("real", "box")]
+    return [*dict.fromkeys(one.there[-1] for one in people if all(find(box) == NOTHING for box in one.there))]

@@ -1,0 +1,99 @@
+"""`tsuiseki track people`: everyone in view, each with an id."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from tsuiseki.tracking.people.settings import Linking, PeopleFinding
+from tsuiseki.tracking.runs.following import Video, count
+from tsuiseki.tracking.runs.run import SeededOutput
+from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.video.source import Source
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.hiding.run import Hiding, Wanted
+    from tsuiseki.tracking.people.opening import OpenedPeople
+    from tsuiseki.tracking.result import Result
+    from tsuiseki.tracking.runs.run import Run
+    from tsuiseki.tracking.types import Track
+
+
+def people(
+    video: Video, output: SeededOutput, finding: PeopleFinding, linking: Linking, hide: str | None = None
+) -> int:
+    """Track the people in a video: each gets a number that stays.
+
+    Without further options the people are detected, described and linked by the models that ship with the toolkit.
+    DIR gets tracks.txt (MOTChallenge text), report.html with its plots and numbers in report/, run.json, with --method
+    flow flow.npz (what tsuiseki review asks about) and, with --overlay, overlay.webm.
+
+    Args:
+        seed: of random numbers; kept in run.json, for the methods here draw none.
+        hide: in the overlay and in the pictures of the report hide people, heads, or all-but the tracks with these
+            ids, such as all-but 3,5; see tsuiseki hide.
+    """
+    return track(video, output, finding, linking, hide)
+
+
+def track(
+    video: Video,
+    output: SeededOutput,
+    finding: PeopleFinding,
+    linking: Linking,
+    hide: str | None = None,
+    replayed: Callable[[Run, OpenedPeople], tuple[OpenedPeople, Iterator[tuple[int, Detections]]]] | None = None,
+) -> int:
+    """`people`, where ``replayed`` may give what runs instead, and each frame's number with its detections."""
+    from tsuiseki.tracking.counts.page import counted, with_page
+    from tsuiseki.tracking.features.view_choice import report_blank, report_models
+    from tsuiseki.tracking.formats.mot import detection_lines
+    from tsuiseki.tracking.hiding.run import Wanted
+    from tsuiseki.tracking.people.opening import open_people
+    from tsuiseki.tracking.people.people_result import people_result
+
+    wanted = None if hide is None else Wanted.parse(hide)
+    source = video.open(images=wanted is not None, timed=True)
+    opened = open_people(source, finding, linking, output.seed)
+    with output.run() as run:
+        run.facts |= report_models(opened.inputs.detect, opened.inputs.describe)
+        if replayed is None:
+            frames = run.frames(source, record=video.overlay or wanted is not None)
+            detections = opened.inputs.detections(frames, run.times)
+        else:
+            opened, detections = replayed(run, opened)
+        kept = run.kept("detections.txt", detections, None if finding.detections else detection_lines)
+        steps = run.steps(kept)
+        settings = {"method": linking.method, "source": video.source, "hide": hide}
+        result, lines = people_result(opened, steps, run.times, settings)
+        for line in lines:
+            print(line)
+        report_blank(opened.inputs.detect)
+        hiding = None if wanted is None else _hiding(run, source, result, wanted, finding)
+        again = None if hiding is None else lambda: hiding.hidden(run.replay(source))
+        run.save(
+            with_page(result, hide=hiding and hiding.hidden),
+            lambda: video.draw(run, source, result, frames=again) if wanted is None or hiding else None,
+        )
+        run.done(f"{counted(result.tracks)} in {count(run.count, 'frame', 'frames')}: {output.out / 'tracks.txt'}")
+    return run.status
+
+
+def _hiding(run: Run, source: Source, result: Result[Track], wanted: Wanted, finding: PeopleFinding) -> Hiding | None:
+    """What to hide, whose places in doubt are listed in ``doubtful.csv``; None where that was not finished."""
+    from tsuiseki.tracking.hiding.run import SENSITIVE, Hiding, find_missed
+
+    score, written = min(finding.threshold, SENSITIVE), list[Hiding]()
+    second = replace(finding, detections=None, classes=None, score_range=None, score_threshold=score)
+
+    def write(path: Path) -> None:
+        hiding = find_missed(source, run.replay(source), list(result), wanted, second)
+        hiding.write_doubts(path)
+        written.append(hiding)
+
+    run.draw("doubtful.csv", write)
+    for hiding in written:
+        print(hiding.summary(run.output.out / "doubtful.csv"))
+    return written[0] if written else None

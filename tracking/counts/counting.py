@@ -1,0 +1,140 @@
+"""Tracks and a scene in, answers out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.counts.companions import with_hidden
+from tsuiseki.tracking.counts.doubt import Doubt
+from tsuiseki.tracking.counts.line_tables import flows, line_tables, sides, turns
+from tsuiseki.tracking.counts.paths import Paths, paths_of
+from tsuiseki.tracking.counts.scene import Scene, read_scene
+from tsuiseki.tracking.counts.settings import CountSettings
+from tsuiseki.tracking.counts.zone_tables import counts_table, gathering_table, people, zone_tables
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.label_checks import compare_with_picture
+from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.types import FloatArray, IntArray, Track
+from tsuiseki.tracking.types.tracks import BodyTrack, boxes_about
+
+Table = Mapping[str, Sequence[Any]]
+"""Columns by name, all of one length."""
+
+
+@dataclass(frozen=True, eq=False)
+class Answers:
+    """Answers about the people in a video.
+
+    ``tables`` are, with times in seconds from the start of the video and places in the unit of the scene:
+
+    * ``lines``: line, direction, count, low, high; the last two are the ends of an interval of 90 %.
+    * ``crossings``: time, frame (from 1), id, line, direction, x, y, probability of being real, class
+      (name, where it is known).
+    * ``flows``: start, end, line, direction, count: crossings by interval of time.
+    * ``turns``: origin, destination, count: of people who crossed two lines or more, the first and the last of them.
+    * ``zones``: zone, entries and exits with low and high, people (mean at a time) with low and high, most (at a time),
+      stay (mean seconds) with low and high, longest (seconds), density (people a square metre, where metres are known).
+    * ``stays``: zone, id, start, end, seconds, waited (seconds), entered and left (False where it began or ended
+      unseen).
+    * ``occupancy``: time, zone, people (mean over the second), low, high, most, waiting (mean).
+    * ``counts``: time, people (mean over the second) and most in view.
+    * ``sides``: origin, destination, count: from which side of the picture to which everybody went.
+    * ``people``: id, first, last, seconds, path (length), metres and speed (m/s) where metres are known, class.
+    * ``gatherings``: start, end, people (in all), most (at a time), x, y, ids.
+
+    Attributes:
+        tables: by name.
+        occupancy: by zone the ``(F,)`` number of people in each frame.
+        scene: what was counted in.
+        length: frames.
+        frame_rate: frames a second.
+        size: ``(2,)`` width and height of the picture, pixels; where it is not known, of what holds all paths.
+    """
+
+    tables: Mapping[str, Table]
+    occupancy: Mapping[str, IntArray]
+    scene: Scene
+    length: int
+    frame_rate: float
+    size: FloatArray
+    paths: Paths = field(repr=False)
+
+    def count(self, line: str, direction: str) -> tuple[int, int, int]:
+        """Crossings of a line in a direction, and the ends of the interval of 90 %.
+
+        Raises:
+            RequestError: there is no such line or direction.
+        """
+        table = self.tables["lines"]
+        known = list(zip(table["line"], table["direction"], strict=True))
+        if (line, direction) not in known:
+            named = ", ".join(f"{one} {way}" for one, way in known)
+            raise RequestError(f"expected a line and a direction of {named or 'none'}, got {line} {direction}")
+        row = known.index((line, direction))
+        return table["count"][row], table["low"][row], table["high"][row]
+
+
+def count(
+    result: Result[Any] | Sequence[Track],
+    scene: Scene | str,
+    settings: CountSettings | None = None,
+    *,
+    frame_rate: float | None = None,
+) -> Answers:
+    """Who crossed which line, who was in which zone for how long, and how sure that is.
+
+    Args:
+        result: of a run, or tracks.
+        scene: lines and zones, or the file that has them, see `read_scene`.
+        settings: how people are counted.
+        frame_rate: frames a second, where the result does not say.
+
+    Raises:
+        RequestError: the scene is wrong or of another video's size, an anchor does not fit it, nothing says the frame
+            rate, or the result has no boxes.
+    """
+    settings = settings or CountSettings()
+    settings.check()
+    where = "scene" if isinstance(scene, Scene) else str(scene)
+    scene = scene if isinstance(scene, Scene) else read_scene(scene)
+    scene.check_video(getattr(result, "size", None), where)
+    rate: float = getattr(result, "frame_rate", 0.0) if frame_rate is None else frame_rate
+    if not 0 < rate < 1e4:
+        raise RequestError(f"expected a frame rate above 0, got {rate:g}; give the video's as `fps`")
+    if settings.anchor == "floor":
+        scene = scene.on_floor()
+    tracks, bodies = boxes_about(result, getattr(result, "names", ())), any(isinstance(t, BodyTrack) for t in result)
+    if settings.anchor is None and scene.unit == "pixels" and bodies:
+        settings = replace(settings, anchor="centre")
+    paths = paths_of(tracks, scene, settings)
+    frames = getattr(result, "frames", {}).get("frame", ())
+    first, length = min(frames, default=0), max([-1, *frames, *(int(track.frames[-1]) for track in tracks)]) + 1
+    own = getattr(result, "size", None)
+    known = scene.size or own
+    if own is None and not bodies:  # one that knows its picture was tracked in it
+        compare_with_picture("the result", np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]), known)
+    # Who may have been hidden counts at lines and in zones. Animals are filmed from above: none hides another.
+    every = paths if bodies else paths_of(with_hidden(tracks, known, length, rate), scene, settings)
+    size = np.asarray(known or scene.pixels(paths.points).max(axis=0, initial=1.0), dtype=np.float64)
+    span, doubt = (first, length), Doubt(every, scene, rate, length)
+    lines, crossings = line_tables(every, scene, settings, doubt)
+    zones, occupancy = zone_tables(every, scene, settings, doubt, span)
+    tables = {
+        "lines": lines,
+        "crossings": crossings,
+        "flows": flows(scene, crossings, settings.interval, length / rate),
+        "turns": turns(crossings),
+        **zones,
+        "sides": sides(paths, scene.pixels(paths.points), size),
+        "counts": counts_table(paths, span, rate),
+        "people": people(paths, rate),
+        "gatherings": gathering_table(paths, settings.gathering, rate),
+    }
+    names = {track.id: track.class_name for track in tracks}
+    for name in ("crossings", "people"):
+        tables[name]["class"] = [names[number] for number in tables[name]["id"]]
+    return Answers(tables, occupancy, scene, length, rate, size, paths)

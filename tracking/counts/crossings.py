@@ -1,0 +1,107 @@
+"""Who crossed a line or a border, when, and in which direction: never twice for going to and fro on it.
+
+A person has a signed distance from the line. Beyond a band about it their side is settled; within the band they keep
+the side that they were on last. A change of the settled side is a crossing, at the moment at which the distance changed
+its sign last. Where a path begins and ends, its side counts even within the band. Of a line, the path must have met it
+between its ends: once more in this direction than back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from tsuiseki.tracking.counts.paths import Paths
+from tsuiseki.tracking.counts.polygons import distance_to_border, inside
+from tsuiseki.tracking.counts.scene import Scene, SceneLine, SceneZone
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+
+@dataclass(frozen=True, eq=False)
+class Crossings:
+    """Crossings of one line or border, in the order of rows.
+
+    Attributes:
+        rows: ``(C,)`` of `Paths`: the first behind the line.
+        sides: ``(C,)`` 1 to the right of the line or into the zone, -1 back.
+        before: ``(C,)`` last row at which the side before was settled.
+        after: ``(C,)`` first row at which the side after was settled.
+    """
+
+    rows: IntArray
+    sides: IntArray
+    before: IntArray
+    after: IntArray
+
+
+def line_crossings(paths: Paths, scene: Scene, line: SceneLine, band: float) -> Crossings:
+    """Who crossed a line; ``band`` is in heights of the person, to each side."""
+    distances, along = line_distances(paths.points, scene, line)
+    found = changes(distances, band * paths.heights, paths)
+    met = np.zeros(len(paths), dtype=np.int64)
+    steps = np.flatnonzero(_turned(distances, paths))
+    between = steps[meets(distances[steps - 1], distances[steps], along[steps - 1], along[steps])]
+    met[between] = np.where(distances[between] > 0, 1, -1)
+    total, last = np.cumsum(met), _last(met != 0)
+    through = np.sign(total[found.after] - total[found.before]) == found.sides
+    return Crossings(last[found.after][through], found.sides[through], found.before[through], found.after[through])
+
+
+def border_crossings(paths: Paths, zone: SceneZone, band: float) -> Crossings:
+    """Who entered and left a zone; ``band`` is in heights of the person, to each side of the border."""
+    return changes(zone_distances(paths.points, zone), band * paths.heights, paths)
+
+
+def line_distances(points: FloatArray, scene: Scene, line: SceneLine) -> tuple[FloatArray, FloatArray]:
+    """``(N,)`` distance of ``(N, 2)`` points from a line, above 0 on its right, and the place along it in [0, 1]."""
+    start, way = line.ends[0], line.ends[1] - line.ends[0]
+    length = float(np.hypot(*way))
+    x, y = points[:, 0] - start[0], points[:, 1] - start[1]
+    return scene.right_is * (way[0] * y - way[1] * x) / length, (way[0] * x + way[1] * y) / length**2
+
+
+def meets(before: FloatArray, after: FloatArray, along: FloatArray, further: FloatArray) -> BoolArray:
+    """``(B,)`` which ways meet a line between its ends.
+
+    Args:
+        before: ``(B,)`` signed distance from the line where each way begins.
+        after: where it ends.
+        along: ``(B,)`` place along the line, see `line_distances`, where each way begins.
+        further: where it ends.
+    """
+    turned = (before > 0) != (after > 0)
+    place = along + before / np.where(turned, before - after, 1.0) * (further - along)
+    return np.asarray(turned & (place >= 0) & (place <= 1))
+
+
+def zone_distances(points: FloatArray, zone: SceneZone) -> FloatArray:
+    """``(N,)`` distance of ``(N, 2)`` points from the border of a zone, above 0 inside."""
+    return np.where(inside(points, zone.corners), 1.0, -1.0) * distance_to_border(points, zone.corners)
+
+
+def changes(distances: FloatArray, band: FloatArray, paths: Paths) -> Crossings:
+    """Where the settled side of paths changes, by ``(N,)`` signed distances and half the band's width at each row."""
+    width = band.copy()
+    width[paths.starts] = width[paths.ends] = 0.0
+    settled = np.flatnonzero(np.abs(distances) > width)
+    sides = np.where(distances[settled] > 0, 1, -1)
+    first = paths.first_rows[settled]
+    changed = np.flatnonzero((sides[1:] != sides[:-1]) & (first[1:] == first[:-1])) + 1
+    after = settled[changed]
+    turns = _last(_turned(distances, paths))
+    return Crossings(turns[after], sides[changed], settled[changed - 1], after)
+
+
+def _turned(distances: FloatArray, paths: Paths) -> BoolArray:
+    """``(N,)`` rows at which the distance has another sign than at the row before, in the same piece."""
+    right = distances > 0
+    turned = np.zeros(len(right), dtype=np.bool_)
+    turned[1:] = right[1:] != right[:-1]
+    turned[paths.starts] = False
+    return turned
+
+
+def _last(marked: BoolArray) -> IntArray:
+    """``(N,)`` for each row the last marked one up to it; -1 before the first."""
+    return np.maximum.accumulate(np.where(marked, np.arange(len(marked)), -1))

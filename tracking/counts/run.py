@@ -1,0 +1,193 @@
+"""`tsuiseki count`: answers about the people in a finished result; `tsuiseki scene`: what to count, drawn.
+
+The user draws a scene on a picture of the video, on a page in the browser.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from tsuiseki.tracking.counts.scene import Scene, scene_of, scene_text
+from tsuiseki.tracking.counts.settings import CountSettings
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.options import OutputFile
+from tsuiseki.tracking.report.drawing import drawn_on
+from tsuiseki.tracking.runs.run import Output
+
+SCENE_FILE = OutputFile(out=Path("scene.yaml"))
+
+
+def count(result: Path, /, scene: Path, how: CountSettings, output: Output, fps: float | None = None) -> int:
+    """Count the people of a result: crossings of lines, people in zones, and how long they stay.
+
+    DIR gets answers.json, a CSV for each table, plots, report.html and run.json.
+
+    Args:
+        result: folder of a result, or a file of tracks.
+        scene: YAML of lines and zones; tsuiseki scene draws it.
+        fps: frames a second, where the result does not say.
+    """
+    from tsuiseki.tracking.counts import counting
+    from tsuiseki.tracking.counts.page import TrackedPage, summary
+    from tsuiseki.tracking.result import Result
+
+    loaded: Result[Any] = Result.load(result)
+    with output.run() as run:
+        with run.times.measure("count"):
+            answers = counting.count(loaded, str(scene), how, frame_rate=fps)
+        for name, write in TrackedPage(loaded, answers=answers).files().items():
+            run.write(name, write, result if result.is_dir() else run.work)
+        run.done("\n".join([*summary(answers), f"answers: {output.out}"]))
+    return run.status
+
+
+def scene(video: Path, /, output: OutputFile = SCENE_FILE) -> None:
+    """Draw lines and zones on the first frame of a video, on a page in the browser, for tsuiseki count.
+
+    Args:
+        video: a video file, a folder of images, or a sequence folder.
+        out: the scene file to write.
+    """
+    from tsuiseki.tracking.video.source import open_source
+
+    opened = open_source(video)
+    if not opened.has_images:
+        raise RequestError(f"{opened.name} has no images to draw on; expected them in its folder img1/")
+    image = next(iter(opened.frames())).image
+    size = [image.shape[1], image.shape[0]]
+
+    def taken(answer: Any) -> Scene:
+        if not isinstance(answer, dict) or answer.get("size") != size or "camera" in answer:
+            raise RequestError(f"scene: expected lines and zones in a picture of {size[0]}x{size[1]}")
+        return scene_of(answer, "scene", Path())
+
+    drawn = drawn_on(image, _PAGE, taken, "draw the scene", "write the scene by hand instead")
+    output.write(output.out, lambda path: path.write_text(scene_text(drawn), encoding="utf-8"))
+    print(f"{len(drawn.lines)} lines, {len(drawn.zones)} zones: {output.out}")
+
+
+_PAGE = """<!doctype html>
+<html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width, initial-scale=1">
+<title>Draw the scene</title>
+<style>
+ body { font: 16px sans-serif; margin: 1rem; background: Canvas; color: CanvasText; color-scheme: light dark }
+ #frame { position: relative; display: inline-block; touch-action: none; cursor: crosshair; user-select: none }
+ img { display: block; max-width: 100%; max-height: 75vh; pointer-events: none }
+ svg { position: absolute; inset: 0; width: 100%; height: 100%; pointer-events: none; overflow: visible }
+ svg * { vector-effect: non-scaling-stroke } text { paint-order: stroke; stroke: #000; stroke-width: 3px; fill: #fff }
+ button, input, select { font: inherit; padding: .3rem .6rem } li { margin: .2rem 0 }
+</style>
+<p><label>Draw a <select id="kind"><option value="lines">line</option><option value="zones">zone</option>
+ <option value="region">region of interest</option><option value="ignored">ignored region</option>
+ <option value="length">known length</option></select></label>
+ <label><span id="what">named</span> <input id="name" value="line 1" maxlength="60"></label>
+ <button id="close" disabled>Close the polygon</button> <button id="save" disabled>Save the scene</button></p>
+<p id="said" role="status">Click the two ends of a line, or the corners of a polygon. An arrow shows the way
+ that counts as in. Escape takes a point back. By keyboard: arrows, with Shift faster, and Enter. A known length gives
+ metres in a picture straight from above.</p>
+<div id="frame" tabindex="0" aria-label="The picture">
+ <img src="image.png" alt="first frame of the video"><svg></svg></div>
+<ol id="list"></ol>
+<script>
+ const byId = id => document.getElementById(id), frame = byId("frame"), image = document.querySelector("img");
+ const svg = document.querySelector("svg"), kind = byId("kind"), name = byId("name"), said = byId("said");
+ const scene = [];
+ let points = [], cursor = null;
+ const straight = one => one === "lines" || one === "length";
+ const make = (tag, given, text) => {
+  const made = document.createElementNS("http://www.w3.org/2000/svg", tag);
+  Object.entries(given).forEach(([key, value]) => made.setAttribute(key, value));
+  if (text) made.textContent = text;
+  svg.append(made);
+ };
+ function arrow([a, b], size) {
+  const m = [0, 1].map(k => (a[k] + b[k]) / 2), l = Math.hypot(b[0] - a[0], b[1] - a[1]) || 1;
+  const n = [-(b[1] - a[1]) / l, (b[0] - a[0]) / l], t = [0, 1].map(k => m[k] + n[k] * size);
+  return `M${m}L${t}m${[-n[0] - n[1], -n[1] + n[0]].map(v => v * size / 3)}L${t}l` +
+   `${[-n[0] + n[1], -n[1] - n[0]].map(v => v * size / 3)}`;
+ }
+ function show() {
+  svg.setAttribute("viewBox", `0 0 ${image.naturalWidth} ${image.naturalHeight}`);
+  svg.replaceChildren();
+  const size = image.naturalWidth / 40, paint = {fill: "none", stroke: "#e8590c", "stroke-width": 3};
+  for (const one of [...scene, {kind: kind.value, name: "", points}]) {
+   const filled = !straight(one.kind) && one.points !== points;
+   const inner = filled ? {fill: "#e8590c33"} : {};
+   make(filled ? "polygon" : "polyline", {...paint, points: one.points.join(" "), ...inner});
+   if (one.kind === "lines" && one.points.length === 2) make("path", {...paint, d: arrow(one.points, size)});
+   if (one.points.length) make("text", {x: one.points[0][0], y: one.points[0][1], "font-size": size * .7}, one.name);
+   if (one.points === points) points.forEach(([x, y]) => make("circle", {cx: x, cy: y, r: size / 6, fill: "#e8590c"}));
+  }
+  if (cursor) make("path", {...paint, d: `M${cursor}m${-size},0h${2 * size}m${-size},${-size}v${2 * size}`});
+  byId("list").replaceChildren(...scene.map((one, k) => {
+   const row = document.createElement("li"), does = (text, action) => {
+    const button = document.createElement("button");
+    button.textContent = text;
+    button.onclick = () => { action(); show(); };
+    row.append(button, " ");
+   };
+   row.append(`${kind.querySelector(`[value=${one.kind}]`).textContent} ${one.name} `);
+   does("Remove", () => scene.splice(k, 1));
+   if (one.kind === "lines") does("Turn", () => one.points.reverse());
+   return row;
+  }));
+  byId("close").disabled = straight(kind.value) || points.length < 3;
+  byId("save").disabled = points.length > 0 || !scene.some(one => one.kind === "lines" || one.kind === "zones");
+ }
+ function done() {
+  scene.push({kind: kind.value, name: named() ? name.value : "", points});
+  points = [];
+  next();
+ }
+ const named = () => ["lines", "zones", "length"].includes(kind.value);
+ function next() {
+  points = [];
+  name.disabled = !named();
+  byId("what").textContent = kind.value === "length" ? "metres" : "named";
+  name.value = kind.value === "length" ? "1" : named() ?
+   `${kind.value.slice(0, -1)} ${scene.filter(one => one.kind === kind.value).length + 1}` : "";
+  show();
+ }
+ const within = (v, most) => Math.round(Math.min(Math.max(v, 0), most) * 10) / 10;
+ function add(point) {
+  points.push(point);
+  if (straight(kind.value) && points.length === 2) done(); else show();
+ }
+ frame.onpointerdown = event => {
+  const r = image.getBoundingClientRect(), {naturalWidth: width, naturalHeight: height} = image;
+  cursor = null;
+  add([within((event.clientX - r.left) / r.width * width, width),
+   within((event.clientY - r.top) / r.height * height, height)]);
+ };
+ document.onkeydown = event => {
+  const way = {ArrowLeft: [-1, 0], ArrowRight: [1, 0], ArrowUp: [0, -1], ArrowDown: [0, 1]}[event.key];
+  const {naturalWidth: width, naturalHeight: height} = image, here = document.activeElement === frame;
+  if (event.key === "Escape") points.pop();
+  else if (here && way) {
+   cursor = (cursor ?? [width / 2, height / 2]).map((v, k) =>
+    within(v + way[k] * (event.shiftKey ? width / 20 : 1), k ? height : width));
+  } else if (here && cursor && event.key === "Enter") return add([...cursor]);
+  else return;
+  event.preventDefault();
+  show();
+ };
+ kind.onchange = next;
+ byId("close").onclick = done;
+ image.onload = show;
+ byId("save").onclick = async () => {
+  const of = what => scene.filter(one => one.kind === what), regions = of("region"), known = of("length").at(-1);
+  const long = known && Math.hypot(known.points[1][0] - known.points[0][0], known.points[1][1] - known.points[0][1]);
+  const scale = known && Number(known.name.replace(",", ".")) / long;
+  const answer = await fetch("answer", {method: "POST", body: JSON.stringify({
+   size: [image.naturalWidth, image.naturalHeight],
+   lines: of("lines").map(one => ({name: one.name, from: one.points[0], to: one.points[1]})),
+   zones: of("zones").map(one => ({name: one.name, corners: one.points})),
+   ignored: of("ignored").map(one => one.points), ...(regions.length ? {region: regions.at(-1).points} : {}),
+   ...(known ? {scale: Number.isFinite(scale) ? scale : 0} : {})})});
+  said.textContent = answer.ok ? "The scene is saved. This page can be closed." : await answer.text();
+  byId("save").disabled = answer.ok;
+ };
+ if (image.complete) show();
+</script></html>
+"""

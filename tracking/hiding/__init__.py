@@ -1,0 +1,1 @@
+"""People hidden in a video that was tracked."""

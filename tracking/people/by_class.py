@@ -1,0 +1,124 @@
+"""A tracker of its own for every class."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.interchange import DetectionsLike, as_detections
+from tsuiseki.tracking.people.contract import PeopleTracker, skipped, updated
+from tsuiseki.tracking.people.motion_compensated import inner_tracker
+from tsuiseki.tracking.people.run_log import FirstDetections
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Targets, Track
+from tsuiseki.tracking.types.class_choice import called
+
+# Overlap of boxes that show one thing, and the share of a track's detections that are nearly all.
+_SAME_PLACE, _NEARLY = 0.5, 0.8
+
+
+def without_flicker(tracks: Sequence[Track]) -> list[Track]:
+    """The tracks but for those that another class has only because a detector took one thing for another now and then.
+
+    Nearly all detections of such a track lie on a track of another class with more detections, in frames in which that
+    was not detected.
+    """
+    if len({track.class_id for track in tracks}) < 2:
+        return list(tracks)
+    owner = np.repeat(np.arange(len(tracks)), [track.frames[-1] - track.frames[0] + 1 for track in tracks])
+    frames, boxes, detected = (np.concatenate(column) for column in zip(*map(_without_gaps, tracks), strict=True))
+    classes, counts = (
+        np.array([track.class_id for track in tracks]),
+        np.bincount(owner[detected], minlength=len(tracks)),
+    )
+    shared = np.zeros((len(tracks), len(tracks)), dtype=np.int64)
+    for frame in np.unique(frames[~detected]).tolist():
+        there, filled = (np.flatnonzero((frames == frame) & (detected == one)) for one in (True, False))
+        i, j = np.nonzero(iou_matrix(boxes[there], boxes[filled]) >= _SAME_PLACE)
+        np.add.at(shared, (owner[there[i]], owner[filled[j]]), 1)
+    shared *= (classes[:, None] != classes) & (counts[:, None] < counts)
+    return [
+        track for track, count, most in zip(tracks, counts, shared.max(axis=1), strict=True) if most < _NEARLY * count
+    ]
+
+
+def _without_gaps(track: Track) -> tuple[IntArray, FloatArray, BoolArray]:
+    """All frames from the first to the last, the boxes there, on straight lines in gaps, and where one was detected."""
+    frames = np.arange(track.frames[0], track.frames[-1] + 1)
+    boxes = np.column_stack([np.interp(frames, track.frames, side) for side in track.boxes.T])
+    return frames, boxes, np.isin(frames, track.frames[track.observed])
+
+
+class ByClass:
+    """A tracker of its own for every class; ids are unique over all of them.
+
+    Args:
+        make: gives a fresh tracker for a class.
+        wanted: the classes to track, numbers or names in small letters. Detections of others are passed over.
+
+    Attributes:
+        trackers: by class.
+        first: what they were given first, by class.
+
+    >>> from tsuiseki.tracking.people.sort import Sort
+    >>> tracker = ByClass(Sort, [1, 2])
+    >>> for _ in range(4):
+    ...     people = tracker.update([[0, 0, 20, 50, 0.9, 1], [1, 0, 21, 50, 0.9, 2]])
+    >>> people.classes, [track.class_id for track in tracker.tracks()]
+    (array([1, 2]), [1, 2])
+    """
+
+    def __init__(self, make: Callable[[], PeopleTracker], wanted: Sequence[int | str]) -> None:
+        self.first = {number: FirstDetections() for number in wanted}
+        self.trackers = {number: make() for number in wanted}
+        self._ids: dict[tuple[int | str, int], int] = {}
+
+    def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
+        """Take the next frame; the targets of all classes, where every class has decided on the same frame."""
+        given = as_detections(detections)
+        classes = given.origin[:, 1]
+        every = {one: given.select(np.isin(classes, called(one, given.names))) for one in self.trackers}
+        for number, one in every.items():
+            self.first[number].add(one)
+        return self._joined([updated(tracker, every[number], time) for number, tracker in self.trackers.items()])
+
+    def skip(self) -> Targets | None:
+        """The detector does not run on the next frame."""
+        return self._joined([skipped(tracker) for tracker in self.trackers.values()])
+
+    def _joined(self, every: Sequence[Targets | None]) -> Targets | None:
+        answers = [self._renumbered(number, one) for number, one in zip(self.trackers, every, strict=True)]
+        known = [answer for answer in answers if answer is not None]
+        if len(known) < len(answers) or len({answer.frame for answer in known}) != 1:
+            return None
+        names = {number: name for answer in known for number, name in answer.names.items()}
+        ids, boxes, scores, status, origin = (
+            np.concatenate([getattr(answer, name) for answer in known])
+            for name in ("ids", "boxes", "scores", "status", "origin")
+        )
+        return Targets(known[0].frame, ids, boxes, scores, status, origin, names)
+
+    def tracks(self) -> list[Track]:
+        """The tracks of all classes, by id."""
+        tracks = [
+            replace(track, id=self._id(number, track.id))
+            for number, tracker in self.trackers.items()
+            for track in tracker.tracks()
+        ]
+        return sorted(without_flicker(tracks), key=lambda track: track.id)
+
+    def forget(self) -> None:
+        """See `OnlineTracker`."""
+        for tracker in self.trackers.values():
+            inner_tracker(tracker).forget()  # type: ignore[attr-defined]
+
+    def _renumbered(self, number: int | str, targets: Targets | None) -> Targets | None:
+        if targets is None:
+            return None
+        return replace(targets, ids=np.array([self._id(number, one) for one in targets.ids.tolist()], dtype=np.int64))
+
+    def _id(self, number: int | str, inner: int) -> int:
+        """The id over all classes; what was reported once stays."""
+        return self._ids.setdefault((number, inner), len(self._ids) + 1)

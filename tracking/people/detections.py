@@ -1,0 +1,287 @@
+"""Who is in each frame of a video: given, or detected and described by models."""
+
+from __future__ import annotations
+
+import itertools
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from threading import Thread
+from typing import get_args
+
+from tsuiseki.tracking.association.clutter import ScoreChoice
+from tsuiseki.tracking.association.video_evidence import ScoreScale
+from tsuiseki.tracking.devices import Device
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.features.camera_path import CameraPath
+from tsuiseki.tracking.features.exported import (
+    Appearance,
+    AppearanceLike,
+    Describe,
+    Detect,
+    Detector,
+    ForeignAppearance,
+    as_describer,
+    as_detector,
+)
+from tsuiseki.tracking.features.foreign_detector import ForeignDetector
+from tsuiseki.tracking.features.foreign_options import AppearanceOptions
+from tsuiseki.tracking.features.ground_plane import GroundPlane
+from tsuiseki.tracking.features.standing_camera import StandingCamera
+from tsuiseki.tracking.features.streaming import stream
+from tsuiseki.tracking.features.tiles import parse_view
+from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detector
+from tsuiseki.tracking.formats.label_checks import BoxCheck
+from tsuiseki.tracking.onnx import cores_of
+from tsuiseki.tracking.people.given_detections import GivenRows, given_detections
+from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground
+from tsuiseki.tracking.stages import StageTimes
+from tsuiseki.tracking.types import BoolArray, Detections, Frame
+from tsuiseki.tracking.video.source import Source
+from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
+
+DETECTOR = "the detector"
+
+
+@dataclass(frozen=True)
+class PeopleInputs:
+    """Where frames, detections and features come from.
+
+    Attributes:
+        source: the video.
+        detect: a detector, or the detections of each frame.
+        describe: an appearance model, if the method compares appearance.
+        batch_size: frames of one call of the detector.
+        camera: gets the frames, where the movement of the camera matters; one that only tells where the camera stands
+            still gets those that are decoded anyway.
+        threads: cores that networks may use; 0 for all. Functions of other people are called one at a time, and live
+            sources are never read ahead.
+        ground: weighs the detections, in the order of the video.
+        inferred: ``(F,)`` by frame number, where a detector was run; None for everywhere.
+        choice: of the threshold of a network whose scores are not known; None where it is given.
+        scale: turns scores that are no probabilities, those of a list beforehand; None where the method takes any.
+    """
+
+    source: Source
+    detect: Detect | Sequence[Detections]
+    describe: Describe | None = None
+    batch_size: int = 4
+    camera: CameraPath | StandingCamera | None = None
+    threads: int = 1
+    ground: GroundPlane | None = None
+    inferred: BoolArray | None = None
+    choice: ScoreChoice | None = None
+    scale: ScoreScale | None = None
+
+    @property
+    def workers(self) -> int:
+        """Batches that are worked on at a time."""
+        networks = isinstance(self.detect, ViewedDetector | Detector | ForeignDetector | Sequence)
+        described = self.describe is None or isinstance(self.describe, Appearance | ForeignAppearance)
+        return cores_of(self.threads) if networks and described and not self.source.live else 1
+
+    @property
+    def needs_images(self) -> bool:
+        """Whether the frames themselves must be decoded."""
+        moving = isinstance(self.camera, CameraPath)
+        decoded = self.describe is not None or moving or not isinstance(self.detect, Sequence)
+        return decoded or (self.source.length is None and self.source.has_images)
+
+    def detections(
+        self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
+    ) -> Iterator[tuple[int, Detections]]:
+        """Frame numbers with their detections; frames are decoded only where they are needed.
+
+        Args:
+            frames: of the source, where somebody watches them; by default they are read.
+            times: gets the seconds of each stage.
+
+        Raises:
+            RunError: the video breaks off.
+        """
+        if self.needs_images:
+            yield from ((frame.index, detections) for frame, detections in self.with_frames(frames, times))
+            return
+        assert isinstance(self.detect, Sequence)
+        # A sequence that is text only, and does not say how long it is, ends with its detections.
+        wanted = self.source.frames_wanted.within(self.source.length or len(self.detect))
+        assert wanted.last is not None
+        for index in range(wanted.first, wanted.last + 1):
+            yield index, self.detect[index] if index < len(self.detect) else Detections.empty()
+
+    def with_frames(
+        self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
+    ) -> Iterator[tuple[Frame, Detections]]:
+        """The frames themselves with the detections there; see `detections`."""
+        times = times or StageTimes()
+        images = self.source.frames() if frames is None else frames
+        yield from self.in_order(self._streamed(images, times), times)
+
+    def in_order(
+        self, detected: Iterable[tuple[Frame, Detections]], times: StageTimes
+    ) -> Iterator[tuple[Frame, Detections]]:
+        """What networks detect in each frame, with what only the frames before tell: the ground, and the camera."""
+        last, check = -1, self._box_check()
+        for frame, detections in detected:
+            if last < 0 and self.workers > 1:
+                # Trackers use it late; loaded while networks run on the next frames it takes no time.
+                Thread(target=_load_parts, name="tsuiseki-load").start()
+            last = frame.index
+            if check is not None and check.what == DETECTOR:
+                check.size = frame.image.shape[1], frame.image.shape[0]
+                check.add(detections.boxes)
+            if self.scale is not None and not isinstance(self.detect, list):
+                detections = self.scale.next(detections)
+            if self.ground is not None:
+                with times.measure("ground"):
+                    detections = self.ground.weighed(detections, frame.image.shape[0])
+            with times.measure("camera") if self.camera is not None else nullcontext():
+                if isinstance(self.camera, CameraPath):
+                    self.camera.add(frame.image, detections.boxes)
+                elif self.camera is not None:
+                    self.camera.add(frame.image)
+            yield frame, detections
+        if check is not None:
+            check.tell()
+        self._check_all_used(last)
+
+    def _streamed(self, images: Iterable[Frame], times: StageTimes) -> Iterator[tuple[Frame, Detections]]:
+        how = (self.describe, self.batch_size, times, self.workers)
+        if self.choice is None:
+            yield from stream(images, self.detect, *how)
+            return
+        known, frames = self.choice.choose(self.source, self.batch_size, self.workers, times), iter(images)
+        first = [known.get(number, Detections.empty()) for number in range(max(known, default=-1) + 1)]
+        yield from stream(itertools.islice(frames, len(known)), first, *how)
+        yield from stream(frames, self.detect, *how)
+
+    def _box_check(self) -> BoxCheck | None:
+        """What compares boxes with pictures, where a function or somebody else's network finds them."""
+        network = inner_detector(self.detect)
+        if isinstance(network, ForeignDetector):
+            return network.check
+        return None if isinstance(network, Detector | Sequence) else BoxCheck(DETECTOR)
+
+    def _check_all_used(self, last: int) -> None:
+        """Say that a video turned out to be shorter than its detections."""
+        if not isinstance(self.detect, Sequence) or self.source.frames_wanted.last is not None:
+            return
+        if self.source.length is None and len(self.detect) > last + 1:
+            unused = sum(map(len, self.detect[last + 1 :]))
+            warnings.warn(
+                f"{unused} detection(s) after the last frame of {self.source.name}, {last + 1}, are left out",
+                InputWarning,
+                stacklevel=2,
+            )
+
+
+def _load_parts() -> None:
+    """Load the parts of SciPy that trackers use, which SciPy itself loads on first use."""
+    for part in ("linalg", "optimize", "sparse"):
+        import_module(f"scipy.{part}")
+
+
+def threads_of_a_call(source: Source, threads: int) -> int:
+    """Threads of one call of a network: all for a live source, whose frames come one by one, else one a worker."""
+    return threads if source.live else 1
+
+
+def people_detect(
+    source: Source, finding: FindingOptions, default: str, threads: int | None = None
+) -> Detect | list[Detections]:
+    """The given detections, or what detects people.
+
+    Args:
+        source: the video.
+        finding: the options; in Python ``detections`` and ``detector`` may be whatever `given_detections` and
+            `as_detector` take.
+        default: name of the shipped detector to take where neither is given.
+        threads: CPU threads of one call of a detector that is read from a file; by default those of ``finding``.
+
+    Returns:
+        Networks take large frames in tiles; see `choose_view`.
+
+    Raises:
+        RequestError: both are given, or the source has no images to find people in.
+    """
+    wanted = parse_view(str(finding.view))
+    if finding.detections is not None:
+        if finding.detector is not None:
+            raise RequestError("expected `detections` or `detector`, got both; leave one out")
+        more = finding.score_range, finding.chosen, finding.detector_options.classes
+        given = given_detections(finding.detections, source, *more)
+        return GivenRows((each.scoring(finding.score_threshold) for each in given), given.bad)
+    if not source.has_images:
+        raise RequestError(f"{source.name} has no images to find people in; give `detections`")
+    detector = shipped(default) if finding.detector is None else finding.detector
+    threads = finding.threads if threads is None else threads
+    options, chosen = finding.detector_options, finding.chosen
+    detect = as_detector(detector, finding.score_threshold, threads, options, finding.device, classes=chosen)
+    if wanted == (1, None) or not isinstance(detect, Detector | ForeignDetector):
+        return detect
+    return ViewedDetector(detect, wanted, frame_rate=source.frame_rate, sparing=True)
+
+
+def ground_of(detect: Detect | Sequence[Detections], wanted: Ground, source: Source) -> GroundPlane | None:
+    """What weighs the boxes of a network by people's heights on one ground; None where nothing shall.
+
+    Args:
+        detect: given detections, those of other people's functions, and other classes than people keep their scores.
+        wanted: ``auto`` weighs wherever one ground explains the detections, ``off`` never.
+        source: the video.
+
+    Raises:
+        RequestError: it is neither.
+    """
+    if wanted not in get_args(Ground):
+        raise RequestError(f"`ground`: expected {' or '.join(get_args(Ground))}, got {wanted!r}")
+    network = inner_detector(detect)
+    if wanted == "off" or not isinstance(network, Detector | ForeignDetector) or not network.people_only:
+        return None
+    return GroundPlane(source.frame_rate, score_threshold=network.score_threshold)
+
+
+def people_describer(
+    source: Source,
+    compared: bool,
+    appearance: AppearanceLike | None,
+    threads: int = 0,
+    options: AppearanceOptions | None = None,
+    device: Device = "auto",
+) -> Describe | None:
+    """What describes appearance, where it is compared and there are images.
+
+    Args:
+        source: the video.
+        compared: the method compares appearance; see `compares_appearance`.
+        appearance: a file, a network or a function; by default the shipped network; ``"none"`` for none.
+        threads: CPU threads of the network.
+        options: what a file of another project does not tell.
+        device: of the network.
+
+    Raises:
+        RequestError: the method does not compare appearance; see `as_describer`.
+    """
+    if not compared:
+        if appearance is not None:
+            raise RequestError("expected `appearance` with a method that compares it, flow or deepsort, got another")
+        return None
+    if isinstance(appearance, str | Path) and str(appearance) == NONE:
+        return None
+    if appearance is None and not source.has_images:
+        return None
+    return as_describer(shipped("appearance_people") if appearance is None else appearance, threads, options, device)
+
+
+def network_detections(
+    source: Source, finding: FindingOptions, frames: Iterable[Frame] | None = None
+) -> Iterator[tuple[int, Detections]]:
+    """Frame numbers with what a network detects there; the options are checked at the call.
+
+    The frames are read, unless ``frames`` of the source are given.
+    """
+    detect = people_detect(source, finding, PEOPLE_DETECTOR)
+    return PeopleInputs(source, detect, batch_size=finding.batch_size, threads=finding.threads).detections(frames)

@@ -1,0 +1,175 @@
+"""What a run gives: the tracks of people, and what is known of how they came to be."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNetwork, network_of_tracks
+from tsuiseki.tracking.features.camera_path import line_on_camera
+from tsuiseki.tracking.features.view_choice import ViewedDetector, devices_of
+from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.people.by_class import ByClass
+from tsuiseki.tracking.people.contract import PeopleTracker
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.people.motion_compensated import inner_tracker
+from tsuiseki.tracking.people.opening import OpenedPeople
+from tsuiseki.tracking.people.run_log import FirstDetections, run_trackers
+from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.stages import StageTimes
+from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types.class_choice import called
+from tsuiseki.tracking.video.source import Source
+
+
+def people_result(
+    opened: OpenedPeople, steps: Iterable[tuple[int, Detections]], times: StageTimes, settings: Mapping[str, Any]
+) -> tuple[Result[Track], list[str]]:
+    """The result of a run, and what of its facts is worth a line to the user.
+
+    Args:
+        opened: what runs.
+        steps: 0-based frame numbers and the detections there, consecutive.
+        times: of the run.
+        settings: of the run; those named ``method`` and ``source`` are shown on its page.
+    """
+    from tsuiseki.tracking.counts.page import with_page
+    from tsuiseki.tracking.report.overlay import Overlay
+
+    video, name = opened.inputs.source, settings["method"]
+    every, log = run_trackers(steps, {name: opened.tracker}, times, opened.inputs.inferred)
+    tracks = every[name]
+    facts, lines = facts_of(opened, 1000 * times.seconds.get("detect", 0.0) / max(len(log.frames), 1))
+    network = opened.tracker.network() if isinstance(opened.tracker, FlowTracker) else None
+    if network is not None and log.frames:
+        network = replace(network, frames=network.frames + log.frames[0])
+    tracks, files, known, more = correction_files(tracks, network, opened.corrections, video, log.frames)
+    facts, lines = facts | known, lines + more
+    if names := {str(n): name for track in tracks for n, name in track.names.items() if name and n == track.class_id}:
+        facts["classes"] = names
+    if unused := _lines_on_unused(opened, log.first, tracks):
+        facts["detections_without_track"] = "; ".join(unused)
+
+    result: Result[Track] = Result.of(
+        video,
+        tracks,
+        settings=settings,
+        facts=facts,
+        seconds=times.seconds,
+        frames=log.columns(tracks),
+        files={
+            "tracks.txt": lambda path, _: write_tracks(path, tracks),
+            **files,
+        },
+        painter=Overlay(tracks, video.frame_rate).draw,
+    )
+    return with_page(result), [*lines, *unused]
+
+
+def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any], list[str]]:
+    """Facts of a finished run by name, and which are worth a line; the detector took so many milliseconds a frame."""
+    inputs, tracker = opened.inputs, opened.tracker
+    facts: dict[str, Any] = {**devices_of(inputs.detect, inputs.describe)}
+    lines: list[str] = []
+    if opened.bad is not None and opened.bad.bad:
+        facts["bad_boxes"] = opened.bad.bad
+    if isinstance(tracker, FlowTracker):
+        facts["flow"] = tracker.facts()
+        lines += _lines_on_flow(tracker)
+    elif isinstance(tracker, ByClass):
+        flows = {number: one for number, one in tracker.trackers.items() if isinstance(one, FlowTracker)}
+        if flows:
+            facts["flow"] = {str(number): one.facts() for number, one in flows.items()}
+        lines += [f"class {number}: {line}" for number, one in flows.items() for line in _lines_on_flow(one)]
+    if isinstance(inputs.detect, ViewedDetector) and inputs.detect.summary:
+        timed = any(choice.milliseconds is not None for choice in inputs.detect.choices.values())
+        cost = "" if timed else f", about {milliseconds:.0f} ms a frame"
+        facts["view"] = f"{inputs.detect.summary}{cost}"
+        lines.append(f"detected in {facts['view']}; --view sets the tiles")
+    if opened.floor is not None:
+        facts["score_threshold"] = opened.floor
+        lines.append(
+            f"detections that score under {opened.floor:.2f} left out, by what moves; --score-range says others"
+        )
+    if inputs.scale is not None and inputs.scale.used:
+        facts["scores"] = str(inputs.scale)
+        lines.append(f"{inputs.scale}; --score-range takes them as they are")
+    if inputs.choice is not None:
+        facts["score_threshold"] = inputs.choice.threshold
+        lines.append(str(inputs.choice))
+    if inputs.ground is not None and inputs.ground.frames:
+        facts["ground"] = inputs.ground.facts()
+        if inputs.ground.used:
+            lines.append(f"{inputs.ground}; --ground off leaves all scores as they are")
+    return facts, lines
+
+
+def _lines_on_flow(tracker: FlowTracker) -> list[str]:
+    """What of the facts of a flow is worth a line."""
+    lines = []
+    camera = tracker.camera
+    if camera.lost:
+        lines.append(line_on_camera(tracker.numbers_of(camera.lost), camera.source))
+    if tracker.duplicates:
+        boxes = "1 box" if tracker.duplicates == 1 else f"{tracker.duplicates} boxes"
+        lines.append(f"{boxes} left out that lay on another")
+    return lines
+
+
+def _lines_on_unused(opened: OpenedPeople, first: FirstDetections, tracks: Sequence[Track]) -> list[str]:
+    """Why most detections, of each class, belong to no track."""
+    tracker, lines = inner_tracker(opened.tracker), []
+    groups: dict[int | str, tuple[FirstDetections, PeopleTracker]] = {-1: (first, tracker)}
+    if isinstance(tracker, ByClass):
+        groups = {number: (tracker.first[number], inner_tracker(one)) for number, one in tracker.trackers.items()}
+    for number, (given, one) in groups.items():
+        ours = [track for track in tracks if number == -1 or track.class_id in called(number, track.names)]
+        line = given.line(sum(int(t.observed.sum()) for t in ours), len(ours), getattr(one, "settings", None))
+        lines += [] if line is None else [line if number == -1 else f"class {number}: {line}"]
+    return lines
+
+
+def correction_files(
+    tracks: list[Track],
+    network: SolvedNetwork | None,
+    corrections: Path | None,
+    source: Source,
+    frames: Sequence[int],
+) -> tuple[list[Track], dict[str, Writer], dict[str, Any], list[str]]:
+    """Tracks under the corrections of an earlier result, and what keeps them open to more.
+
+    Args:
+        tracks: of a run.
+        network: that they were chosen from; None where the method has none.
+        corrections: file; None for none.
+        source: the video.
+        frames: numbers of those that were tracked in.
+
+    Returns:
+        The tracks, files of the result, its facts, and lines for the user.
+
+    Raises:
+        RequestError: the corrections cannot be read, or speak of another video.
+    """
+    files: dict[str, Writer] = {} if network is None else {NETWORK_FILE: lambda path, _: network.write(path)}
+    if corrections is None:
+        return tracks, files, {}, []
+    from tsuiseki.tracking.association.corrected_tracks import replayed
+    from tsuiseki.tracking.formats.correction_log import CORRECTIONS_FILE, CorrectedVideo, append
+    from tsuiseki.tracking.review.session import FILL, SOLVED_FILE
+
+    last = max([*frames, *(int(track.frames[-1]) for track in tracks)], default=-1)
+    video = CorrectedVideo(Path(source.name).name, source.size, last + 1)
+    rate = source.frame_rate
+    known = network_of_tracks(tracks, round(FILL * rate), rate) if network is None else network
+    again = replayed(tracks, known, corrections, video)
+    files |= {
+        SOLVED_FILE: lambda path, _: write_tracks(path, tracks),
+        CORRECTIONS_FILE: lambda path, _: append(path, again.done, video),
+    }
+    facts: Mapping[str, Any] = {"corrections": len(again.done), "track_names": again.names}
+    every, lost = again.given, len(again.left_out)
+    lines = [f"corrections: {every - lost} of {every} done again"]
+    return list(again.tracks), files, dict(facts), [*lines, *(f"left out: {line}" for line in again.left_out)]

@@ -1,0 +1,153 @@
+"""Detections fed to trackers, and what happened in each frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+
+from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.people.contract import PeopleTracker, shifted, skipped
+from tsuiseki.tracking.stages import StageTimes
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Track
+
+# Detections that are kept for the report.
+KEPT = 2000
+# Pixels below which a box shows no person; and overlap with the next detection below which online methods link nothing.
+TINY, LEAST_OVERLAP = 2.0, 0.2
+
+
+@dataclass
+class FirstDetections:
+    """The first detections of a run, and how many there were.
+
+    Attributes:
+        count: of all inferences.
+        first: those of the first inferences.
+    """
+
+    count: int = 0
+    first: list[Detections] = field(default_factory=list)
+    _kept: int = 0
+
+    def add(self, detections: Detections) -> None:
+        """Take the detections of the next inference."""
+        self.count += len(detections)
+        if self._kept < KEPT:
+            self._kept += len(detections)
+            self.first.append(Detections(detections.boxes, detections.scores))
+
+    def line(self, used: int, tracks: int, settings: Any = None) -> str | None:
+        """One line where most belong to no track; None where enough do.
+
+        Args:
+            used: detections that belong to tracks.
+            tracks: how many there are.
+            settings: of the tracker, which say from which score on a track starts.
+        """
+        if not self.count or (tracks and 2 * used >= self.count):
+            return None
+        return f"{self.count - used} of {self.count} detections belong to no track: {self.reason(settings)}"
+
+    def reason(self, settings: Any = None) -> str:
+        """What most of the kept detections have in common."""
+        scores = np.concatenate([each.scores for each in self.first])
+        sides = np.concatenate([each.boxes[:, 2:] - each.boxes[:, :2] for each in self.first])
+        least = getattr(getattr(settings, "lifecycle", None), "start_score", -np.inf)
+        if np.mean(scores < least) > 0.5:
+            low, high = np.nanmin(scores), np.nanmax(scores)
+            return f"scores are from {low:.3g} to {high:.3g}, and a track starts from {least:g} on, its start_score"
+        width, height = np.median(sides, axis=0)
+        if min(width, height) < TINY:
+            return f"boxes are {width:.2g} x {height:.2g} pixels; expected pixels, not shares or metres"
+        if sum(len(each) > 0 for each in self.first) < 3:
+            return "they are in fewer than three frames"
+        if least > -np.inf and np.median(self._overlaps()) < LEAST_OVERLAP:
+            return "boxes hardly overlap those of the next frame; detect in more frames, or take the method flow"
+        return "too rarely detected again"
+
+    def _overlaps(self) -> FloatArray:
+        """``(N,)`` of each box the largest overlap with the next detections."""
+        pairs = [iou_matrix(one.boxes, other.boxes) for one, other in pairwise(self.first) if len(one)]
+        return np.concatenate([np.zeros(1), *(overlap.max(axis=1, initial=0.0) for overlap in pairs)])
+
+
+@dataclass
+class FrameLog:
+    """What happened in each frame, for ``run.json``.
+
+    Attributes:
+        frames: 0-based numbers.
+        detections: number of detections.
+        scores: mean of the detections' scores, NaN where there are none.
+        first: the first detections.
+    """
+
+    frames: list[int] = field(default_factory=list)
+    detections: list[int] = field(default_factory=list)
+    scores: list[float] = field(default_factory=list)
+    first: FirstDetections = field(default_factory=FirstDetections)
+
+    def add(self, frame: int, detections: Detections) -> None:
+        """Note a frame and its detections."""
+        self.frames.append(frame)
+        self.detections.append(len(detections))
+        scores = detections.scores[~np.isnan(detections.scores)]
+        self.scores.append(float(scores.mean()) if len(scores) else float("nan"))
+
+    def columns(self, tracks: Sequence[Track]) -> dict[str, list[Any]]:
+        """One list a column: frame from 0, detections and their mean score, people tracked and their mean score."""
+        numbers = np.asarray(self.frames, dtype=np.int64)
+        rows = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
+        scores = np.concatenate([np.empty(0), *(track.scores for track in tracks)])
+        size = int(max(numbers.max(initial=-1), rows.max(initial=-1))) + 1
+        counts = np.bincount(rows, minlength=size)[numbers]
+        sums = np.bincount(rows, weights=scores, minlength=size)[numbers]
+        means = sums / np.maximum(counts, 1)
+        return {
+            "frame": numbers.tolist(),
+            "detections": list(self.detections),
+            "detection_score": [None if np.isnan(s) else round(s, 4) for s in self.scores],
+            "people": counts.tolist(),
+            "people_score": [round(m, 4) if c else None for m, c in zip(means.tolist(), counts.tolist(), strict=True)],
+        }
+
+
+def run_trackers(
+    frames: Iterable[tuple[int, Detections]],
+    trackers: Mapping[str, PeopleTracker],
+    times: StageTimes,
+    inferred: BoolArray | None = None,
+) -> tuple[dict[str, list[Track]], FrameLog]:
+    """Feed the same detections to every tracker.
+
+    Args:
+        frames: consecutive 0-based frame numbers, from any on, and the detections there.
+        trackers: fresh ones, by name.
+        times: gets the seconds of each tracker under its name.
+        inferred: ``(F,)`` by frame number, where a detector was run; None for everywhere.
+
+    Returns:
+        The tracks of each tracker, numbered as the frames are, and what happened in each frame.
+    """
+    log = FrameLog()
+    for index, detections in frames:
+        log.add(index, detections)
+        detects = inferred is None or inferred[index : index + 1].any()
+        if detects:
+            log.first.add(detections)
+        for name, tracker in trackers.items():
+            with times.measure(name):
+                if detects:
+                    tracker.update(detections)
+                else:
+                    skipped(tracker)
+    first = log.frames[0] if log.frames else 0
+    tracks = {}
+    for name, tracker in trackers.items():
+        with times.measure(name):
+            tracks[name] = [shifted(track, first) for track in tracker.tracks()]
+    return tracks, log
