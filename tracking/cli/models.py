@@ -26,7 +26,8 @@ def get(name: str, /, yes: bool = False) -> int:
         yes: do not ask.
     """
     from tsuiseki.tracking.runs.progress import progress
-    from tsuiseki.tracking.weights.catalogue import MEGABYTE, download, model_named
+    from tsuiseki.tracking.weights.catalogue import model_named
+    from tsuiseki.tracking.weights.download import download
 
     entry = model_named(name)
     print(entry)
@@ -41,10 +42,9 @@ def get(name: str, /, yes: bool = False) -> int:
         if input(f"Download it to {entry.file}? [y/N] ").strip().lower() not in ("y", "yes"):
             print("nothing was downloaded")
             return 0
-    known = bool(entry.sha256 or entry.record())
-    for _ in progress(download(entry), f"downloading {name}, megabytes", entry.size // MEGABYTE or None):
-        pass
-    note = "" if known else "; this sum is not verified: compare it with the project's"
+    verified = bool(entry.sha256 or entry.record())
+    download(entry, progress)
+    note = "" if verified else "; this sum is not verified: compare it with the project's"
     print(f"{entry.file}, sha256 {entry.record()['sha256']}{note}")
     print(f"Use it by --{entry.kind} {name}.")
     return 0
