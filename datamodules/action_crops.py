@@ -64,10 +64,10 @@ def action_sequences(folder: str | Path, multiple_actions: bool = False) -> list
     Raises:
         RequestError: there is none, labels are broken, frames are missing, or frames and labels do not match.
     """
-    found = [video for video in open_labelled(Path(folder), multiple_actions) if video.read_actions is not None]
-    if not found:
+    videos = [video for video in open_labelled(Path(folder), multiple_actions) if video.read_actions is not None]
+    if not videos:
         raise RequestError(f"{folder}: expected video labelled with actions, found none")
-    return [_sequence(video) for video in found]
+    return [_sequence(video) for video in videos]
 
 
 def _sequence(video: LabelledVideo) -> ActionSequence:
@@ -180,9 +180,9 @@ def cut_clip(clip: ActionSequence, settings: CropSettings, folder: Path) -> None
         RequestError: a frame cannot be read.
     """
     labels, rows = clip.labels, rows_to_cut(clip.labels, settings)
-    wanted = np.unique(labels.frames[rows]).tolist()
+    frame_numbers = np.unique(labels.frames[rows]).tolist()
     crops: dict[StreamName, list[ImageArray]] = {name: [] for name in STREAMS}
-    for frame, image, flow in _pictures(frame_reader(clip), wanted, settings):
+    for frame, image, flow in _pictures(frame_reader(clip), frame_numbers, settings):
         boxes = labels.boxes[rows[labels.frames[rows] == frame]]
         for name in STREAMS:
             scale = (ENLARGEMENT if name.endswith("global") else 1.0) * (1 + 2 * settings.margin)
@@ -230,11 +230,11 @@ def rows_to_cut(labels: ActionLabels, settings: CropSettings) -> IntArray:
 
 
 def _pictures(
-    read: ReadFrame, wanted: Sequence[int], settings: CropSettings
+    read: ReadFrame, frame_numbers: Sequence[int], settings: CropSettings
 ) -> Iterator[tuple[int, ImageArray, ImageArray]]:
     """The wanted frames, each with the flow that leads to it; an image is read once."""
     held: dict[int, ImageArray] = {}
-    for frame in wanted:
+    for frame in frame_numbers:
         held = {t: held[t] if t in held else read(t) for t in (frame - 1, frame)}
         flow = flow_to(held[frame - 1], held[frame], settings.flow, compensate=settings.compensate)
         yield frame, held[frame], flow
@@ -264,7 +264,7 @@ def load_crops(folders: Sequence[Path], streams: Sequence[StreamName]) -> Action
                 actions.append(rows["actions"])
         except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
             raise RequestError(f"{folder}: expected crops of a clip, got {error}") from error
-    counts = [len(each) for each in actions]
+    counts = [len(of_sequence) for of_sequence in actions]
     row = np.concatenate([np.arange(count) for count in counts])
     return ActionCrops(images, np.concatenate(actions), np.repeat(np.arange(len(counts)), counts), row)
 

@@ -212,9 +212,9 @@ class ActionData(lightning.LightningDataModule):
     def setup(self, stage: str) -> None:
         """Open the crops."""
         del stage
-        found = self._find()
+        sequences = self._find()
         self.train_crops, self.validation_crops = (
-            load_crops([self._folder(clip) for clip in found[part]], self.streams) for part in self.folders
+            load_crops([self._folder(clip) for clip in sequences[part]], self.streams) for part in self.folders
         )
 
     @property
@@ -224,12 +224,12 @@ class ActionData(lightning.LightningDataModule):
 
     def _find(self) -> dict[str, list[ActionSequence]]:
         if not self.clips:
-            found = {
+            sequences = {
                 part: [clip for folder in folders for clip in action_sequences(folder, self.multiple_actions)]
                 for part, folders in self.folders.items()
             }
-            _check_apart(found)
-            self.clips = {part: clips_to_cut(clips, self.cutting, part) for part, clips in found.items()}
+            _check_apart(sequences)
+            self.clips = {part: clips_to_cut(clips, self.cutting, part) for part, clips in sequences.items()}
         return self.clips
 
     def _folder(self, clip: ActionSequence) -> Path:
@@ -254,9 +254,9 @@ class ActionData(lightning.LightningDataModule):
         return self.val_dataloader()
 
 
-def _check_apart(found: dict[str, list[ActionSequence]]) -> None:
+def _check_apart(sequences: dict[str, list[ActionSequence]]) -> None:
     """Refuse clips of one name, which would share their crops, and clips with different actions."""
-    clips = [clip for part in found.values() for clip in part]
+    clips = [clip for part in sequences.values() for clip in part]
     names = [clip.name for clip in clips]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:

@@ -169,9 +169,9 @@ def _warp(
     boxes = transform_boxes(example.boxes, affine)
     inside = clip_boxes(boxes, size[1], size[0])
     share = areas(inside) / areas(boxes)
-    kept = share > 0.02
-    classes = None if example.classes is None else example.classes[kept]
-    return Example(image, inside[kept], (example.ignored | (share < 0.3))[kept], classes)
+    visible = share > 0.02
+    classes = None if example.classes is None else example.classes[visible]
+    return Example(image, inside[visible], (example.ignored | (share < 0.3))[visible], classes)
 
 
 def _of_pixel_centres(affine: FloatArray) -> FloatArray:

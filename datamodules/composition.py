@@ -211,8 +211,8 @@ class Canvas:
         boxes = np.array(self.boxes, dtype=np.float64).reshape(-1, 4)
         inside = clip_boxes(boxes, self.image.shape[1], self.image.shape[0])
         share = areas(inside) / areas(boxes)
-        kept = share > 0.02
-        return Example(self.image, inside[kept], (ignored | (share < 0.3))[kept])
+        visible = share > 0.02
+        return Example(self.image, inside[visible], (ignored | (share < 0.3))[visible])
 
     def _blend(self, pixels: NDArray[np.float32], left: int, top: int, covers: bool = True) -> None:
         height, width = self.image.shape[:2]

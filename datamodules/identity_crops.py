@@ -60,9 +60,9 @@ class IdentityCrops:
 
     def select(self, which: BoolArray) -> IdentityCrops:
         """The views at a mask."""
-        kept = np.flatnonzero(which)
+        rows = np.flatnonzero(which)
         return IdentityCrops(
-            [self.images[i] for i in kept], self.boxes[kept], self.ids[kept], self.frames[kept], self.from_video[kept]
+            [self.images[i] for i in rows], self.boxes[rows], self.ids[rows], self.frames[rows], self.from_video[rows]
         )
 
 
@@ -271,8 +271,8 @@ def put_on_ground(
     top, left = int(np.ceil(MARGIN * height)), int(np.ceil(MARGIN * width))
     image = random_backdrop(rng, height + 2 * top, width + 2 * left)
     if behind is not None:
-        other = resized(behind, height * float(rng.uniform(0.75, 1.05)) / behind.shape[0])
-        paste(image, other, left + int(rng.uniform(-1, 1) * width), top + int(rng.uniform(-0.3, 0.1) * height))
+        neighbour = resized(behind, height * float(rng.uniform(0.75, 1.05)) / behind.shape[0])
+        paste(image, neighbour, left + int(rng.uniform(-1, 1) * width), top + int(rng.uniform(-0.3, 0.1) * height))
     paste(image, cut_out, left, top)
     return image.astype(np.uint8), np.array([left, top, left + width, top + height], dtype=np.float64)
 

@@ -106,18 +106,18 @@ def _of_classes(video: LabelledVideo, single: bool, classes: Sequence[str]) -> t
     Raises:
         RequestError: none of the classes is labelled.
     """
-    found, missing = list[tuple[int, GroundTruth]](), list[NothingLabelledError]()
+    labelled, missing = list[tuple[int, GroundTruth]](), list[NothingLabelledError]()
     for kind, name in enumerate(classes, start=1):
         try:
             truth = video.people(wanted=name, single=single)
         except NothingLabelledError as error:
             missing.append(error)
             continue
-        found.append((kind, truth.select(truth.evaluated | truth.ignored)))
-    if not found:
+        labelled.append((kind, truth.select(truth.evaluated | truth.ignored)))
+    if not labelled:
         raise missing[0]
-    kinds = np.repeat([kind for kind, _ in found], [len(truth) for _, truth in found])
-    return reduce(GroundTruth.and_then, [truth for _, truth in found]), kinds
+    kinds = np.repeat([kind for kind, _ in labelled], [len(truth) for _, truth in labelled])
+    return reduce(GroundTruth.and_then, [truth for _, truth in labelled]), kinds
 
 
 def picture_files(video: LabelledVideo) -> tuple[Path, ...]:

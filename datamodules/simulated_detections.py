@@ -95,15 +95,15 @@ def _moved(boxes: FloatArray, offsets: FloatArray) -> FloatArray:
 
 
 def _false_boxes(
-    rng: np.random.Generator, before: FloatArray, people: FloatArray, width: int, height: int, faults: DetectorFaults
+    rng: np.random.Generator, previous: FloatArray, people: FloatArray, width: int, height: int, faults: DetectorFaults
 ) -> FloatArray:
     """False boxes that stay and new ones, of people's size anywhere in the picture."""
-    kept = before[rng.random(len(before)) < faults.persistence]
+    persistent = previous[rng.random(len(previous)) < faults.persistence]
     new = people[rng.integers(0, len(people), rng.poisson(faults.false_alarms * (1 - faults.persistence)))]
     corner = rng.uniform(0, 1, (len(new), 2)) * [width, height]
     size = new[:, 2:] - new[:, :2]
-    kept = _moved(kept, _errors(rng, len(kept), faults.jitter))
-    return np.concatenate([kept, np.concatenate([corner - size / 2, corner + size / 2], axis=1)])
+    persistent = _moved(persistent, _errors(rng, len(persistent), faults.jitter))
+    return np.concatenate([persistent, np.concatenate([corner - size / 2, corner + size / 2], axis=1)])
 
 
 def _scores(rng: np.random.Generator, clear: FloatArray) -> FloatArray:
@@ -113,5 +113,5 @@ def _scores(rng: np.random.Generator, clear: FloatArray) -> FloatArray:
 
 def _inside(boxes: FloatArray, scores: FloatArray, width: int, height: int) -> Detections:
     boxes = clip_boxes(boxes, width, height)
-    kept = ((boxes[:, 2:] - boxes[:, :2]) >= 2).all(axis=1)
-    return Detections(boxes[kept], scores[kept])
+    large_enough = ((boxes[:, 2:] - boxes[:, :2]) >= 2).all(axis=1)
+    return Detections(boxes[large_enough], scores[large_enough])

@@ -159,12 +159,13 @@ def check_source(source: TrainingSource) -> None:
         RequestError: it does.
     """
     where = source.folder
-    given = [name for name in ("photographs", "town", "things") if getattr(source, name)]
-    given += ["boxes"] if source.boxes != "silhouettes" else []
-    given += ["sprites"] if source.sprites and source.scene != "ceiling" else []
-    if given and source.scene in ("street", "drone", "ceiling"):
+    options = [name for name in ("photographs", "town", "things") if getattr(source, name)]
+    options += ["boxes"] if source.boxes != "silhouettes" else []
+    options += ["sprites"] if source.sprites and source.scene != "ceiling" else []
+    if options and source.scene in ("street", "drone", "ceiling"):
         raise RequestError(
-            f"{where}: expected `{given[0]}` with a varied, sparse, aerial, near or overhead scene, got {source.scene}"
+            f"{where}: expected `{options[0]}` with a varied, sparse, aerial, near or overhead scene, "
+            f"got {source.scene}"
         )
     if source.sun and source.scene in ("street", "ceiling"):
         raise RequestError(
@@ -200,8 +201,8 @@ def write_pictures(source: TrainingSource, size: tuple[int, int]) -> None:
     together = _PER_CLIP if source.scene == "drone" else 1
     with output_folder(folder, overwrite=False) as work:
         numbers = [range(start, min(start + together, count)) for start in range(0, count, together)]
-        found = on_all_cores(partial(_drawn, source, size, work), numbers, 8 // together or 1)
-        truth = ground_truth([each for some in found for each in some])
+        drawn = on_all_cores(partial(_drawn, source, size, work), numbers, 8 // together or 1)
+        truth = ground_truth([of_picture for of_process in drawn for of_picture in of_process])
         truth = replace(truth, ids=np.arange(1, len(truth) + 1))
         write_ground_truth(work / "gt" / "gt.txt", truth)
         write_sequence_info(work, _SEQUENCE, 1.0, count, *size)

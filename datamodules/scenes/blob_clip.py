@@ -55,7 +55,7 @@ class BlobSceneSettings(ClipSettings):
     stay: bool = False
 
     def __post_init__(self) -> None:
-        own = (
+        rules = (
             (self.colour in HUES, f"a colour of {', '.join(HUES)}", repr(self.colour)),
             (0 < self.purity[0] <= self.purity[1] <= 1, "purities in (0, 1]", self.purity),
             (4 <= self.size[0] <= self.size[1], "sides from 4", self.size),
@@ -63,7 +63,7 @@ class BlobSceneSettings(ClipSettings):
             (self.objects >= 1, "at least one object", self.objects),
             (min(self.clutter, self.flashes) >= 0, "no negative clutter or flashes", (self.clutter, self.flashes)),
         )
-        self.expect("blob", math.ceil(4 * self.size[1]), *own)
+        self.expect("blob", math.ceil(4 * self.size[1]), *rules)
 
 
 class BlobClip(Clip[FloatArray]):
@@ -100,8 +100,8 @@ class BlobClip(Clip[FloatArray]):
             for box, (picture, shape) in zip(boxes, self._objects, strict=True):
                 if np.isfinite(box[0]):
                     # Its corner lies at whole pixels.
-                    there, own = overlap(image.shape, (round(float(box[1])), round(float(box[0]))), shape.shape)
-                    image[there][shape[own]] = picture[own][shape[own]]
+                    there, part = overlap(image.shape, (round(float(box[1])), round(float(box[0]))), shape.shape)
+                    image[there][shape[part]] = picture[part][shape[part]]
             noise = 4.0 * rng.standard_normal(image.shape, dtype=np.float32)
             yield (np.clip(image + noise, 0, 255).astype(np.uint8),), boxes
 
@@ -152,10 +152,10 @@ def _sprite(size: FloatArray, purity: float, hue: float, rng: np.random.Generato
     cells = (-(-height // 3), -(-width // 3))
     number = cells[0] * cells[1]
     pure = rng.permutation(number) < round(purity * number)
-    other = NATURAL[rng.integers(len(NATURAL), size=number)] * [1, 0.5, 1.0]
+    background = NATURAL[rng.integers(len(NATURAL), size=number)] * [1, 0.5, 1.0]
     hues, saturations = (hue + rng.normal(0, 4, number)) % 360, rng.uniform(0.75, 0.95, number)
-    own = np.stack([hues, saturations, rng.uniform(0.6, 0.9, number)], axis=1)
-    picture = _rgb(np.where(pure[:, None], own, other).reshape(*cells, 3))
+    object_colours = np.stack([hues, saturations, rng.uniform(0.6, 0.9, number)], axis=1)
+    picture = _rgb(np.where(pure[:, None], object_colours, background).reshape(*cells, 3))
     picture = np.repeat(np.repeat(picture, 3, axis=0), 3, axis=1)[:height, :width]
     y, x = np.mgrid[:height, :width]
     round_off = ((x + 0.5) / width * 2 - 1) ** 6 + ((y + 0.5) / height * 2 - 1) ** 6 <= 1.0

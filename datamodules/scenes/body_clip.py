@@ -69,9 +69,9 @@ def around(a: float, b: float, reach: int) -> tuple[int, int, Float32, Float32]:
 
 def paint(image: Float32, body: Drawn) -> None:
     """Lay a drawn body over ``image``."""
-    part, own = body.within(image.shape)
-    cover = body.opacity[own][..., None]
-    image[part] = (1 - cover) * image[part] + cover * body.colour[own]
+    part, pixels = body.within(image.shape)
+    cover = body.opacity[pixels][..., None]
+    image[part] = (1 - cover) * image[part] + cover * body.colour[pixels]
 
 
 class BodyClip(Clip[FloatArray]):
@@ -95,8 +95,8 @@ class BodyClip(Clip[FloatArray]):
         height, width = image.shape[:2]
         silhouettes = np.zeros((height, width), np.uint8)
         for bit, body in enumerate(bodies):
-            part, own = body.within((height, width))
-            silhouettes[part] |= np.where(body.opacity[own] > 0.3, np.uint8(1 << bit), np.uint8(0))
+            part, pixels = body.within((height, width))
+            silhouettes[part] |= np.where(body.opacity[pixels] > 0.3, np.uint8(1 << bit), np.uint8(0))
         top, left = self._places[frame]
         noisy = cv2.add(image, self._noise[top : top + height, left : left + width], dtype=cv2.CV_8U)
         return (np.asarray(noisy, np.uint8), silhouettes), self.states[frame]

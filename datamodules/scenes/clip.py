@@ -97,13 +97,13 @@ def write_image(path: Path, image: ImageArray, quality: int = QUALITY) -> None:
     path.write_bytes(data.tobytes())
 
 
-def expect(kind: str, *own: tuple[bool, str, object]) -> None:
+def expect(kind: str, *rules: tuple[bool, str, object]) -> None:
     """Refuse settings of a ``kind``: of each expectation whether it holds, what it is, and what was given.
 
     Raises:
         RequestError: something expected does not hold.
     """
-    for holds, what, got in own:
+    for holds, what, got in rules:
         if not holds:
             raise RequestError(f"{kind}: expected {what}, got {got}")
 
@@ -124,7 +124,7 @@ class ClipSettings:
     frames: int = 150
     frame_rate: float = 25.0
 
-    def expect(self, kind: str, smallest: int, *own: tuple[bool, str, object]) -> None:
+    def expect(self, kind: str, smallest: int, *rules: tuple[bool, str, object]) -> None:
         """Refuse settings that no clip can be made with.
 
         Args:
@@ -141,7 +141,7 @@ class ClipSettings:
             (min(size) >= smallest, f"at least {smallest}x{smallest} pixels", f"{size[0]}x{size[1]}"),
             (self.frames >= 1, "at least one frame", self.frames),
             (bool(np.isfinite(rate)) and rate > 0, "a positive frame_rate", rate),
-            *own,
+            *rules,
         )
 
     def write_info(self, folder: Path, name: str, truth: GroundTruth | None = None) -> None:
@@ -171,7 +171,7 @@ class FrameTruth:
 
 
 def people_in_view(
-    sightings: Sequence[Sighting | None], size: tuple[int, int], shown: float, inside: float
+    sightings: Sequence[Sighting | None], size: tuple[int, int], least_visible: float, inside: float
 ) -> tuple[FrameTruth, IntArray]:
     """Who counts as visible, numbered by their rows from 1, and those rows ``(N,)`` of ``sightings`` from 0.
 
@@ -181,21 +181,21 @@ def people_in_view(
         shown: share of the silhouette that shows, at least.
         inside: share of the box that lies in the image, of which there must be more.
     """
-    visible = [(row, s) for row, s in enumerate(sightings) if s is not None and s.visibility >= shown]
-    whole = np.array([s.box for _, s in visible], dtype=np.float64).reshape(-1, 4)
-    boxes = clip_boxes(whole, *size)
-    kept = areas(boxes) > inside * areas(whole)
-    rows = np.array([row for row, _ in visible], dtype=np.int64)[kept]
-    visibility = np.array([s.visibility for _, s in visible], dtype=np.float64)[kept]
-    return FrameTruth(rows + 1, boxes[kept], visibility), rows
+    visible = [(row, s) for row, s in enumerate(sightings) if s is not None and s.visibility >= least_visible]
+    uncut = np.array([s.box for _, s in visible], dtype=np.float64).reshape(-1, 4)
+    boxes = clip_boxes(uncut, *size)
+    enough_inside = areas(boxes) > inside * areas(uncut)
+    rows = np.array([row for row, _ in visible], dtype=np.int64)[enough_inside]
+    visibility = np.array([s.visibility for _, s in visible], dtype=np.float64)[enough_inside]
+    return FrameTruth(rows + 1, boxes[enough_inside], visibility), rows
 
 
 def ground_truth(frames: Sequence[FrameTruth]) -> GroundTruth:
     """The labels of all frames of a clip. Every row is evaluated, and ids stay as they are."""
     numbers = np.repeat(np.arange(len(frames), dtype=np.int64), [len(labels.ids) for labels in frames])
-    every = np.ones(len(numbers), dtype=np.bool_)
-    ids, boxes, shown = (np.concatenate([getattr(f, of) for f in frames]) for of in ("ids", "boxes", "visibility"))
-    return GroundTruth(numbers, ids.astype(np.int64), boxes, every, ~every, shown)
+    counted = np.ones(len(numbers), dtype=np.bool_)
+    ids, boxes, visibility = (np.concatenate([getattr(f, of) for f in frames]) for of in ("ids", "boxes", "visibility"))
+    return GroundTruth(numbers, ids.astype(np.int64), boxes, counted, ~counted, visibility)
 
 
 def by_appearance(ids: IntArray) -> IntArray:

@@ -113,7 +113,7 @@ class DroneSceneSettings(clip.ClipSettings):
 
     def __post_init__(self) -> None:
         shares = (self.look_alikes, self.sun)
-        own = (
+        rules = (
             (self.people >= 1, "at least one person", self.people),
             (self.camera in MOTIONS, f"a camera of {', '.join(MOTIONS)}", self.camera),
             (3 <= self.altitude[0] <= self.altitude[1], "altitude as (lowest, highest) from 3 m", self.altitude),
@@ -123,7 +123,7 @@ class DroneSceneSettings(clip.ClipSettings):
             (1 <= self.samples <= 8, "samples from 1 to 8", self.samples),
             (self.clutter >= 0, "no negative clutter", self.clutter),
         )
-        self.expect("drone", 64, *own)
+        self.expect("drone", 64, *rules)
 
 
 class DroneClip(clip.Clip[clip.FrameTruth]):
@@ -223,8 +223,8 @@ def fly(
         start, rise = int(rng.integers(frames)), int(rng.integers(motion.jerk_frames[0], motion.jerk_frames[1] + 1))
         away = motion.jerk * rng.normal(size=3) * [1.0, 1.0, 0.7]
         since = np.arange(frames - start)
-        after = np.maximum(since - rise, 0)
-        swing = np.exp(-after / (0.35 * frame_rate)) * np.cos(2 * np.pi * after / (0.8 * frame_rate))
+        since_rise = np.maximum(since - rise, 0)
+        swing = np.exp(-since_rise / (0.35 * frame_rate)) * np.cos(2 * np.pi * since_rise / (0.8 * frame_rate))
         jerks[:, start:] += away[:, None] * np.clip(since / rise, 0, 1) * swing
     turns += np.radians(jerks)
     altitude = np.clip(high * (1 + motion.climb * slow[3]), *settings.altitude)
@@ -254,9 +254,9 @@ def _wander(rng: np.random.Generator, frames: int, frame_rate: float, seconds: f
 
 def _smeared(image: ImageArray, cameras: list[PinholeCamera], frame: int) -> ImageArray:
     """``image`` averaged along the way of the ground at its centre while the shutter is open."""
-    before, after = cameras[frame : frame + 2] if frame + 1 < len(cameras) else (cameras[-2:] * 2)[:2]
-    middle = np.array([before.width / 2, before.height / 2, 1.0])
-    moved = ground_homography(before, after) @ middle
+    start, end = cameras[frame : frame + 2] if frame + 1 < len(cameras) else (cameras[-2:] * 2)[:2]
+    middle = np.array([start.width / 2, start.height / 2, 1.0])
+    moved = ground_homography(start, end) @ middle
     motion = (moved[:2] / moved[2] - middle[:2]) * SHUTTER
     count = int(min(np.abs(motion).max().round() + 1, LONGEST_SMEAR))
     if count < 2:

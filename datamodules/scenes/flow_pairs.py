@@ -59,13 +59,13 @@ class FlowPair:
             place = np.array([[1, 0, rng.uniform(0, width) - 20], [0, 1, rng.uniform(0, height) - 20], [0, 0, 1.0]])
             # A small turn about the middle, and a step.
             middle = (sprite.shape[1] / 2, sprite.shape[0] / 2)
-            own = np.asarray(cv2.getRotationMatrix2D(middle, rng.normal(0, 2), rng.normal(1, 0.01)), np.float64)
-            own[:, 2] += rng.uniform(-motion / 3, motion / 3, 2)
-            after = away @ place @ np.vstack([own, [0, 0, 1]])
+            turn = np.asarray(cv2.getRotationMatrix2D(middle, rng.normal(0, 2), rng.normal(1, 0.01)), np.float64)
+            turn[:, 2] += rng.uniform(-motion / 3, motion / 3, 2)
+            next_place = away @ place @ np.vstack([turn, [0, 0, 1]])
             _paste(first, sprite, place)
             if motion:
-                _paste(second, sprite, after)
-                _move(self.flow, sprite, place, after)
+                _paste(second, sprite, next_place)
+                _move(self.flow, sprite, place, next_place)
         goal = grid + self.flow
         self.inside = (goal >= 0).all(axis=2) & (goal <= np.array([width - 1, height - 1])).all(axis=2)
         # What the sensor makes of both.
@@ -84,14 +84,14 @@ def _paste(image: Float32, sprite: ImageArray, place: FloatArray) -> None:
     image += drawn[..., :3]
 
 
-def _move(flow: Float32, sprite: ImageArray, before: FloatArray, after: FloatArray) -> None:
+def _move(flow: Float32, sprite: ImageArray, place: FloatArray, next_place: FloatArray) -> None:
     """Set the flow where ``sprite`` covers most of a pixel."""
     alpha: NDArray[np.uint8] = np.ascontiguousarray(sprite[..., 3])
-    covered = cv2.warpPerspective(alpha, before, (flow.shape[1], flow.shape[0]), flags=cv2.INTER_LINEAR) > 127
+    covered = cv2.warpPerspective(alpha, place, (flow.shape[1], flow.shape[0]), flags=cv2.INTER_LINEAR) > 127
     rows, columns = np.nonzero(covered)
     if len(rows):
         points = np.stack([columns, rows], axis=1).astype(np.float64)
-        moved = cv2.perspectiveTransform(points.reshape(-1, 1, 2), after @ np.linalg.inv(before)).reshape(-1, 2)
+        moved = cv2.perspectiveTransform(points.reshape(-1, 1, 2), next_place @ np.linalg.inv(place)).reshape(-1, 2)
         flow[rows, columns] = moved - points
 
 

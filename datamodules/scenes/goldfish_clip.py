@@ -77,8 +77,8 @@ class GoldfishClip(BodyClip):
         for shape in drawn:
             # Its blurred shadow on the floor, to its lower right.
             soft = cv2.GaussianBlur(shape.opacity, (0, 0), SHADOW_BLUR)
-            part, own = overlap(image.shape, (shape.top + SHADOW[1], shape.left + SHADOW[0]), soft.shape)
-            image[part] *= 1 - SHADOWS * soft[own][..., None]
+            part, pixels = overlap(image.shape, (shape.top + SHADOW[1], shape.left + SHADOW[0]), soft.shape)
+            image[part] *= 1 - SHADOWS * soft[pixels][..., None]
         for fish, state in zip(self._fish, states, strict=True):
             _mirror(image, fish, state)
         for shape in drawn:
@@ -113,12 +113,12 @@ def _mirror(image: Float32, fish: FishAppearance, state: FloatArray) -> None:
         turned[2] = np.pi * (1 - axis) - state[2]
         turned[3] = -state[3]
         image_of = draw_fish(fish, turned)
-        part, own = image_of.within(image.shape)
+        part, pixels = image_of.within(image.shape)
         strip = np.arange(extent) < place if place == PANE else np.arange(extent) >= place
         visible = strip[part[1 - axis]]
         visible = visible[None, :] if axis == 0 else visible[:, None]
-        cover = (REFLECTIONS * image_of.opacity[own] * visible)[..., None]
-        image[part] = (1 - cover) * image[part] + cover * 0.85 * image_of.colour[own]
+        cover = (REFLECTIONS * image_of.opacity[pixels] * visible)[..., None]
+        image[part] = (1 - cover) * image[part] + cover * 0.85 * image_of.colour[pixels]
 
 
 GRAVEL = np.array([[150, 158, 150], [120, 132, 132], [172, 170, 158], [96, 110, 114], [140, 128, 112]], np.float32)

@@ -66,12 +66,12 @@ class RoomSettings(clip.ClipSettings):
     height: int = 960
 
     def __post_init__(self) -> None:
-        own = (
+        rules = (
             (self.people >= 1, "at least one person", self.people),
             (min(self.size) >= 2, "a floor of at least 2 by 2 m", self.size),
             (0 <= self.repeated <= 1, "repeated in [0, 1]", self.repeated),
         )
-        self.expect("room", 64, *own)
+        self.expect("room", 64, *rules)
 
 
 @dataclass(frozen=True)
@@ -86,12 +86,12 @@ class FloorClipSettings(RoomSettings):
     cameras: int = 4
 
     def __post_init__(self) -> None:
-        most = len(OVERHEAD) + len(STANDS)
-        own = (
-            (3 <= self.cameras <= most, f"3 to {most} cameras", self.cameras),
+        cameras_at_most = len(OVERHEAD) + len(STANDS)
+        rules = (
+            (3 <= self.cameras <= cameras_at_most, f"3 to {cameras_at_most} cameras", self.cameras),
             (0 <= self.repeated <= 1, "look_alikes in [0, 1]", self.repeated),
         )
-        self.expect("floor", 64, *own)
+        self.expect("floor", 64, *rules)
         super().__post_init__()
 
 
@@ -196,7 +196,7 @@ class RoomView:
 
     def __init__(self, room: RoomClip, number: int) -> None:
         rng, settings = np.random.default_rng([room.seed, 5]), room.settings
-        self.camera, highest = room.cameras[number], max(float(each.position[2]) for each in room.cameras)
+        self.camera, highest = room.cameras[number], max(float(camera.position[2]) for camera in room.cameras)
         width, height = self.camera.width, self.camera.height
         shell = random_shell(rng, np.array([*settings.size, highest + 0.1]))
         self.empty, self.direct = draw_shell(shell, self.camera, room.light, room.furniture, SAMPLES)

@@ -106,12 +106,12 @@ class _Room:
                 return np.asarray(spot)
         return None
 
-    def _group(self, wanted: int) -> int:
+    def _group(self, size: int) -> int:
         """Up to ``wanted`` people on chairs, side by side at a table or without one; at least 1 counts as placed."""
         spot, rng = self.spot(0.5), self.rng
         if spot is None:
-            return wanted
-        heading, members = float(rng.uniform(0, 2 * np.pi)), int(rng.integers(1, min(wanted, 4) + 1))
+            return size
+        heading, members = float(rng.uniform(0, 2 * np.pi)), int(rng.integers(1, min(size, 4) + 1))
         ahead, aside = along(heading)[:2], along(heading + np.pi / 2)[:2]
         with_table, spacing = rng.random() < 0.7, rng.uniform(0.65, 0.95)
         for k in range(members):

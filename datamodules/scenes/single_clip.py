@@ -71,13 +71,13 @@ def _walkers(rng: np.random.Generator, settings: SingleClipSettings) -> tuple[li
     height, light = float(rng.uniform(*settings.person_height)), random_light(rng)
     growth = np.exp(rng.uniform(-1, 1) * np.log(GROWTH))
     speed, tall = 0.035 * height, height
-    path = own = _path(rng, settings.frames, speed)
+    path = target_path = _path(rng, settings.frames, speed)
     walkers: list[_Walker] = []
     for person in people:
         if walkers:
             path = _path(rng, settings.frames, speed * float(rng.uniform(0.3, 1.5)))
             meeting = int(rng.integers(settings.frames))
-            path = path - path[meeting] + own[meeting] + rng.normal(0, 0.15 * height, 2)
+            path = path - path[meeting] + target_path[meeting] + rng.normal(0, 0.15 * height, 2)
             tall = height * float(rng.uniform(0.85, 1.15))
         heading, tilt = float(rng.uniform(0, 2 * math.pi)), float(rng.uniform(0, 0.3))
         cycle = []
@@ -140,8 +140,8 @@ class SingleClip(Clip[FrameTruth]):
         def lay(sprite: ImageArray, left: int, top: int, owner: bool = False) -> None:
             """Over the view; ``free`` has the owner's pixels that nothing later hides."""
             paste(view, sprite, left, top)
-            there, own = overlap(free.shape, (top, left), sprite.shape)
-            free[there][sprite[..., 3][own] > 127] = owner
+            there, pixels = overlap(free.shape, (top, left), sprite.shape)
+            free[there][sprite[..., 3][pixels] > 127] = owner
 
         for k in order:
             sprites, path = walkers[k]

@@ -54,14 +54,14 @@ class StreetSettings(clip.ClipSettings):
     motion: Motion = "walk"
 
     def __post_init__(self) -> None:
-        own = (
+        rules = (
             (self.people >= 1, "at least one person", self.people),
             (self.occluders >= 0, "occluders >= 0", self.occluders),
             (0 < self.person_height[0] < self.person_height[1], "person_height as (low, high)", self.person_height),
             (1 <= self.samples <= 8, "samples from 1 to 8", self.samples),
             (self.motion in get_args(Motion), "motion walk, dance or sport", self.motion),
         )
-        self.expect("street", 32, *own)
+        self.expect("street", 32, *rules)
 
 
 class StreetClip(clip.Clip[clip.FrameTruth]):

@@ -253,8 +253,8 @@ def _camera_with_spots(rng: np.random.Generator, settings: TrainingSettings) -> 
             f"got {settings.person_height} pixels; widen one of the two"
         )
     # Few people are as near as the image is large: draw sizes evenly on a logarithmic scale.
-    wanted = np.exp(rng.uniform(np.log(apparent[good].min()), np.log(apparent[good].max()), count))
-    order = np.argsort(np.abs(np.log(apparent[good])[None] - np.log(wanted)[:, None]), axis=1)
+    heights = np.exp(rng.uniform(np.log(apparent[good].min()), np.log(apparent[good].max()), count))
+    order = np.argsort(np.abs(np.log(apparent[good])[None] - np.log(heights)[:, None]), axis=1)
     return camera, spots[good[order[np.arange(count), rng.integers(0, 12, count)]]]
 
 

@@ -90,15 +90,15 @@ class BaseBody:
         quads: dict[str, list[list[list[int]]]] = {}
         group = ""
         for line in (model / "3dobjs" / "base.obj").read_text().splitlines():
-            kind, *rest = line.split() or [""]
+            kind, *fields = line.split() or [""]
             if kind == "v":
-                points.append(rest[:3])
+                points.append(fields[:3])
             elif kind == "vt":
-                places.append(rest[:2])
+                places.append(fields[:2])
             elif kind == "g":
-                group = rest[0]
+                group = fields[0]
             elif kind == "f":
-                quads.setdefault(group, []).append([[int(n) - 1 for n in corner.split("/")] for corner in rest])
+                quads.setdefault(group, []).append([[int(n) - 1 for n in corner.split("/")] for corner in fields])
         skin = np.array(quads["body"])
         self.vertices, self.quads = _axes(np.array(points, dtype=np.float64)), skin[..., 0]
         self.uv = np.array(places, dtype=np.float64)[skin[..., 1]]

@@ -36,8 +36,8 @@ def equipment(rng: np.random.Generator, name: str, skeleton: PersonSkeleton) -> 
     limbs.fingers, limbs.ankle = (skeleton.fingers - root) @ axes, (skeleton.ankle - root) @ axes
     shells = _MADE[name](rng, limbs)
     cloth = fabric(rng)
-    made = [covered(shell, cloth, Worn.BESIDE) for shell in shells]
-    return [replace(mesh, vertices=mesh.vertices @ axes.T + root) for mesh in made]
+    parts = [covered(shell, cloth, Worn.BESIDE) for shell in shells]
+    return [replace(mesh, vertices=mesh.vertices @ axes.T + root) for mesh in parts]
 
 
 def _tube(start: FloatArray | list[float], end: FloatArray | list[float], radius: float) -> Shell:
@@ -49,8 +49,8 @@ def _tube(start: FloatArray | list[float], end: FloatArray | list[float], radius
     angle = np.linspace(0, 2 * np.pi, _SECTORS, endpoint=False)[:, None]
     ring = radius * (np.cos(angle) * aside + np.sin(angle) * np.cross(along, aside))
     here = np.arange(_SECTORS)
-    after = (here + 1) % _SECTORS
-    quads = np.stack([here, after, after + _SECTORS, here + _SECTORS], axis=1)
+    next_sector = (here + 1) % _SECTORS
+    quads = np.stack([here, next_sector, next_sector + _SECTORS, here + _SECTORS], axis=1)
     return np.concatenate([start + ring, end + ring]), triangles_of_quads(quads)
 
 
@@ -70,10 +70,10 @@ def _dome(top: FloatArray, radius: float, height: float, opening: FloatArray | N
     centre = top - [0, 0, height]
     vertices, triangles = ellipsoid(centre, np.array([radius, radius, height]))
     middle = vertices[triangles].mean(axis=1) - centre
-    kept = middle[:, 2] > 0
+    above = middle[:, 2] > 0
     if opening is not None:
-        kept &= middle @ opening < 0.3 * radius
-    return vertices, triangles[kept]
+        above &= middle @ opening < 0.3 * radius
+    return vertices, triangles[above]
 
 
 def _bicycle(rng: np.random.Generator, limbs: PersonSkeleton) -> list[Shell]:

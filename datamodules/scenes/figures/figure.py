@@ -125,8 +125,8 @@ def _fitted(body: BaseBody, shape: FloatArray, garment: Garment, label: int) -> 
 def _clothes(rng: np.random.Generator, assets: Assets, shape: FloatArray, sex: str) -> list[tuple[Mesh, IntArray]]:
     """Meshes and the body's vertices that each hides."""
 
-    def sewn(part: str, least: float, most: float) -> tuple[Mesh, IntArray]:
-        return _sewn(rng, assets.body, shape, part, float(rng.uniform(least, most))), np.empty(0, dtype=np.int64)
+    def sewn(part: str, least: float, longest: float) -> tuple[Mesh, IntArray]:
+        return _sewn(rng, assets.body, shape, part, float(rng.uniform(least, longest))), np.empty(0, dtype=np.int64)
 
     if rng.random() < 0.6:
         suit = assets.garment("clothes", str(rng.choice(SUITS[sex])))
@@ -149,27 +149,27 @@ def _sewn(rng: np.random.Generator, body: BaseBody, shape: FloatArray, part: str
     if part == "upper":
         # From a short shirt to a coat that reaches the knee.
         hem = hip - float(rng.choice([0.0, 0.08, 0.14, 0.4], p=[0.25, 0.4, 0.25, 0.1])) * (hip / 0.9)
-        kept = middle > hem
+        covered_faces = middle > hem
         if rng.random() < 0.35:
-            kept &= weights[:, _LOWER_ARMS].sum(axis=1) < 0.3
+            covered_faces &= weights[:, _LOWER_ARMS].sum(axis=1) < 0.3
         if rng.random() < 0.08:
-            kept &= weights[:, _UPPER_ARMS].sum(axis=1) < 0.3
+            covered_faces &= weights[:, _UPPER_ARMS].sum(axis=1) < 0.3
     elif part == "lower":
-        kept = (legs > 0.2) | (middle < hip + 0.12)
-        kept &= weights[:, _UPPER_ARMS + _LOWER_ARMS].sum(axis=1) < 0.1
-        kept &= weights[:, _FEET].sum(axis=1) < 0.45
+        covered_faces = (legs > 0.2) | (middle < hip + 0.12)
+        covered_faces &= weights[:, _UPPER_ARMS + _LOWER_ARMS].sum(axis=1) < 0.1
+        covered_faces &= weights[:, _FEET].sum(axis=1) < 0.45
         if rng.random() < 0.2:
-            kept &= weights[:, _SHANKS].sum(axis=1) < float(rng.uniform(0.1, 0.6))
+            covered_faces &= weights[:, _SHANKS].sum(axis=1) < float(rng.uniform(0.1, 0.6))
     else:
         bottom = float(rng.uniform(0.1, 0.62)) * hip
-        kept = middle > bottom
-    kept &= weights[:, [BONES.index("wrist.L"), BONES.index("wrist.R")]].sum(axis=1) < 0.6
+        covered_faces = middle > bottom
+    covered_faces &= weights[:, [BONES.index("wrist.L"), BONES.index("wrist.R")]].sum(axis=1) < 0.6
     corner = vertices[triangles]
     across = np.arctan2(corner[..., 1] - corner[..., 1].mean(), corner[..., 0]) / (2 * np.pi)
     across = np.where(np.ptp(across, axis=1, keepdims=True) > 0.5, across % 1.0, across)
     uv = np.stack([2 * across, corner[..., 2] / 0.6], axis=-1)
     labels = np.full(len(triangles), Worn.UPPER if part == "upper" else Worn.LOWER, np.uint8)
-    return Mesh(vertices, triangles[kept], uv[kept], body.weights, labels[kept], fabric(rng))
+    return Mesh(vertices, triangles[covered_faces], uv[covered_faces], body.weights, labels[covered_faces], fabric(rng))
 
 
 def covered(shell: tuple[FloatArray, IntArray], cloth: ImageArray, label: Worn) -> Mesh:
@@ -223,8 +223,8 @@ def _cap(rng: np.random.Generator, shape: FloatArray, body: BaseBody, joints: Fl
     mesh = _rigid(rng, shell, "head")
     corner = shell[0][shell[1]].mean(axis=1)
     level = low[2] + (0.35 if hood else 0.55) * (high[2] - low[2])
-    kept = corner[:, 2] + (0.6 * (low[0] + high[0]) / 2 - 0.6 * corner[:, 0] if hood else 0.0) > level
-    return replace(mesh, triangles=mesh.triangles[kept], uv=mesh.uv[kept], labels=mesh.labels[kept])
+    above_brim = corner[:, 2] + (0.6 * (low[0] + high[0]) / 2 - 0.6 * corner[:, 0] if hood else 0.0) > level
+    return replace(mesh, triangles=mesh.triangles[above_brim], uv=mesh.uv[above_brim], labels=mesh.labels[above_brim])
 
 
 _SIDE = 128

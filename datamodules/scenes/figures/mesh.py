@@ -60,8 +60,8 @@ def ellipsoid(centre: FloatArray, radii: FloatArray, power: float = 1.0) -> tupl
     unit = np.stack(axes, axis=-1).reshape(-1, 3)
     boxy = np.sign(unit) * np.abs(unit) ** power
     row, column = np.divmod(np.arange((rings - 1) * sectors), sectors)
-    low, high, after = row * sectors, (row + 1) * sectors, (column + 1) % sectors
-    quads = np.stack([low + column, low + after, high + after, high + column], axis=1)
+    low, high, next_column = row * sectors, (row + 1) * sectors, (column + 1) % sectors
+    quads = np.stack([low + column, low + next_column, high + next_column, high + column], axis=1)
     return centre + boxy * radii, triangles_of_quads(quads)
 
 
@@ -102,15 +102,15 @@ def rasterise(corners: FloatArray, depth: FloatArray, width: int, height: int) -
     """
     # Minima over an axis of three are slow; so are stacks of small arrays.
     first, second, third = corners[:, 0], corners[:, 1], corners[:, 2]
-    least, most = np.minimum(np.minimum(first, second), third), np.maximum(np.maximum(first, second), third)
+    least, largest = np.minimum(np.minimum(first, second), third), np.maximum(np.maximum(first, second), third)
     low = np.maximum(np.ceil(least - 0.5), 0)
-    high = np.minimum(np.floor(most - 0.5), [width - 1, height - 1])
+    high = np.minimum(np.floor(largest - 0.5), [width - 1, height - 1])
     extent = high - low + 1
     side = np.maximum(extent[:, 0], extent[:, 1])
     there = (extent[:, 0] > 0) & (extent[:, 1] > 0) & (depth[:, 0] > 0) & (depth[:, 1] > 0) & (depth[:, 2] > 0)
     parts = []
-    for before, k in zip((0, *_SIDES), _SIDES, strict=False):
-        which = np.flatnonzero(there & (side > before) & (side <= k))
+    for smaller_side, k in zip((0, *_SIDES), _SIDES, strict=False):
+        which = np.flatnonzero(there & (side > smaller_side) & (side <= k))
         x = low[which, 0][:, None] + np.tile(np.arange(k), k)
         y = low[which, 1][:, None] + np.repeat(np.arange(k), k)
         ax, bx, cx = (corners[which, n, 0][:, None] - (x + 0.5) for n in range(3))

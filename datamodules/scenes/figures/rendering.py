@@ -49,13 +49,13 @@ def _bones(figure: Figure, skeleton: PersonSkeleton) -> tuple[list[FloatArray], 
         part, _, side = bone.partition(".")
         on = LIMBS[part][2] if side else {"trunk": "pelvis", "head": "trunk"}[bone]
         parent = f"{on}.{side}" if on in LIMBS else on
-        before = BONES.index(parent)
-        origin[bone] = rotation[parent] @ (figure.joints[b] - figure.joints[before]) + origin[parent]
+        parent_bone = BONES.index(parent)
+        origin[bone] = rotation[parent] @ (figure.joints[b] - figure.joints[parent_bone]) + origin[parent]
         if side:
-            after = [figure.joints[BONES.index(f"{limb}.{side}")] for limb in LIMBS if LIMBS[limb][2] == part]
-            rest = rotation[parent] @ ((after[0] if after else figure.tips[bone]) - figure.joints[b])
+            children = [figure.joints[BONES.index(f"{limb}.{side}")] for limb in LIMBS if LIMBS[limb][2] == part]
+            direction = rotation[parent] @ ((children[0] if children else figure.tips[bone]) - figure.joints[b])
             start, stop = (getattr(skeleton, joint)["LR".index(side)] for joint in LIMBS[part][3])
-            rotation[bone] = shortest_turn(rest, stop - start) @ rotation[parent]
+            rotation[bone] = shortest_turn(direction, stop - start) @ rotation[parent]
     return [rotation[b] for b in BONES], [origin[b] for b in BONES]
 
 
@@ -144,7 +144,7 @@ def random_sprites(
             pose, cycle = standing(rng, manner), []
         heading = float(rng.uniform(0, 2 * np.pi))
         tilt = float(tilts[0] + (tilts[1] - tilts[0]) * rng.beta(1.3, 1.9))
-        skeleton, *others = (PersonSkeleton(build, each, np.zeros(2), heading) for each in (pose, *cycle))
+        skeleton, *others = (PersonSkeleton(build, stance, np.zeros(2), heading) for stance in (pose, *cycle))
         if tilt > STEEP:
             sprites.append(_across(rng, figure, skeleton, height_px, tilt))
             continue
@@ -181,8 +181,8 @@ def steady_sides(
     thin = copy.copy(figure)
     thin.meshes = [replace(m, vertices=m.vertices[::_EVERY], weights=m.weights[::_EVERY]) for m in figure.meshes]
     sides = []
-    for each in (skeleton, *walk):
-        columns = camera.project(np.concatenate(posed(thin, each)))[0][:, 0]
+    for posture in (skeleton, *walk):
+        columns = camera.project(np.concatenate(posed(thin, posture)))[0][:, 0]
         sides.append([columns.min(), columns.max()])
     return np.asarray(sprite.steady + (np.mean(sides[1:], axis=0) - sides[0]))
 
@@ -213,12 +213,12 @@ def render_figure(
     albedo, normal = np.zeros((*size, 3), np.uint8), np.zeros((*size, 3), np.int8)
     label = np.zeros(size, np.uint8)
     for k, (mesh, points) in enumerate(zip(meshes, vertices, strict=True)):
-        own = visible.select(np.flatnonzero(visible.triangle[:, 0] == k))
-        triangle = own.triangle[:, 1]
-        rows, columns = np.divmod(own.pixel, camera.width)
-        albedo[rows, columns] = _texel(mesh, triangle, own.where)[:, :3]
+        faces = visible.select(np.flatnonzero(visible.triangle[:, 0] == k))
+        triangle = faces.triangle[:, 1]
+        rows, columns = np.divmod(faces.pixel, camera.width)
+        albedo[rows, columns] = _texel(mesh, triangle, faces.where)[:, :3]
         label[rows, columns] = mesh.labels[triangle]
-        corners, where = mesh.triangles[triangle], own.where[..., None]
+        corners, where = mesh.triangles[triangle], faces.where[..., None]
         outward = (vertex_normals(points, mesh.triangles)[corners] * where).sum(axis=1)
         towards = camera.position - (points[corners] * where).sum(axis=1)
         outward *= np.where((outward * towards).sum(axis=1) < 0, -1.0, 1.0)[:, None]

@@ -46,8 +46,8 @@ class Standing(Thing):
         if not (np.isfinite(ends).all() and (depth > 0.5).all()):
             return None
         ends = ends * samples
-        before, after = self.sprite.head - self.sprite.feet, ends[1] - ends[0]
-        scale = float(np.linalg.norm(after) / np.linalg.norm(before))
+        upright, projected = self.sprite.head - self.sprite.feet, ends[1] - ends[0]
+        scale = float(np.linalg.norm(projected) / np.linalg.norm(upright))
         sprite = smaller(self.sprite, scale) if scale < 1 else self.sprite
         affine = _similarity(sprite.feet, sprite.head, ends[0], ends[1])
         h, w = sprite.label.shape
@@ -63,15 +63,15 @@ class Standing(Thing):
             cv2.warpAffine(part, affine, (right - left, bottom - top), flags=cv2.INTER_NEAREST)
             for part in (sprite.albedo, sprite.normal.astype(np.int16), sprite.label)
         )
-        shown = replace(
+        drawn_sprite = replace(
             sprite, albedo=albedo.astype(np.uint8), normal=normal.astype(np.int8), label=label.astype(np.uint8)
         )
         middle = np.array([*self.spot, self.sprite.middle or 0.5 * self.sprite.height])
         away = np.float32(np.linalg.norm(middle - camera.position))
-        distance = np.where(shown.label > 0, away, np.float32(np.inf)).astype(np.float32)
-        if not (shown.label > 0).any():
+        distance = np.where(drawn_sprite.label > 0, away, np.float32(np.inf)).astype(np.float32)
+        if not (drawn_sprite.label > 0).any():
             return None
-        return Layer(int(left), int(top), distance, -(shown.label == Worn.BESIDE).astype(np.int16), shown)
+        return Layer(int(left), int(top), distance, -(drawn_sprite.label == Worn.BESIDE).astype(np.int16), drawn_sprite)
 
     def steady_sides(self, camera: RayCamera) -> FloatArray:
         """``(2,)`` pixels: the left and right side of the steady box in the picture, see `Sprite`."""
@@ -99,10 +99,10 @@ class Standing(Thing):
     def shade(self, layer: Layer, visible: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
         """See `composing.Thing.shade`."""
         del samples
-        away, shown = self._away(camera), layer.shown
+        away, sprite = self._away(camera), layer.picture
         axes = np.array([[away[0], -away[1], 0], [away[1], away[0], 0], [0, 0, 1]], dtype=np.float32)
-        normal = shown.normal[visible].astype(np.float32) / np.float32(127) @ axes.T
-        albedo = np.square(shown.albedo[visible].astype(np.float32) / np.float32(255))
+        normal = sprite.normal[visible].astype(np.float32) / np.float32(127) @ axes.T
+        albedo = np.square(sprite.albedo[visible].astype(np.float32) / np.float32(255))
         facing = np.maximum(normal @ light.direction, 0)[:, None]
         up = (np.float32(0.5) + np.float32(0.5) * normal[:, 2])[:, None]
         return np.asarray(albedo * (facing * light.sun + up * (light.sky - light.ground) + light.ground))
@@ -117,12 +117,12 @@ def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
         at = sprite.label == label
         if not at.any():
             continue
-        own = albedo[at].astype(np.float32)
-        grey = np.ptp(own, axis=1).mean() < _GREY
+        cloth = albedo[at].astype(np.float32)
+        grey = np.ptp(cloth, axis=1).mean() < _GREY
         if not grey and rng.random() < _KEPT:
-            albedo[at] = np.clip(own * np.exp(rng.normal(0, 0.2)), 0, 255).astype(np.uint8)
+            albedo[at] = np.clip(cloth * np.exp(rng.normal(0, 0.2)), 0, 255).astype(np.uint8)
             continue
-        bright = own.mean(axis=1, keepdims=True)
+        bright = cloth.mean(axis=1, keepdims=True)
         relative = np.clip(bright / max(float(bright.mean()), 1.0), 0, 2.5) ** np.float32(rng.uniform(0.5, 1.1))
         albedo[at] = np.clip(relative * np.array(colour, dtype=np.float32) * 255, 0, 255).astype(np.uint8)
     at = sprite.label == Worn.SKIN
@@ -165,7 +165,7 @@ _FACING = (-107, 0, 68)
 
 
 def pictured_things(
-    rng: np.random.Generator, photographs: Photographs, camera: AnyCamera, count: int, taken: FloatArray,
+    rng: np.random.Generator, photographs: Photographs, camera: AnyCamera, count: int, occupied: FloatArray,
     largest: float,
 ) -> list[Thing]:  # fmt: skip
     """Up to ``count`` photographed things, clear of the places ``taken`` ``(N, 2)``; see `clutter_around`."""
@@ -193,4 +193,4 @@ def pictured_things(
         board = boxes(np.array([[*spot, half[0, 2]]]), half, np.array([across]), [Surface(MIDDLE[0])])
         return Standing(sprite, board.start[0, :2].astype(np.float64), board)
 
-    return clutter_around(rng, camera, count, taken, largest, upright)
+    return clutter_around(rng, camera, count, occupied, largest, upright)

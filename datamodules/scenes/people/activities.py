@@ -164,8 +164,8 @@ def drinking(build: Build, pose: Pose, hand: int, seconds: float) -> Pose:
 
 def sip(seconds: float) -> float:
     """How far the bottle is raised, from 0 to 1."""
-    up, held, down, rest = SIP
-    t = seconds % (up + held + down + rest)
+    up, held, down, pause = SIP
+    t = seconds % (up + held + down + pause)
     rising = np.interp(t, [0, up, up + held, up + held + down], [0.0, 1.0, 1.0, 0.0])
     return float(0.5 - 0.5 * math.cos(math.pi * float(rising)))
 
@@ -218,7 +218,7 @@ class Activity:
         return lying(rng, person.build) if self.posture == act.LYING else standing(rng, person.manner)
 
     def pose(
-        self, person: Person, rest: Pose, seconds: float, phase: float, speed: float, hand: int, prop: Prop | None
+        self, person: Person, resting: Pose, seconds: float, phase: float, speed: float, hand: int, prop: Prop | None
     ) -> Pose:
         """The pose of ``person`` after ``seconds`` of it.
 
@@ -238,12 +238,12 @@ class Activity:
             pose = walking(build, replace(person.manner, carry=(0.0, 0.0)), phase, speed)
         else:
             # A standing person still moves a little.
-            pose = replace(rest, look=rest.look + 0.2 * math.sin(0.9 * seconds + 7 * phase))
+            pose = replace(resting, look=resting.look + 0.2 * math.sin(0.9 * seconds + 7 * phase))
         match self.act:
             case act.READING:
                 # A book before the chest, held by both hands, and eyes on it.
-                for each in (LEFT, RIGHT):
-                    pose = reach(build, pose, each, (0.17 * h, -0.045 * h, -0.11 * h))
+                for side in (LEFT, RIGHT):
+                    pose = reach(build, pose, side, (0.17 * h, -0.045 * h, -0.11 * h))
                 return replace(pose, nod=0.6, look=0.0, twist=0.0)
             case act.DRINKING:
                 return drinking(build, pose, hand, seconds)

@@ -190,19 +190,19 @@ class Gathering:
                 others.append(i)
         if not others:
             return False
-        other = min(others, key=lambda i: float(np.linalg.norm(self.performers[i].position - actor.position)))
-        partner = self.performers[other]
+        nearest = min(others, key=lambda i: float(np.linalg.norm(self.performers[i].position - actor.position)))
+        partner = self.performers[nearest]
         middle = 0.5 * (actor.position + partner.position) if not at_once else actor.position
         angle = math.atan2(*(partner.position - actor.position)[::-1])
         half = 0.5 * activity.apart * facing(angle)
-        places = (index, middle - half, angle, other), (other, middle + half, angle + math.pi, index)
+        places = (index, middle - half, angle, nearest), (nearest, middle + half, angle + math.pi, index)
         for i, spot, heading, with_whom in places:
             if at_once:
                 self.performers[i].position, self.performers[i].heading = spot.copy(), heading
             else:
                 self._send(i, frame, activity, spot, heading, with_whom)
         if at_once:
-            self._begin_together((index, other), activity, frame)
+            self._begin_together((index, nearest), activity, frame)
         return True
 
     def _begin_together(self, pair: tuple[int, int], activity: Activity, frame: int) -> None:
@@ -214,8 +214,8 @@ class Gathering:
     def _fetch(self, index: int, activity: Activity, frame: int) -> bool:
         """Send somebody to the nearest thing on the ground that the activity needs."""
         actor = self.performers[index]
-        taken = [a.errand.thing for a in self.performers if a.errand is not None]
-        there = [t for t in self.things if t.prop.kind in activity.kinds and t.last > frame and t not in taken]
+        reserved = [a.errand.thing for a in self.performers if a.errand is not None]
+        there = [t for t in self.things if t.prop.kind in activity.kinds and t.last > frame and t not in reserved]
         if not there:
             return False
         thing = min(there, key=lambda t: float(np.linalg.norm(t.position - actor.position)))
@@ -278,8 +278,8 @@ class Gathering:
             far = np.maximum(np.linalg.norm(gap, axis=1) - others[:, 2], 1e-3)
             push = np.clip((SPACE + 0.5 - far) / 0.5, 0, 1)[:, None] * gap / far[:, None]
             desired = desired + 1.6 * push.sum(axis=0)
-        wanted = math.atan2(desired[1], desired[0])
-        turn = (wanted - actor.heading + math.pi) % (2 * math.pi) - math.pi
+        heading = math.atan2(desired[1], desired[0])
+        turn = (heading - actor.heading + math.pi) % (2 * math.pi) - math.pi
         # Near its aim somebody turns on the spot instead of circling it.
         nimble = 4.0 if actor.errand is not None and distance < 1.0 else 1.0
         limit = nimble * TURN_RATE / self.rate

@@ -105,22 +105,22 @@ class Outfit:
 
     def but(self, **changes: Any) -> Outfit:
         """The same with some things changed."""
-        other = copy.copy(self)
-        vars(other).update(changes)
-        return other
+        outfit = copy.copy(self)
+        vars(outfit).update(changes)
+        return outfit
 
 
 def random_build(rng: np.random.Generator) -> Build:
     """One grown person's proportions."""
     drawn = rng.normal((1.71, 1.0, 1.0, 1.0, 1.0, 1.0), (0.09, 0.11, 0.06, 0.06, 0.025, 0.04))
-    least, most = (1.48, 0.8, 0.86, 0.86, 0.94, 0.92), (1.98, 1.4, 1.15, 1.15, 1.06, 1.1)
-    return Build(*np.clip(drawn, least, most).tolist())
+    least, largest = (1.48, 0.8, 0.86, 0.86, 0.94, 0.92), (1.98, 1.4, 1.15, 1.15, 1.06, 1.1)
+    return Build(*np.clip(drawn, least, largest).tolist())
 
 
 def similar_outfit(rng: np.random.Generator, outfit: Outfit) -> Outfit:
     """Somebody else who is dressed much like ``outfit``: two or three things differ."""
-    other = Outfit(rng)
+    drawn = Outfit(rng)
     chosen = rng.choice(len(TOGETHER), size=int(rng.integers(2, 4)), replace=False)
     names = ["skin", "phase", "beard", *(name for index in chosen for name in TOGETHER[index])]
-    changes = {name: getattr(other, name) for name in names}
-    return outfit.but(**changes, **({"shoulders": other.upper} if "upper" in changes else {}))
+    changes = {name: getattr(drawn, name) for name in names}
+    return outfit.but(**changes, **({"shoulders": drawn.upper} if "upper" in changes else {}))

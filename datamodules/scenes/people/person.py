@@ -51,12 +51,12 @@ class _Flesh(Parts):
         self.person, self.count = person, 0
 
     def add(
-        self, start: FloatArray, end: FloatArray, radius: Pair, front: FloatArray, flat: float, *cloth: Any, **more: Any
+        self, start: FloatArray, end: FloatArray, radius: Pair, front: FloatArray, flat: float, *cloth: Any, **look: Any
     ) -> None:
         """One more with a `Surface` of its own phase."""
         self.count += 1
         height, phase = self.person.build.height, self.person.outfit.phase + 1.7 * self.count
-        surface = Surface(*cloth, **{"relief": 0.14, "phase": phase, **more})
+        surface = Surface(*cloth, **{"relief": 0.14, "phase": phase, **look})
         self.cone(start, end, (radius[0] * height, radius[1] * height), surface, flat, front)
 
 
@@ -261,8 +261,8 @@ def random_identities(rng: np.random.Generator, count: int, look_alikes: float) 
 
 def paste(canvas: Float32, sprite: ImageArray, left: int, top: int) -> None:
     """Lays a sprite ``(h, w, 4)`` over ``canvas`` ``(H, W, 3)``, in place; what leaves the canvas is cut off."""
-    there, own = overlap(canvas.shape, (top, left), sprite.shape)
-    part = sprite[own].astype(np.float32)
+    there, pixels = overlap(canvas.shape, (top, left), sprite.shape)
+    part = sprite[pixels].astype(np.float32)
     canvas[there] += part[:, :, 3:] / np.float32(255) * (part[:, :, :3] - canvas[there])
 
 

@@ -212,7 +212,7 @@ def _cycling(rng: np.random.Generator, build: Build) -> Pose:
         ahead = 0.09 * build.height + crank * math.sin(turned + half)
         down = 0.37 * build.height + crank * math.cos(turned + half)
         legs.append(reach_for(build, ahead, down))
-    hip, knee = (pair(np.array(each)) for each in zip(*legs, strict=True))
+    hip, knee = (pair(np.array(of_legs)) for of_legs in zip(*legs, strict=True))
     straddle = _both(rng, 0.0, 0.12, 0.03)
     ankle = pair(np.clip(np.array(knee) - hip + rng.normal(0, 0.15, 2), -_ANKLE, _ANKLE))
     pose = Pose(lean=lean, nod=-0.4 * lean, hip=hip, knee=knee, straddle=straddle, ankle=ankle)

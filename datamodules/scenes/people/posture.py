@@ -106,7 +106,7 @@ def blend(a: Pose, b: Pose, part: float) -> Pose:
 
     def between(x: Any, y: Any) -> Any:
         if isinstance(x, tuple):
-            return tuple(between(*each) for each in zip(x, y, strict=True))
+            return tuple(between(*ends) for ends in zip(x, y, strict=True))
         return x + part * (y - x)
 
     return Pose(*(between(getattr(a, f.name), getattr(b, f.name)) for f in fields(Pose)))
@@ -176,13 +176,13 @@ class PersonSkeleton:
             limbs.append((shoulder, elbow, wrist, wrist + forearm * HAND * height, hip, knee, ankle, toe))
         paired = [np.stack(pair) for pair in zip(*limbs, strict=True)]
         ankle, toe = paired[-2:]
-        rest = min(ankle[:, 2].min() - ANKLE_HEIGHT * height, toe[:, 2].min() - 0.016 * height)
+        floor = min(ankle[:, 2].min() - ANKLE_HEIGHT * height, toe[:, 2].min() - 0.016 * height)
         bodies, axes = [chest, head, *paired], [pelvis_axes, trunk_axes, head_axes]
         if any(pose.tilt):
-            whole = turn(heading, *pose.tilt) @ turn(heading).T
-            bodies, axes = [joint @ whole.T for joint in bodies], [whole @ each for each in axes]
-            rest = min(0.0, *(float(joint[..., 2].min()) for joint in bodies)) - _THICK * height
-        self.pelvis = root = np.array([position[0], position[1], pose.lift - rest])
+            tilt = turn(heading, *pose.tilt) @ turn(heading).T
+            bodies, axes = [joint @ tilt.T for joint in bodies], [tilt @ directions for directions in axes]
+            floor = min(0.0, *(float(joint[..., 2].min()) for joint in bodies)) - _THICK * height
+        self.pelvis = root = np.array([position[0], position[1], pose.lift - floor])
         self.chest, self.head, *limb = (joint + root for joint in bodies)
         self.shoulder, self.elbow, self.wrist, self.fingers, self.hip, self.knee, self.ankle, self.toe = limb
         self.pelvis_axes, self.trunk_axes, self.head_axes = axes

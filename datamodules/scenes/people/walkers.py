@@ -259,8 +259,8 @@ def dressed(rng: np.random.Generator, people: int, repeated: float) -> list[Pers
         if persons and rng.random() < repeated:
             model = persons[int(rng.integers(len(persons)))].outfit
             # The same clothes on somebody else, or most of them.
-            other = model.but(skin=outfit.skin, hair=outfit.hair, hair_style=outfit.hair_style, phase=outfit.phase)
-            outfit = other if rng.random() < 0.6 else similar_outfit(rng, model)
+            repeat = model.but(skin=outfit.skin, hair=outfit.hair, hair_style=outfit.hair_style, phase=outfit.phase)
+            outfit = repeat if rng.random() < 0.6 else similar_outfit(rng, model)
         persons.append(Person(random_build(rng), outfit, random_manner(rng)))
     return persons
 

@@ -96,9 +96,9 @@ def compose(
     layers = [thing.trace(camera, samples) for thing in things]
     for index, layer in enumerate(layers):
         if layer is not None:
-            there, own = tracing.overlap(distance.shape, (layer.top, layer.left), layer.distance.shape)
-            closer = layer.distance[own] < distance[there]
-            np.copyto(distance[there], layer.distance[own], where=closer)
+            there, pixels = tracing.overlap(distance.shape, (layer.top, layer.left), layer.distance.shape)
+            closer = layer.distance[pixels] < distance[there]
+            np.copyto(distance[there], layer.distance[pixels], where=closer)
             np.copyto(owner[there], np.int16(index), where=closer)
     added = picture.colour * by_pixel((owner < 0).astype(np.float32), samples)[:, :, None]
     sightings: list[Sighting | None] = []
@@ -106,9 +106,9 @@ def compose(
         if layer is None:
             sightings.append(None)
             continue
-        there, own = tracing.overlap(owner.shape, (layer.top, layer.left), layer.distance.shape)
+        there, pixels = tracing.overlap(owner.shape, (layer.top, layer.left), layer.distance.shape)
         visible = np.zeros(layer.distance.shape, dtype=np.bool_)
-        visible[own] = owner[there] == index
+        visible[pixels] = owner[there] == index
         if visible.any():
             _draw(added, thing, layer, visible, camera, samples, light)
         share = int((visible & layer.own).sum()) / max(int(layer.own.sum()), 1)
@@ -140,19 +140,19 @@ def _fewer(layer: Layer, visible: BoolArray, samples: int) -> tuple[BoolArray, F
     Edges stay as they are; only the texture is sampled less finely, which is enough for things.
     """
     h, w = visible.shape
-    above, before = layer.top % samples, layer.left % samples
-    rows, columns = -(-(above + h) // samples), -(-(before + w) // samples)
+    above, left = layer.top % samples, layer.left % samples
+    rows, columns = -(-(above + h) // samples), -(-(left + w) // samples)
     padded = np.full((rows * samples, columns * samples), -1, dtype=np.int16)
-    padded[above : above + h, before : before + w] = np.where(visible, layer.solid, np.int16(-1))
+    padded[above : above + h, left : left + w] = np.where(visible, layer.solid, np.int16(-1))
     blocks = padded.reshape(rows, samples, columns, samples)
     first = blocks[:, :1, :, :1]
-    alike = (blocks == first) & (first >= 0)
+    uniform = (blocks == first) & (first >= 0)
     weight = np.full(blocks.shape, 1 / samples**2, dtype=np.float32)
-    weight[:, 0, :, 0] = alike.sum(axis=(1, 3)) / samples**2
-    alike[:, 0, :, 0] = False
-    kept = (blocks >= 0) & ~alike
-    window = (slice(above, above + h), slice(before, before + w))
-    return kept.reshape(padded.shape)[window], weight.reshape(padded.shape)[window]
+    weight[:, 0, :, 0] = uniform.sum(axis=(1, 3)) / samples**2
+    uniform[:, 0, :, 0] = False
+    mixed = (blocks >= 0) & ~uniform
+    window = (slice(above, above + h), slice(left, left + w))
+    return mixed.reshape(padded.shape)[window], weight.reshape(padded.shape)[window]
 
 
 def by_pixel(fine: Float32, samples: int) -> Float32:
@@ -177,9 +177,9 @@ def darken(
         softness: standard deviation of the blur of the shadows, pixels.
     """
     sun, under = both_shadows(things, camera, light, softness)
-    kept = (1 - sun * sunlit) * (1 - np.float32(OCCLUSION) * under)
+    brightness = (1 - sun * sunlit) * (1 - np.float32(OCCLUSION) * under)
     open_ground = picture.open_ground
-    shade_factor = 1 - open_ground * (1 - kept)
+    shade_factor = 1 - open_ground * (1 - brightness)
     return replace(picture, colour=picture.colour * shade_factor[:, :, None]), sunlit * (1 - sun) * open_ground
 
 
@@ -210,11 +210,11 @@ def shadows(things: list[Thing], camera: RayCamera, direction: Float32, softness
         points = np.where(solids.box[:, None, None], corners, points.reshape(len(solids), 16, 3))
         points[:, :, 2] = np.maximum(points[:, :, 2], 0)
         pixels, depth = camera.project((points - points[:, :, 2:] / sun[2] * sun).reshape(-1, 3))
-        pixels, before = pixels.reshape(len(solids), 16, 2), (depth.reshape(len(solids), 16) > 0.3).all(axis=1)
+        pixels, in_view = pixels.reshape(len(solids), 16, 2), (depth.reshape(len(solids), 16) > 0.3).all(axis=1)
         limit = 8 * max(camera.width, camera.height)
-        before &= (np.abs(np.nan_to_num(pixels, nan=1e9)) < limit).all(axis=(1, 2))
+        in_view &= (np.abs(np.nan_to_num(pixels, nan=1e9)) < limit).all(axis=(1, 2))
         # fillConvexPoly reads fixed-point numbers and puts a pixel's centre at a whole one.
-        for fixed in np.round((pixels[before] - 0.5) * 16).astype(np.int32):
+        for fixed in np.round((pixels[in_view] - 0.5) * 16).astype(np.int32):
             cv2.fillConvexPoly(mask, cv2.convexHull(fixed), 255, lineType=cv2.LINE_AA, shift=4)
     blurred = cv2.GaussianBlur(mask, (0, 0), softness) if softness > 0 else mask
     return np.asarray(blurred, dtype=np.float32) / np.float32(255)
@@ -257,11 +257,11 @@ def draw_things(
     up = light.direction[2] * light.sun
     share = np.float32((up / np.maximum(up + light.sky, 1e-6)).mean())
     sun, under = both_shadows(things, camera, light, SOFTNESS)
-    kept = np.sqrt((1 - share * sun) * (1 - np.float32(OCCLUSION) * under))
-    rows = np.flatnonzero(kept.min(axis=1) < 0.999)
+    brightness = np.sqrt((1 - share * sun) * (1 - np.float32(OCCLUSION) * under))
+    rows = np.flatnonzero(brightness.min(axis=1) < 0.999)
     if len(rows):
         part = slice(int(rows[0]), int(rows[-1]) + 1)
-        image[part] = cv2.multiply(image[part], cv2.merge([kept[part]] * 3), dtype=cv2.CV_8U)
+        image[part] = cv2.multiply(image[part], cv2.merge([brightness[part]] * 3), dtype=cv2.CV_8U)
     rects = [tracing.extents(thing.solids, camera) for thing in things]
     rects = [np.concatenate([r[:, :2].min(axis=0), r[:, 2:].max(axis=0)]) for r in rects]
 
@@ -322,13 +322,13 @@ def clusters(rects: FloatArray, width: int, height: int) -> list[tuple[tuple[int
     size = np.minimum(high - low, limit)
     low = np.clip(low, 0, limit - size)
     groups = [(window, [int(i)]) for window, i in zip(np.concatenate([low, low + size], axis=1), visible, strict=True)]
-    before = 0
-    while len(groups) != before:
-        before, apart = len(groups), list[tuple[FloatArray, list[int]]]()
+    count_before = 0
+    while len(groups) != count_before:
+        count_before, apart = len(groups), list[tuple[FloatArray, list[int]]]()
         for window, members in groups:
-            for k, (other, theirs) in enumerate(apart):
-                if (window[:2] < other[2:]).all() and (other[:2] < window[2:]).all():
-                    both = np.concatenate([np.minimum(window[:2], other[:2]), np.maximum(window[2:], other[2:])])
+            for k, (bounds, theirs) in enumerate(apart):
+                if (window[:2] < bounds[2:]).all() and (bounds[:2] < window[2:]).all():
+                    both = np.concatenate([np.minimum(window[:2], bounds[:2]), np.maximum(window[2:], bounds[2:])])
                     apart[k] = (both, theirs + members)
                     break
             else:

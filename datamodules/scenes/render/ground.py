@@ -191,12 +191,12 @@ def look_down(ground: GroundMap, camera: PinholeCamera) -> ImageArray:
     down = np.maximum(-camera.rays(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))[:, 2], 0.02)
     # Metres of the ground that a pixel covers along its longer side.
     covered = camera.position[2] / down / camera.focal[0] / np.sqrt(down)
-    wanted = np.log2(np.maximum(covered.reshape(len(y), len(x)) / ground.cell, 1.0))
-    first = int(np.clip(np.floor(wanted.min()), 0, len(ground.levels) - 1))
-    last = int(np.clip(np.ceil(wanted.max() - 0.25), first, len(ground.levels) - 1))
+    levels = np.log2(np.maximum(covered.reshape(len(y), len(x)) / ground.cell, 1.0))
+    first = int(np.clip(np.floor(levels.min()), 0, len(ground.levels) - 1))
+    last = int(np.clip(np.ceil(levels.max() - 0.25), first, len(ground.levels) - 1))
     frame = _cut(ground, first, camera, slice(0, camera.height))
     for level in range(first + 1, last + 1):
-        share = np.clip(wanted - (level - 1), 0, 1).astype(np.float32)
+        share = np.clip(levels - (level - 1), 0, 1).astype(np.float32)
         weight = cv2.resize(share, size, interpolation=cv2.INTER_LINEAR)
         used = np.flatnonzero(weight.max(axis=1) > 0)
         if not len(used):
@@ -220,8 +220,8 @@ def _cut(ground: GroundMap, level: int, camera: PinholeCamera, rows: slice) -> I
     return np.asarray(cut, dtype=np.uint8)
 
 
-def ground_homography(before: PinholeCamera, after: PinholeCamera) -> FloatArray:
+def ground_homography(source: PinholeCamera, target: PinholeCamera) -> FloatArray:
     """``(3, 3)``: takes pixels of the ground in the image of ``before`` to those of ``after``."""
     # From homogeneous metres x, y, 1 of the ground to homogeneous pixels.
-    matrix = after.matrix[:, [0, 1, 3]] @ np.linalg.inv(before.matrix[:, [0, 1, 3]])
+    matrix = target.matrix[:, [0, 1, 3]] @ np.linalg.inv(source.matrix[:, [0, 1, 3]])
     return np.asarray(matrix / matrix[2, 2])

@@ -171,7 +171,7 @@ class Facade(Thing):
         h, w = picture.shape[:2]
         source = np.array([[0, 0], [w, 0], [w, h], [0, h]], dtype=np.float32)
         turn = cv2.getPerspectiveTransform(source, (corners - [x1, y1]).astype(np.float32))
-        shown = cv2.warpPerspective(picture, turn, (x2 - x1, y2 - y1), borderMode=cv2.BORDER_REPLICATE)
+        turned = cv2.warpPerspective(picture, turn, (x2 - x1, y2 - y1), borderMode=cv2.BORDER_REPLICATE)
         there = cv2.warpPerspective(np.ones((h, w), np.uint8), turn, (x2 - x1, y2 - y1), flags=cv2.INTER_NEAREST)
         normal = across(self.angle)
         rays = ray_grid(camera, samples, x1, y1, x2, y2)
@@ -180,7 +180,7 @@ class Facade(Thing):
         distance = np.where((there > 0) & (away > 0), away, np.float32(np.inf)).astype(np.float32)
         if not np.isfinite(distance).any():
             return None
-        return Layer(x1, y1, distance, np.zeros(distance.shape, np.int16), shown)
+        return Layer(x1, y1, distance, np.zeros(distance.shape, np.int16), turned)
 
     def shade(self, layer: Layer, visible: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
         """See `composing.Thing.shade`."""
@@ -189,7 +189,7 @@ class Facade(Thing):
         if normal @ (camera.position[:2] - self.place) < 0:
             normal = -normal
         facing = max(float(normal @ light.direction[:2]), 0.0)
-        albedo = np.square(layer.shown[visible].astype(np.float32) / np.float32(255))
+        albedo = np.square(layer.picture[visible].astype(np.float32) / np.float32(255))
         return np.asarray(albedo * (facing * light.sun + (light.sky + light.ground) / 2), dtype=np.float32)
 
 

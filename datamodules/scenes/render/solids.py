@@ -111,8 +111,8 @@ def _solids(shape: tuple[FloatArray, ...], box: bool, scale: FloatArray, surface
     columns = zip(*(s if s.second else s._replace(second=s.colour) for s in surfaces), strict=True)
     kinds = (np.float32, np.float32, np.int32, np.float32, np.float32, np.int32, np.float32)
     colour, second, *others = (np.array(column, dtype=kind) for column, kind in zip(columns, kinds, strict=True))
-    colours = [np.square(each.reshape(-1, 3)) for each in (colour, second)]
-    geometry = [each.astype(np.float32) for each in shape]
+    colours = [np.square(values.reshape(-1, 3)) for values in (colour, second)]
+    geometry = [values.astype(np.float32) for values in shape]
     return Solids(*[*geometry, np.full(len(scale), box), scale.astype(np.float32), *colours, *others])
 
 
@@ -172,9 +172,9 @@ class Parts:
 
     def beside(self, ahead: float, left: float = 0.0) -> Parts:
         """Parts that stand so far from here, and belong to the same thing."""
-        other = Parts(self.at(ahead, left), self.yaw)
-        other._rows = self._rows
-        return other
+        parts = Parts(self.at(ahead, left), self.yaw)
+        parts._rows = self._rows
+        return parts
 
     def cone(
         self, start: FloatArray, end: FloatArray, radii: Pair, surface: Surface, flat: float = 1.0,

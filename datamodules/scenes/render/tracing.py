@@ -109,7 +109,7 @@ def overlap(shape: tuple[int, ...], corner: tuple[int, int], size: tuple[int, ..
 
     Both are empty where the part lies outside.
     """
-    spans = [(a, max(a, 0), max(a, 0, min(a + n, whole))) for a, n, whole in zip(corner, size, shape, strict=False)]
+    spans = [(a, max(a, 0), max(a, 0, min(a + n, length))) for a, n, length in zip(corner, size, shape, strict=False)]
     return tuple(slice(low, high) for _, low, high in spans), tuple(slice(low - a, high - a) for a, low, high in spans)
 
 
@@ -122,14 +122,14 @@ class Layer:
         top: row of it.
         distance: ``(h, w)`` metres along the ray, infinite where the thing is not.
         solid: ``(h, w)`` index of the solid that is seen there; -1 for what stands beside a person.
-        shown: the picture that is seen, of a thing that shows one.
+        picture: what is seen of a thing that shows a picture.
     """
 
     left: int
     top: int
     distance: Float32
     solid: NDArray[np.int16]
-    shown: Any = None
+    picture: Any = None
 
     @property
     def mask(self) -> NDArray[np.bool_]:

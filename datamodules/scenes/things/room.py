@@ -179,7 +179,7 @@ def _lit(shell: Shell, camera: RayCamera, grid: Float32, light: Light) -> tuple[
     ambient = 0.5 * (1 + normals[:, 2:]) * light.sky + 0.5 * (1 - normals[:, 2:]) * light.ground
     facing = np.maximum(normals @ light.direction, 0)[:, None] * light.sun
     met = albedo, ambient[face], facing[face], (face == 4)[:, None].astype(np.float32)
-    return tuple(each.reshape(*grid.shape[1:], -1) for each in met)
+    return tuple(values.reshape(*grid.shape[1:], -1) for values in met)
 
 
 SEAT, TABLE = 0.45, 0.73
@@ -232,78 +232,78 @@ class Joinery:
 
 def chair(rng: np.random.Generator, spot: FloatArray, heading: float) -> Thing:
     """A chair whose sitter would face ``heading``."""
-    made, seat, frame = Joinery(rng), piece_colour(rng), BLACK if rng.random() < 0.6 else piece_colour(rng)
+    joinery, seat, frame = Joinery(rng), piece_colour(rng), BLACK if rng.random() < 0.6 else piece_colour(rng)
     half, top = rng.uniform(0.2, 0.26), rng.uniform(0.75, 1.1)
-    made.box((-half, -half, SEAT - 0.06), (half, half, SEAT - 0.01), seat)
-    made.box((-half, -half - 0.05, rng.uniform(SEAT, 0.6)), (half, -half, top), seat)
+    joinery.box((-half, -half, SEAT - 0.06), (half, half, SEAT - 0.01), seat)
+    joinery.box((-half, -half - 0.05, rng.uniform(SEAT, 0.6)), (half, -half, top), seat)
     if rng.random() < 0.5:
         for x, y in itertools.product((-half, half - 0.03), repeat=2):
-            made.box((x, y, 0.0), (x + 0.03, y + 0.03, SEAT - 0.06), frame)
+            joinery.box((x, y, 0.0), (x + 0.03, y + 0.03, SEAT - 0.06), frame)
     else:
-        made.box((-0.03, -0.03, 0.08), (0.03, 0.03, SEAT - 0.06), frame)
-        made.box((-0.28, -0.03, 0.03), (0.28, 0.03, 0.08), frame)
-        made.box((-0.03, -0.28, 0.03), (0.03, 0.28, 0.08), frame)
+        joinery.box((-0.03, -0.03, 0.08), (0.03, 0.03, SEAT - 0.06), frame)
+        joinery.box((-0.28, -0.03, 0.03), (0.28, 0.03, 0.08), frame)
+        joinery.box((-0.03, -0.28, 0.03), (0.03, 0.28, 0.08), frame)
     if rng.random() < 0.5:
         for x in (-half - 0.04, half):
-            made.box((x, -half, 0.62), (x + 0.04, half, 0.66), frame)
+            joinery.box((x, -half, 0.62), (x + 0.04, half, 0.66), frame)
     if rng.random() < 0.15:
         # A coat over the back.
         low, high = (-half - 0.02, -half - 0.12, 0.45), (half + 0.02, -half - 0.04, top + 0.04)
-        made.box(low, high, piece_colour(rng), Pattern.CLOUDS)
-    return made.put(spot, heading - np.pi / 2)
+        joinery.box(low, high, piece_colour(rng), Pattern.CLOUDS)
+    return joinery.put(spot, heading - np.pi / 2)
 
 
 def table(rng: np.random.Generator, spot: FloatArray, yaw: float, half: tuple[float, float]) -> Thing:
     """A table or desk with what lies on it."""
-    made, top = Joinery(rng), piece_colour(rng)
+    joinery, top = Joinery(rng), piece_colour(rng)
     x, y = half
     wood = pattern_of(rng, Pattern.PLAIN, Pattern.PLAIN, Pattern.ALONG, Pattern.CLOUDS)
-    made.box((-x, -y, TABLE - 0.04), (x, y, TABLE), top, wood)
+    joinery.box((-x, -y, TABLE - 0.04), (x, y, TABLE), top, wood)
     if rng.random() < 0.6:
         for a, b in itertools.product((-x + 0.03, x - 0.09), (-y + 0.03, y - 0.09)):
-            made.box((a, b, 0.0), (a + 0.06, b + 0.06, TABLE - 0.04), piece_colour(rng))
+            joinery.box((a, b, 0.0), (a + 0.06, b + 0.06, TABLE - 0.04), piece_colour(rng))
     else:
-        made.box((-x, -y, 0.0), (-x + 0.45, y, TABLE - 0.04), top)
-        made.box((x - 0.05, -y, 0.0), (x, y, TABLE - 0.04), top)
+        joinery.box((-x, -y, 0.0), (-x + 0.45, y, TABLE - 0.04), top)
+        joinery.box((x - 0.05, -y, 0.0), (x, y, TABLE - 0.04), top)
     for _ in range(int(rng.integers(0, 9))):
-        _laid(rng, made, rng.uniform(-x + 0.2, x - 0.2), rng.uniform(-y + 0.15, y - 0.15))
-    return made.put(spot, yaw)
+        _laid(rng, joinery, rng.uniform(-x + 0.2, x - 0.2), rng.uniform(-y + 0.15, y - 0.15))
+    return joinery.put(spot, yaw)
 
 
-def _laid(rng: np.random.Generator, made: Joinery, x: float, y: float) -> None:
+def _laid(rng: np.random.Generator, joinery: Joinery, x: float, y: float) -> None:
     """Paper, a laptop, a monitor, a bottle or a heap on a table."""
     kind, z = rng.random(), TABLE
     if kind < 0.45:
         a, b = rng.uniform(0.1, 0.3, 2)
-        made.box((x - a / 2, y - b / 2, z), (x + a / 2, y + b / 2, z + 0.005), WHITE)
+        joinery.box((x - a / 2, y - b / 2, z), (x + a / 2, y + b / 2, z + 0.005), WHITE)
     elif kind < 0.6:
         side = -1 if rng.random() < 0.5 else 1
-        made.box((x - 0.17, y - 0.12, z), (x + 0.17, y + 0.12, z + 0.02), BLACK)
+        joinery.box((x - 0.17, y - 0.12, z), (x + 0.17, y + 0.12, z + 0.02), BLACK)
         edge = sorted((y + side * 0.12, y + side * 0.14))
-        made.box((x - 0.17, edge[0], z), (x + 0.17, edge[1], z + 0.22), piece_colour(rng))
+        joinery.box((x - 0.17, edge[0], z), (x + 0.17, edge[1], z + 0.22), piece_colour(rng))
     elif kind < 0.75:
-        made.box((x - 0.27, y - 0.02, z + 0.1), (x + 0.27, y + 0.02, z + 0.45), BLACK)
-        made.box((x - 0.1, y - 0.08, z), (x + 0.1, y + 0.08, z + 0.1), BLACK)
+        joinery.box((x - 0.27, y - 0.02, z + 0.1), (x + 0.27, y + 0.02, z + 0.45), BLACK)
+        joinery.box((x - 0.1, y - 0.08, z), (x + 0.1, y + 0.08, z + 0.1), BLACK)
     else:
         a, high = rng.uniform(0.03, 0.15), rng.uniform(0.05, 0.3)
-        made.box((x - a, y - a, z), (x + a, y + a, z + high), piece_colour(rng))
+        joinery.box((x - a, y - a, z), (x + a, y + a, z + high), piece_colour(rng))
 
 
 def cabinet(rng: np.random.Generator, spot: FloatArray, yaw: float) -> Thing:
     """A shelf, a box, a bin or a machine."""
-    made, colour = Joinery(rng), piece_colour(rng)
+    joinery, colour = Joinery(rng), piece_colour(rng)
     x, y = rng.uniform(0.15, 0.7), rng.uniform(0.15, 0.3)
     high = float(rng.choice([rng.uniform(0.3, 0.9), rng.uniform(0.9, 2.0)]))
     pattern = pattern_of(
         rng, Pattern.PLAIN, Pattern.PLAIN, Pattern.CLOUDS, Pattern.ACROSS, Pattern.ALONG, Pattern.CHECKS
     )
-    made.box((-x, -y, 0.0), (x, y, high), colour, pattern)
+    joinery.box((-x, -y, 0.0), (x, y, high), colour, pattern)
     if high < 1.2:
         for _ in range(int(rng.integers(0, 4))):
             a, b, c = rng.uniform(0.04, 0.15, 3)
             left = rng.uniform(-x + a, x - a) if x > a else 0.0
-            made.box((left - a, -b, high), (left + a, b, high + 2 * c), piece_colour(rng))
-    return made.put(spot, yaw)
+            joinery.box((left - a, -b, high), (left + a, b, high + 2 * c), piece_colour(rng))
+    return joinery.put(spot, yaw)
 
 
 def plant(rng: np.random.Generator, spot: FloatArray) -> Thing:
@@ -330,13 +330,13 @@ def panels(rng: np.random.Generator, size: FloatArray, count: int) -> list[Thing
     """Doors, windows, posters and screens on the walls of a room of ``size`` ``(3,)`` metres."""
     things = []
     for _ in range(count):
-        made, side = Joinery(rng), int(rng.integers(4))
+        joinery, side = Joinery(rng), int(rng.integers(4))
         half = rng.uniform(0.2, 1.0)
         bottom = 0.0 if rng.random() < 0.3 else rng.uniform(0.6, 1.4)
         top = min(bottom + rng.uniform(0.5, 2.0), float(size[2]) - 0.1)
         frame, inside = piece_colour(rng), WHITE if rng.random() < 0.35 else piece_colour(rng)
         pattern = pattern_of(rng, Pattern.PLAIN, Pattern.PLAIN, Pattern.CLOUDS, Pattern.CHECKS, Pattern.ACROSS)
-        made.box((-half, 0.0, bottom), (half, 0.03, top), frame)
-        made.box((-half + 0.06, 0.03, bottom + 0.06), (half - 0.06, 0.045, top - 0.06), inside, pattern)
-        things.append(made.put(*at_wall(size, side, rng.uniform(0.12, 0.88), 0.0)))
+        joinery.box((-half, 0.0, bottom), (half, 0.03, top), frame)
+        joinery.box((-half + 0.06, 0.03, bottom + 0.06), (half - 0.06, 0.045, top - 0.06), inside, pattern)
+        things.append(joinery.put(*at_wall(size, side, rng.uniform(0.12, 0.88), 0.0)))
     return things

@@ -183,7 +183,7 @@ def clutter_around(
     rng: np.random.Generator,
     camera: AnyCamera,
     count: int,
-    taken: FloatArray,
+    occupied: FloatArray,
     largest: float,
     make: Callable[[np.random.Generator, FloatArray], Thing] = small_thing,
 ) -> list[Thing]:
@@ -201,7 +201,7 @@ def clutter_around(
         if len(things) == count:
             break
         thing = make(rng, spot)
-        clear = len(taken) == 0 or np.linalg.norm(taken - spot, axis=1).min() > 0.4 + reach_of(thing.solids, spot)
+        clear = len(occupied) == 0 or np.linalg.norm(occupied - spot, axis=1).min() > 0.4 + reach_of(thing.solids, spot)
         rects = extents(thing.solids, camera)
         if clear and np.isfinite(rects).all():
             low, high = np.clip(rects[:, :2].min(axis=0), 0, size), np.clip(rects[:, 2:].max(axis=0), 0, size)
@@ -216,7 +216,7 @@ def buildings_behind(rng: np.random.Generator, count: int, distance: float) -> l
     return [made(rng, building, place, float(rng.normal(0, 0.25))) for place in places]
 
 
-def fronts_behind(rng: np.random.Generator, count: int, taken: FloatArray, reach: float) -> list[Thing]:
+def fronts_behind(rng: np.random.Generator, count: int, occupied: FloatArray, reach: float) -> list[Thing]:
     """Up to ``count`` walls of a town along +y, behind most of the places ``taken`` ``(N, 2)`` and clear of them.
 
     ``reach`` is how far those lie, metres.
@@ -226,7 +226,7 @@ def fronts_behind(rng: np.random.Generator, count: int, taken: FloatArray, reach
         distance = reach * float(rng.uniform(0.75, 1.8))
         place = np.array([rng.uniform(-0.7, 0.7) * distance, distance])
         angle = float(rng.normal(0, 0.35)) if rng.random() < 0.75 else float(rng.uniform(0, np.pi))
-        aside, before = (np.abs((taken - place) @ axis(angle)[:2]) for axis in (along, across))
-        if not ((before < 0.7) & (aside < 8.0)).any():
+        aside, ahead = (np.abs((occupied - place) @ axis(angle)[:2]) for axis in (along, across))
+        if not ((ahead < 0.7) & (aside < 8.0)).any():
             things.append(made(rng, front, place, angle))
     return things

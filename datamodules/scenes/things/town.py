@@ -105,14 +105,14 @@ def bin_(rng: np.random.Generator, parts: Parts) -> None:
     body, lid, round_ = any_colour(rng), any_colour(rng), rng.random() < 0.4
     half = rng.uniform([0.2, 0.2, 0.4], [0.38, 0.4, 0.65])
     for k in range(int(rng.integers(1, 4))):
-        one = parts.beside(k * step)
+        container = parts.beside(k * step)
         if round_:
-            _tube(one, 0.0, 2 * half[2], half[0], body)
-            _tube(one, 2 * half[2], 2 * half[2] + 0.1, 1.08 * half[0], lid)
+            _tube(container, 0.0, 2 * half[2], half[0], body)
+            _tube(container, 2 * half[2], 2 * half[2] + 0.1, 1.08 * half[0], lid)
         else:
-            one.box(one.at(up=0.1 + half[2]), half, Surface(body, relief=0.05))
+            container.box(container.at(up=0.1 + half[2]), half, Surface(body, relief=0.05))
             size = (1.06 * half[0], 1.06 * half[1], 0.05)
-            one.box(one.at(up=0.15 + 2 * half[2]), size, Surface(lid, relief=0.05))
+            container.box(container.at(up=0.15 + 2 * half[2]), size, Surface(lid, relief=0.05))
 
 
 def bicycle(rng: np.random.Generator, parts: Parts) -> None:

@@ -23,7 +23,7 @@ def halves() -> np.ndarray:
 def test_a_wall_is_where_its_corners_are_seen() -> None:
     traced = Facade(np.array([0.0, 10.0]), 0.0, (4.0, 3.0), halves()).trace(CAMERA, 2)
     assert traced is not None
-    layer, shown = traced, traced.shown
+    layer, shown = traced, traced.picture
     # 4 m at 10 m and a focal length of 200 pixels are 80 pixels, 3 m are 60; the camera looks at its middle.
     mask = np.zeros((240, 320), dtype=np.bool_)
     h, w = layer.mask.shape
