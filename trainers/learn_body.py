@@ -69,41 +69,43 @@ def outlines_of(source: Path, extraction: Extraction | None) -> list[Outline]:
         RequestError: there is neither, or no body is found.
     """
     if (source / FOLDER).is_dir():
-        found = _from_silhouettes(read_silhouettes(source))
+        outlines = _from_silhouettes(read_silhouettes(source))
     elif extraction is not None:
         frames = open_source(source).frames()
-        found = [one for frame in frames for one in _outlines(frame.index, 0, extraction.pixels(frame.image))]
+        outlines = [
+            outline for frame in frames for outline in _outlines(frame.index, 0, extraction.pixels(frame.image))
+        ]
     else:
         raise RequestError(f"{source}: expected a folder {FOLDER} in it, found none; or give the bodies' `colour`")
-    if not found:
+    if not outlines:
         raise RequestError(f"{source}: expected silhouettes of whole bodies, found none")
     largest: dict[int, float] = {}
-    for outline in found:
+    for outline in outlines:
         largest[outline.frame] = max(outline.area, largest.get(outline.frame, 0.0))
     usual = float(np.median(list(largest.values())))
-    return _with_steps([o for o in found if USUAL_AREA[0] * usual < o.area < USUAL_AREA[1] * usual])
+    return _with_steps([o for o in outlines if USUAL_AREA[0] * usual < o.area < USUAL_AREA[1] * usual])
 
 
 def _from_silhouettes(silhouettes: ImageArray) -> list[Outline]:
-    found = []
+    outlines = []
     for frame, picture in enumerate(silhouettes):
         for identity in range(1, MOST_BODIES + 1):
-            found += _outlines(frame, identity, silhouette_of(picture, identity).astype(np.uint8))[:1]
-    return found
+            outlines += _outlines(frame, identity, silhouette_of(picture, identity).astype(np.uint8))[:1]
+    return outlines
 
 
 def _outlines(frame: int, identity: int, mask: ImageArray) -> list[Outline]:
     """Those of the regions of a mask that do not touch the image's border, the largest first."""
     lines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     last = np.array([mask.shape[1] - 1, mask.shape[0] - 1])
-    found = []
+    outlines = []
     for line in lines:
         points = line[:, 0].astype(np.float64)
         area = float(cv2.contourArea(line)) if len(line) > 2 else 0.0
         if area >= SMALLEST_AREA and points.min() > 0 and np.all(points.max(axis=0) < last):
             # A pixel's centre lies half a pixel behind its corner.
-            found.append(Outline(frame, identity, points + 0.5, area))
-    return sorted(found, key=lambda outline: -outline.area)
+            outlines.append(Outline(frame, identity, points + 0.5, area))
+    return sorted(outlines, key=lambda outline: -outline.area)
 
 
 def _with_steps(outlines: list[Outline]) -> list[Outline]:
@@ -115,8 +117,8 @@ def _with_steps(outlines: list[Outline]) -> list[Outline]:
 
 
 def _step(outline: Outline, later: list[Outline]) -> tuple[float, float]:
-    same = [other for other in later if other.identity == outline.identity]
-    steps = [other.centre - outline.centre for other in same]
+    same = [candidate for candidate in later if candidate.identity == outline.identity]
+    steps = [candidate.centre - outline.centre for candidate in same]
     nearest = min(steps, key=lambda step: float(np.linalg.norm(step)), default=np.zeros(2))
     reach = np.sqrt(outline.area)
     return (float(nearest[0]), float(nearest[1])) if np.linalg.norm(nearest) < reach else (0.0, 0.0)
@@ -182,8 +184,8 @@ def learn_body(outlines: Sequence[Outline], modes: int = 1, points: int = 48, na
         raise RequestError(f"expected silhouettes that bend, got outlines that vary by {spread:.2f} pixels only")
     directions, bends, explained = _principal_bends(rows - mean, mean, modes)
     curved = bends**2 - 1
-    rest = rows - mean - bends @ directions
-    curves = np.linalg.lstsq(curved, rest, rcond=None)[0]
+    residual = rows - mean - bends @ directions
+    curves = np.linalg.lstsq(curved, residual, rcond=None)[0]
     low, high = bends.min(axis=0), bends.max(axis=0)
     margin = BEYOND * (high - low)
     body = LearntBody(
@@ -194,7 +196,7 @@ def learn_body(outlines: Sequence[Outline], modes: int = 1, points: int = 48, na
         np.stack([low - margin, high + margin], axis=1),
     )
     states = np.column_stack([centroids.real, centroids.imag, np.angle(np.exp(1j * turns)), bends])
-    return BodyFit(body, states, explained, spread, _distance(rest - curved @ curves))
+    return BodyFit(body, states, explained, spread, _distance(residual - curved @ curves))
 
 
 def evenly_sampled(points: FloatArray, count: int) -> Complex:

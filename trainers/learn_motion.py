@@ -114,7 +114,7 @@ def learn_motion(
         RequestError: there are fewer than 10 steps, or a covariance is singular.
     """
     steps = pooled_steps(tracks, circular)
-    gain, rest = regression(steps.conditions, steps.changes)
+    gain, residual = regression(steps.conditions, steps.changes)
     return LearntMotion(
         body=body,
         columns=tuple(columns),
@@ -126,7 +126,7 @@ def learn_motion(
         increments=principal_components(steps.increments, columns),
         printed=principal_components(steps.printed, columns),
         gain=gain,
-        residual=components_of(rest),
+        residual=components_of(residual),
     )
 
 
@@ -157,15 +157,15 @@ def components_of(rows: FloatArray) -> PrincipalComponents:
     return PrincipalComponents(mean, vectors.T, lengths**2 / (len(rows) - 1))
 
 
-def regression(given: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
+def regression(conditions: FloatArray, changes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Gain ``(D, C)`` and the rows it leaves ``(S, D)``, which keep the constant part."""
-    centre, deviation = given.mean(axis=0), given.std(axis=0)
+    centre, deviation = conditions.mean(axis=0), conditions.std(axis=0)
     # A condition that never changes says nothing, and must not be divided by zero.
     deviation = np.where(deviation > STILL * deviation.max(), deviation, np.inf)
-    scaled = (given - centre) / deviation
+    scaled = (conditions - centre) / deviation
     target = changes - changes.mean(axis=0)
-    gain = np.linalg.solve(scaled.T @ scaled + RIDGE * np.eye(given.shape[1]), scaled.T @ target).T / deviation
-    return gain, changes - given @ gain.T
+    gain = np.linalg.solve(scaled.T @ scaled + RIDGE * np.eye(conditions.shape[1]), scaled.T @ target).T / deviation
+    return gain, changes - conditions @ gain.T
 
 
 def read_segments(tracks: Sequence[Path], body: Body) -> list[FloatArray]:
@@ -178,17 +178,17 @@ def read_segments(tracks: Sequence[Path], body: Body) -> list[FloatArray]:
     Raises:
         RequestError: a file is missing or broken, or of another body.
     """
-    found = [track for path in tracks for track in read_states(_states_file(path), body.fields)]
-    return [segment for track in found for segment in track.segments()]
+    tracks_read = [track for path in tracks for track in read_states(_states_file(path), body.fields)]
+    return [segment for track in tracks_read for segment in track.segments()]
 
 
-def common_frame_rate(tracks: Sequence[Path], given: float | None = None) -> float:
+def common_frame_rate(tracks: Sequence[Path], frame_rate: float | None = None) -> float:
     """Frames per second of the tracks in some files: ``given``, or what lies beside them says.
 
     Raises:
         RequestError: nothing says it, they differ, or it is no number above 0.
     """
-    rates = {given} if given is not None else {_frame_rate_beside(_states_file(path)) for path in tracks}
+    rates = {frame_rate} if frame_rate is not None else {_frame_rate_beside(_states_file(path)) for path in tracks}
     if len(rates) != 1:
         several = " and ".join(f"{rate:g}" for rate in sorted(rates))
         raise RequestError(f"expected tracks of one frame rate, got {several}; learn from one at a time")

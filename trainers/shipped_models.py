@@ -125,8 +125,8 @@ def commands(folder: Path, assets: Path | None = None) -> list[list[str]]:
         "assets": str(assets),
     } | {name: json.dumps(sources) for name, sources in pictures.items()}
     quoted = {name: shlex.quote(place) for name, place in places.items()}
-    wanted = COMMANDS if assets is None else COMMANDS + RENDERED_COMMANDS
-    return [shlex.split(command.format(**quoted)) for command in wanted]
+    commands_to_run = COMMANDS if assets is None else COMMANDS + RENDERED_COMMANDS
+    return [shlex.split(command.format(**quoted)) for command in commands_to_run]
 
 
 def _sources(config: str, part: Literal["train", "val"], work: Path, assets: Path | None) -> list[dict[str, Any]]:

@@ -123,7 +123,7 @@ def _calibrate(images: Sequence[BoxedImage], weights: FloatArray, trained_on: st
     """Stage two: a logistic fit of "is an object" on the score of stage one, size by size."""
     from sklearn.linear_model import LogisticRegression
 
-    kept, gains, offsets = [], [], []
+    scales, gains, offsets = [], [], []
     for size in window_sizes():
         single = ObjectnessModel(weights, size[None], np.ones(1), np.zeros(1), "")
         scores, labels = [], []
@@ -141,13 +141,13 @@ def _calibrate(images: Sequence[BoxedImage], weights: FloatArray, trained_on: st
         score = np.concatenate(scores)
         scale = float(score.std()) or 1.0
         fit = LogisticRegression().fit((score / scale)[:, None], truth)
-        kept.append(size)
+        scales.append(size)
         # A size on which the score says nothing keeps the order of its windows: a gain of zero or less would not.
         gains.append(max(float(fit.coef_[0, 0]), 1e-3) / scale)
         offsets.append(float(fit.intercept_[0]))
-    if not kept:
+    if not scales:
         raise RequestError(f"expected {MIN_EXAMPLES} labelled boxes of at least one window size, got fewer")
-    return ObjectnessModel(weights, np.array(kept), np.array(gains), np.array(offsets), trained_on)
+    return ObjectnessModel(weights, np.array(scales), np.array(gains), np.array(offsets), trained_on)
 
 
 WINDOWS = (1, 3, 10, 30, 100, 300, 1000)
@@ -163,17 +163,17 @@ def boxed_images(folder: Path, interval: int) -> list[BoxedImage]:
         sequences = [s for s in find_sequences(folder) if s.ground_truth_path.is_file()]
     except RequestError:
         sequences = []
-    found: list[tuple[Path, FloatArray]] = []
+    boxed: list[tuple[Path, FloatArray]] = []
     for sequence in sequences:
         truth = read_ground_truth(sequence.ground_truth_path)
         truth = truth.select(truth.evaluated & (truth.visibility > 0.5))
-        found += [(p, truth.boxes[truth.frames == t]) for t, p in enumerate(sequence.images) if t % interval == 0]
+        boxed += [(p, truth.boxes[truth.frames == t]) for t, p in enumerate(sequence.images) if t % interval == 0]
     if not sequences:
         for single in find_single_sequences(folder):
-            found += [(p, single.boxes[[t]]) for t, p in enumerate(single.images) if t % interval == 0]
-    if not found:
+            boxed += [(p, single.boxes[[t]]) for t, p in enumerate(single.images) if t % interval == 0]
+    if not boxed:
         raise RequestError(f"{folder}: expected labelled sequences with images, found none")
-    return [_loaded(path, boxes) for path, boxes in found]
+    return [_loaded(path, boxes) for path, boxes in boxed]
 
 
 def some_images(folders: Sequence[Path] | None, interval: int, count: int, seed: int) -> tuple[list[BoxedImage], str]:

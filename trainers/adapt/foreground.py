@@ -125,9 +125,9 @@ def _silhouette(mask: BoolArray, box: FloatArray) -> FloatArray | None:
     columns, rows = np.flatnonzero(blob.sum(axis=0) > _COLUMN * height), np.flatnonzero(blob.sum(axis=1) > _ROW * width)
     if not len(columns) or not len(rows):
         return None
-    found = np.array([x1 + columns[0], y1 + rows[0], x1 + columns[-1] + 1, y1 + rows[-1] + 1], dtype=np.float64)
-    room = _ROOM * (found[2:] - found[:2])
-    return np.asarray(found + np.concatenate([-room, room]), dtype=np.float64)
+    outline = np.array([x1 + columns[0], y1 + rows[0], x1 + columns[-1] + 1, y1 + rows[-1] + 1], dtype=np.float64)
+    room = _ROOM * (outline[2:] - outline[:2])
+    return np.asarray(outline + np.concatenate([-room, room]), dtype=np.float64)
 
 
 def usual_offset(offsets: FloatArray) -> FloatArray:
@@ -147,15 +147,15 @@ def moving_blobs(mask: BoolArray, boxes: FloatArray, least_height: float) -> Flo
         boxes: of what is known.
         least_height: pixels; what is lower is no person.
     """
-    rest = mask.astype(np.uint8)
+    uncovered = mask.astype(np.uint8)
     for x1, y1, x2, y2 in clip_boxes(grown(boxes, 0.1), mask.shape[1], mask.shape[0]).round().astype(int):
-        rest[y1:y2, x1:x2] = 0
-    opened = cv2.morphologyEx(rest, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
+        uncovered[y1:y2, x1:x2] = 0
+    opened = cv2.morphologyEx(uncovered, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     _, _, statistics, _ = cv2.connectedComponentsWithStats(opened)
     x, y, width, height, area = statistics[1:].astype(np.float64).T
     large = (height >= least_height) & (area >= 0.2 * width * height)
-    found: FloatArray = np.stack([x, y, x + width, y + height], axis=1)[large]
-    return found
+    blobs: FloatArray = np.stack([x, y, x + width, y + height], axis=1)[large]
+    return blobs
 
 
 def detected_boxes(boxes: FloatArray, observed: BoolArray, detections: FloatArray) -> FloatArray:
@@ -170,8 +170,8 @@ def detected_boxes(boxes: FloatArray, observed: BoolArray, detections: FloatArra
         return boxes
     overlaps = iou_matrix(boxes, detections)
     best = overlaps.argmax(axis=1)
-    taken = observed & (overlaps.max(axis=1) >= _SAME)
-    return np.where(taken[:, None], detections[best], boxes)
+    matched = observed & (overlaps.max(axis=1) >= _SAME)
+    return np.where(matched[:, None], detections[best], boxes)
 
 
 def drawn_to_silhouettes(
@@ -188,8 +188,8 @@ def drawn_to_silhouettes(
     """
     if not len(boxes) or share == 0:
         return boxes
-    own = np.where(observed[:, None], picture.offsets(boxes), np.nan)
-    moves = np.where(np.isnan(own), usual, share * np.clip(own, -FARTHEST, FARTHEST))
+    offsets = np.where(observed[:, None], picture.offsets(boxes), np.nan)
+    moves = np.where(np.isnan(offsets), usual, share * np.clip(offsets, -FARTHEST, FARTHEST))
     return np.asarray(boxes + moves * np.tile(boxes[:, 2:] - boxes[:, :2], 2))
 
 
@@ -215,7 +215,7 @@ def motion_of(pictures: Sequence[ImageArray]) -> tuple[CameraMotion, int | None]
         of the first picture after a turn, where a camera that stands still looks elsewhere from one picture on.
     """
     edges = [_gradients(picture) for picture in pictures]
-    clear = np.flatnonzero([np.percentile(each, 90) >= _NOTHING for each in edges])
+    clear = np.flatnonzero([np.percentile(strengths, 90) >= _NOTHING for strengths in edges])
     if 2 * len(clear) <= len(pictures) or len(clear) < 2:
         return "unknown", None
     maps = np.stack([_levelled(edges[n]) for n in clear])

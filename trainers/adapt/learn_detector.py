@@ -207,12 +207,12 @@ class TorchDetector:
         card = self.module.card
         fitted, scales = zip(*(fit_image(image, card) for image in images), strict=True)
         logits, offsets = self.module(torch.from_numpy(np.stack(fitted)))
-        every = detections(logits, offsets, self.module.network.anchors, card)
+        batch = detections(logits, offsets, self.module.network.anchors, card)
         result = []
-        for detected, scale, image in zip(every, scales, images, strict=True):
+        for detected, scale, image in zip(batch, scales, images, strict=True):
             boxes = clip_boxes(detected.boxes / np.tile(scale, 2), image.shape[1], image.shape[0])
-            kept = (detected.scores >= LOWEST_SCORE) & ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)
-            result.append(Detections(boxes[kept], detected.scores[kept]))
+            usable = (detected.scores >= LOWEST_SCORE) & ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)
+            result.append(Detections(boxes[usable], detected.scores[usable]))
         return result
 
 

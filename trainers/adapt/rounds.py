@@ -75,7 +75,7 @@ class RoundVideo:
 
 
 def find(
-    watched: Watched, given: Path | SizedDetect, settings: AdaptSettings, view: str, affinity: Path | None = None
+    watched: Watched, detector: Path | SizedDetect, settings: AdaptSettings, view: str, affinity: Path | None = None
 ) -> TrackedPeople:
     """Detect and track people as `tsuiseki track people --ground off` does.
 
@@ -91,7 +91,9 @@ def find(
         RunError: the video breaks off.
     """
     device = settings.device
-    network = open_detector(given, LOWEST_SCORE, threads=1, device=device) if isinstance(given, Path) else given
+    network = (
+        open_detector(detector, LOWEST_SCORE, threads=1, device=device) if isinstance(detector, Path) else detector
+    )
     # What is learnt is to know people as large as this camera shows them, so nothing is enlarged.
     detector = ViewedDetector(network, parse_view(view), frame_rate=watched.frame_rate, enlarge=False)
     describe = as_describer(shipped("appearance_people"), 1, device=device)
@@ -99,15 +101,15 @@ def find(
     inputs = PeopleInputs(watched.open(), detector, describe, camera=camera, threads=settings.threads)
     costs = people_affinity("flow", affinity, 1, known_scores=knows_scores(detector))
     begun = perf_counter()
-    detections = [found for _, found in inputs.detections()]
+    detections = [of_frame for _, of_frame in inputs.detections()]
     seconds = (perf_counter() - begun) / max(len(detections), 1)
     scores = cost_of_scores(detector)
     # Labels take straddling tracks of an uncalibrated detector for counter-examples (see `label`); those of a
     # calibrated one are dropped, as `track people` does.
     straddling = scores is not None
     tracker = people_tracker("flow", None, costs, 0, watched.open(), camera, scores=scores, drop_straddling=straddling)
-    for found in detections:
-        tracker.update(found.select(found.scores >= settings.score_threshold))
+    for of_frame in detections:
+        tracker.update(of_frame.select(of_frame.scores >= settings.score_threshold))
     tracks = [shifted(track, watched.span[0]) for track in tracker.tracks()]
     columns = max((choice.view.columns for choice in detector.choices.values()), default=1)
     return TrackedPeople(detections, tracks, columns, seconds)
@@ -115,7 +117,7 @@ def find(
 
 def above(detections: Sequence[Detections], score: float) -> list[Detections]:
     """Those that score at least ``score``, as boxes alone."""
-    return [Detections(found.boxes, found.scores).select(found.scores >= score) for found in detections]
+    return [Detections(of_frame.boxes, of_frame.scores).select(of_frame.scores >= score) for of_frame in detections]
 
 
 OVERLAPS = (0.5, 0.6, 0.7, 0.8)
@@ -176,11 +178,11 @@ def agreement(detections: Sequence[Detections], tracks: Sequence[Track], frames:
     rows = np.concatenate([np.empty(0, np.int64), *(t.frames for t in tracks)])
     boxes: FloatArray = np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)])
     hits, detected, tracked = np.zeros(len(OVERLAPS)), 0, 0
-    for frame, found in zip(frames, detections, strict=True):
+    for frame, of_frame in zip(frames, detections, strict=True):
         there = boxes[rows == frame]
-        overlaps = iou_matrix(found.boxes, there)
+        overlaps = iou_matrix(of_frame.boxes, there)
         hits += [len(assign_overlaps(overlaps, least)[0]) for least in OVERLAPS]
-        detected, tracked = detected + len(found), tracked + len(there)
+        detected, tracked = detected + len(of_frame), tracked + len(there)
     return float(np.mean(2 * hits / (detected + tracked))) if detected + tracked else 0.0
 
 
@@ -194,30 +196,30 @@ def agreement_held_out(
         detections: of each, its held-out frames alone.
         score_threshold: from which detections count.
     """
-    ends = [each.watched.held_out for each in videos]
+    ends = [video.watched.held_out for video in videos]
     agreements = [
-        agreement(above(found, score_threshold), each.labels.tracks, end)
-        for each, found, end in zip(videos, detections, ends, strict=True)
+        agreement(above(of_video, score_threshold), video.labels.tracks, end)
+        for video, of_video, end in zip(videos, detections, ends, strict=True)
     ]
     return float(np.average(agreements, weights=[len(end) for end in ends]))
 
 
 def round_scores(videos: Sequence[RoundVideo], score_threshold: float) -> RoundScores:
     """How a round did in the videos of a camera; detections from ``score_threshold`` on count."""
-    certain = [above(each.tracked.detections, score_threshold) for each in videos]
-    ends = [each.tracked.detections[-len(each.watched.held_out) :] for each in videos]
-    tracks = [track for each in videos for track in each.labels.tracks]
-    frames = sum(each.watched.length for each in videos)
-    detections = sum(len(found) for every in certain for found in every)
+    certain = [above(video.tracked.detections, score_threshold) for video in videos]
+    ends = [video.tracked.detections[-len(video.watched.held_out) :] for video in videos]
+    tracks = [track for video in videos for track in video.labels.tracks]
+    frames = sum(video.watched.length for video in videos)
+    detections = sum(len(of_frame) for of_video in certain for of_frame in of_video)
     return RoundScores(
         agreement_held_out(videos, ends, score_threshold),
         len(tracks),
         sum(map(len, tracks)) / frames,
         detections / frames,
         max(detections - sum(int(track.observed.sum()) for track in tracks), 0) / frames,
-        float(np.mean([np.abs(each.labels.offset).mean() for each in videos])),
-        all(each.watched.empty is not None for each in videos),
-        sum(each.tracked.seconds * each.watched.length for each in videos) / frames,
+        float(np.mean([np.abs(video.labels.offset).mean() for video in videos])),
+        all(video.watched.empty is not None for video in videos),
+        sum(video.tracked.seconds * video.watched.length for video in videos) / frames,
     )
 
 
@@ -333,15 +335,15 @@ def against_default(learnt: Round, default: Round) -> tuple[bool, str]:
     """
     ours, theirs = learnt.scores, default.scores
     rises = ours.agreement > theirs.agreement + _BETTER_AT_FIRST
-    kept = rises and ours.precision > theirs.precision - _LESS_PRECISE and ours.collapsed(theirs) is None
+    accepted = rises and ours.precision > theirs.precision - _LESS_PRECISE and ours.collapsed(theirs) is None
     line = (
-        f"round {learnt.number} {'beats' if kept else 'does not beat'} {Path(str(default.detector)).name}, which track "
-        f"people takes: agreement {ours.agreement:.3f} and {theirs.agreement:.3f}, "
+        f"round {learnt.number} {'beats' if accepted else 'does not beat'} {Path(str(default.detector)).name}, "
+        f"which track people takes: agreement {ours.agreement:.3f} and {theirs.agreement:.3f}, "
         f"precision {ours.precision:.3f} and {theirs.precision:.3f}"
     )
-    if kept and ours.seconds > _SLOWER * theirs.seconds:
+    if accepted and ours.seconds > _SLOWER * theirs.seconds:
         line += f"; it is slower: {1e3 * ours.seconds:.0f} and {1e3 * theirs.seconds:.0f} ms a frame"
-    return kept, line
+    return accepted, line
 
 
 def file_state(source: str) -> list[int]:
@@ -351,8 +353,8 @@ def file_state(source: str) -> list[int]:
     """
     path = Path(source)
     files = sorted(path.rglob("*")) if path.is_dir() else [path]
-    found = [file.stat() for file in files if file.is_file()]
-    return [len(found), sum(x.st_size for x in found), max((x.st_mtime_ns for x in found), default=0)]
+    states = [file.stat() for file in files if file.is_file()]
+    return [len(states), sum(x.st_size for x in states), max((x.st_mtime_ns for x in states), default=0)]
 
 
 def contents_of(sources: Sequence[str], start: Path, **files: Path | None) -> dict[str, Any]:
@@ -400,8 +402,8 @@ def _learn(adaptation: Adaptation, number: int, taught_by: Round) -> Path:
         return detector
     videos = _teaching(adaptation.videos, taught_by)
     layout = layout_of(adaptation.start)
-    before = adaptation.work / f"round-{number - 1}" / CHECKPOINT
-    start = before if before.is_file() else adaptation.start
+    previous = adaptation.work / f"round-{number - 1}" / CHECKPOINT
+    start = previous if previous.is_file() else adaptation.start
     adaptation.tell(f"round {number}: learning from {taught_by.scores.people} people")
     checkpoint = fine_tune(start, layout, videos, taught_by.columns, number, folder, adaptation.settings)
     view = (taught_by.columns, None)
@@ -441,10 +443,10 @@ def _detect_and_track(adaptation: Adaptation, number: int, detector: Path | Size
     for video in adaptation.videos:
         task = f"detecting in {video.source}"
         adaptation.tell(f"{task} with the default" if number == DEFAULT else f"round {number}: {task}")
-        found = find(video, detector, settings, adaptation.view, affinity)
-        kept = [found.detections[frame - video.span[0]] for frame in video.frames]
-        labels = label(video, found.tracks, kept, settings.sitting, onto, adaptation.certain)
-        videos.append(RoundVideo(video, found, labels))
+        tracked = find(video, detector, settings, adaptation.view, affinity)
+        detections = [tracked.detections[frame - video.span[0]] for frame in video.frames]
+        labels = label(video, tracked.tracks, detections, settings.sitting, onto, adaptation.certain)
+        videos.append(RoundVideo(video, tracked, labels))
     scores = round_scores(videos, settings.score_threshold)
     if not number and adaptation.teacher is not None:
         scores = replace(scores, agreement=_before_learning(adaptation, videos))
@@ -452,9 +454,9 @@ def _detect_and_track(adaptation: Adaptation, number: int, detector: Path | Size
         number,
         detector,
         scores,
-        max(each.tracked.columns for each in videos),
-        tuple(each.labels for each in videos),
-        tuple(above(each.tracked.detections, 0.0) for each in videos),
+        max(video.tracked.columns for video in videos),
+        tuple(video.labels for video in videos),
+        tuple(above(video.tracked.detections, 0.0) for video in videos),
     )
     keep_round(finished, folder)
     return finished
@@ -466,8 +468,8 @@ def _before_learning(adaptation: Adaptation, videos: Sequence[RoundVideo]) -> fl
     for video in adaptation.videos:
         end = replace(video, span=(video.held_out.start, video.span[1]))
         adaptation.tell(f"round 0: detecting in the end of {end.source} with {adaptation.start.name}")
-        found = find(end, adaptation.start, adaptation.settings, adaptation.view)
-        detections.append(found.detections[-len(video.held_out) :])
+        tracked = find(end, adaptation.start, adaptation.settings, adaptation.view)
+        detections.append(tracked.detections[-len(video.held_out) :])
     return agreement_held_out(videos, detections, adaptation.settings.score_threshold)
 
 
@@ -477,7 +479,7 @@ def _check_people(first: Round, videos: Sequence[Watched]) -> None:
         return
     names = ", ".join(video.source for video in videos)
     others = sum(len(labels.verdicts) for labels in first.labels)
-    rest = f"{others} uncertain tracks" if others else "no person"
+    instead = f"{others} uncertain tracks" if others else "no person"
     raise RequestError(
-        f"expected people to learn from in {names}, found {rest}; give another video, or a `teacher` that sees them"
+        f"expected people to learn from in {names}, found {instead}; give another video, or a `teacher` that sees them"
     )

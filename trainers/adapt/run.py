@@ -71,7 +71,7 @@ def adapt(
     from tsuiseki.trainers.adapt.track_labels import certain_boxes, corrections_in
     from tsuiseki.trainers.adapt.watch import open_camera
 
-    wanted, settings, work = parse_frames(frames), replace(how, seed=output.seed), output.out / WORK
+    span, settings, work = parse_frames(frames), replace(how, seed=output.seed), output.out / WORK
     # What cannot be learnt from, or used, is refused before any detection.
     start, first = _detector(detector), _teacher(teacher, detector_options, settings.device)
     lines = None if corrections is None else corrections_in(corrections, sources)
@@ -84,7 +84,7 @@ def adapt(
         if resumed(work, request):
             print("going on with what an earlier run has finished")
         with _kept(work):
-            videos = open_camera(sources, wanted, work, settings)
+            videos = open_camera(sources, span, work, settings)
             for line in _motion_lines(videos):
                 print(line, flush=True)
             default = shipped(PEOPLE_DETECTOR)
@@ -105,8 +105,8 @@ def _kept(work: Path) -> Iterator[None]:
         shutil.rmtree(work, ignore_errors=True)
         raise
     except Interrupted as error:
-        kept = "what is finished is kept, and the same command goes on from there"
-        raise Interrupted(error.number, kept) from error
+        advice = "what is finished is kept, and the same command goes on from there"
+        raise Interrupted(error.number, advice) from error
 
 
 def _motion_lines(videos: Sequence[Watched]) -> list[str]:
@@ -123,27 +123,27 @@ def _motion_lines(videos: Sequence[Watched]) -> list[str]:
     return lines
 
 
-def _teacher(given: Path | None, options: DetectorOptions, device: Device) -> SizedDetect | None:
+def _teacher(detector: Path | None, options: DetectorOptions, device: Device) -> SizedDetect | None:
     """The detector of the first round."""
     from tsuiseki.tracking.features.exported import open_detector
     from tsuiseki.trainers.adapt.rounds import LOWEST_SCORE
 
-    if given is not None:
-        return open_detector(given, LOWEST_SCORE, threads=1, options=options, device=device)
+    if detector is not None:
+        return open_detector(detector, LOWEST_SCORE, threads=1, options=options, device=device)
     if options != DETECTOR_OPTIONS:
         raise RequestError("expected `detector_options` with a `teacher` of another project, got no teacher")
     return None
 
 
-def _detector(given: Path | None) -> Path:
+def _detector(detector: Path | None) -> Path:
     """The detector to start from, whose layout can be learnt."""
     from tsuiseki.tracking.onnx import kind_of
     from tsuiseki.trainers.exporting.exported_weights import layout_of
 
-    start = shipped(LEARNING_DETECTOR) if given is None else shipped_or_file("detector", given)
+    start = shipped(LEARNING_DETECTOR) if detector is None else shipped_or_file("detector", detector)
     if not kind_of(start):
         raise RequestError(
-            f"{given}: expected a detector of this toolkit, which can learn, got another file; give it as `teacher`"
+            f"{detector}: expected a detector of this toolkit, which can learn, got another file; give it as `teacher`"
         )
     layout_of(start)
     return start
@@ -159,22 +159,26 @@ def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
     from tsuiseki.trainers.adapt.summary import summary
 
     finished: list[Round] = []
-    for one in rounds(adaptation):
-        finished.append(one)
-        print(_line(one, finished[0]), flush=True)
+    for finished_round in rounds(adaptation):
+        finished.append(finished_round)
+        print(_line(finished_round, finished[0]), flush=True)
     notes = _motion_lines(adaptation.videos)
-    notes += [_line(one, finished[0]) for one in finished if one.scores.collapsed(finished[0].scores)]
+    notes += [
+        _line(finished_round, finished[0])
+        for finished_round in finished
+        if finished_round.scores.collapsed(finished[0].scores)
+    ]
     best = best_of(finished)
     if len(finished) > 1:
         default = default_round(adaptation)
         run.facts["default"] = asdict(default.scores)
-    for one in finished[1:]:
-        beats, line = against_default(one, default)
+    for finished_round in finished[1:]:
+        beats, line = against_default(finished_round, default)
         notes.append(line)
         print(line, flush=True)
-        if one is best and not beats:
+        if finished_round is best and not beats:
             best, unlearnt = finished[0], adaptation.default
-    run.facts["rounds"] = [asdict(one.scores) for one in finished]
+    run.facts["rounds"] = [asdict(finished_round.scores) for finished_round in finished]
     run.facts["best"] = best.number
     run.facts["start"] = adaptation.start.name
     run.facts["detector"] = f"learnt in round {best.number}" if best.number else unlearnt.name
@@ -187,12 +191,12 @@ def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
     print(f"to use it: tsuiseki track people VIDEO --detector {detector} --out DIR")
 
 
-def _line(one: Round, start: Round) -> str:
-    scores = one.scores
+def _line(finished: Round, start: Round) -> str:
+    scores = finished.scores
     collapsed = scores.collapsed(start.scores)
     fate = f"; stopped, for {collapsed}" if collapsed else ""
     return (
-        f"round {one.number}: {scores.people} people, {scores.boxes:.1f} boxes and {scores.rejected:.1f} rejected "
+        f"round {finished.number}: {scores.people} people, {scores.boxes:.1f} boxes and {scores.rejected:.1f} rejected "
         f"detections a frame, agreement with the tracks {scores.agreement:.3f}{fate}"
     )
 

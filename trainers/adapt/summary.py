@@ -42,14 +42,14 @@ def summary(
         unlearnt: name of the detector that is left where no round is kept.
     """
     # Where nothing was better than the start, the last round shows why.
-    shown = best if best.number else finished[-1]
+    pictured = best if best.number else finished[-1]
     return AdaptedReport(
         [video.source for video in adaptation.videos],
         [asdict(here.scores) for here in finished],
         best.number,
-        [pair for n in range(len(adaptation.videos)) for pair in _compared(adaptation, finished[0], shown, n)],
+        [pair for n in range(len(adaptation.videos)) for pair in _compared(adaptation, finished[0], pictured, n)],
         _examples(adaptation, finished[0 if best.number == 0 else best.number - 1]),
-        shown.number,
+        pictured.number,
         notes,
         unlearnt,
     )
@@ -58,23 +58,26 @@ def summary(
 def _compared(adaptation: Adaptation, start: Round, later: Round, number: int) -> list[BeforeAndAfter]:
     """The held-out pictures, some time apart, in which either finds most that the other does not."""
     video, threshold = adaptation.videos[number], adaptation.settings.score_threshold
-    before, after = (above(here.detections[number], threshold) for here in (start, later))
+    boxes_before, boxes_after = (above(here.detections[number], threshold) for here in (start, later))
     unseen = {n: video.frames[n] - video.span[0] for n in range(video.learnt(HELD_OUT), len(video.frames))}
-    apart = {n: _differences(before[row], after[row]) for n, row in unseen.items()}
+    apart = {n: _differences(boxes_before[row], boxes_after[row]) for n, row in unseen.items()}
     chosen = spread_best(apart, _PICTURES, max(1, len(unseen) // (2 * _PICTURES)))
     return [
         BeforeAndAfter(
-            f"frame {video.frames[n] + 1} of {video.source}", video.picture(n), before[unseen[n]], after[unseen[n]]
+            f"frame {video.frames[n] + 1} of {video.source}",
+            video.picture(n),
+            boxes_before[unseen[n]],
+            boxes_after[unseen[n]],
         )
         for n in chosen
     ]
 
 
-def spread_best(values: Mapping[int, int], most: int, distance: int) -> list[int]:
+def spread_best(values: Mapping[int, int], count: int, distance: int) -> list[int]:
     """Up to ``most`` numbers with the largest values, ``distance`` apart, in their order."""
     chosen: list[int] = []
     for number in sorted(values, key=lambda n: -values[n]):
-        if len(chosen) < most and all(abs(number - other) >= distance for other in chosen):
+        if len(chosen) < count and all(abs(number - chosen_number) >= distance for chosen_number in chosen):
             chosen.append(number)
     return sorted(chosen)
 
@@ -99,8 +102,8 @@ def _examples(adaptation: Adaptation, taught_by: Round) -> dict[str, list[ImageA
                     places.setdefault(kind, []).append((video, number_of[frame], track.boxes[row]))
     examples = {}
     for kind in [kind for kind in _MEANINGS if kind in places]:
-        some = [places[kind][i] for i in rng.permutation(len(places[kind]))[:_EXAMPLES]]
-        examples[_MEANINGS[kind]] = [example_crop(video.picture(picture), box) for video, picture, box in some]
+        sample = [places[kind][i] for i in rng.permutation(len(places[kind]))[:_EXAMPLES]]
+        examples[_MEANINGS[kind]] = [example_crop(video.picture(picture), box) for video, picture, box in sample]
     return examples
 
 

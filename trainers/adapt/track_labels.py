@@ -67,8 +67,8 @@ class CertainBoxes(Columns):
     def on(self, frames: IntArray, boxes: FloatArray) -> IntArray:
         """Kinds of those that lie on a track, whose ``(T,)`` ``frames`` increase."""
         place = np.searchsorted(frames, self.frames).clip(max=len(frames) - 1)
-        alike = iou_pairs(boxes[place], self.boxes) >= SAME
-        return np.asarray(self.kinds[alike & (frames[place] == self.frames)])
+        overlapping = iou_pairs(boxes[place], self.boxes) >= SAME
+        return np.asarray(self.kinds[overlapping & (frames[place] == self.frames)])
 
 
 def corrections_in(path: Path, sources: Sequence[str]) -> Path:
@@ -91,17 +91,19 @@ def certain_boxes(file: Path, size: tuple[int, int]) -> CertainBoxes:
     Raises:
         RequestError: they cannot be read, or speak of a video of another size.
     """
-    labelled = [row for one in read_corrections(file, CorrectedVideo("", size, 0)).given for row in _boxes(one)]
+    labelled = [
+        row for correction in read_corrections(file, CorrectedVideo("", size, 0)).given for row in _boxes(correction)
+    ]
     rows = np.array(labelled, dtype=np.float64).reshape(-1, 6)
     boxes = np.column_stack([rows[:, 1:3], rows[:, 1:3] + rows[:, 3:5]])
     return CertainBoxes(rows[:, 0].astype(np.int64), boxes, rows[:, 5].astype(np.int64))
 
 
-def _boxes(one: Correction) -> Iterator[tuple[float, ...]]:
-    for part in one.parts:
+def _boxes(correction: Correction) -> Iterator[tuple[float, ...]]:
+    for part in correction.parts:
         yield from _boxes(part)
-    kind = {"not_person": BACKGROUND, "delete": BACKGROUND, "box": DRAWN}.get(one.kind, PERSON)
-    yield from ((*box, kind) for box in one.there[-1 if one.kind == "box" else 0 :])
+    kind = {"not_person": BACKGROUND, "delete": BACKGROUND, "box": DRAWN}.get(correction.kind, PERSON)
+    yield from ((*box, kind) for box in correction.there[-1 if correction.kind == "box" else 0 :])
 
 
 @dataclass(frozen=True)
@@ -192,45 +194,45 @@ def label(
         onto_silhouettes: share of the way that boxes are moved onto silhouettes, in [0, 1].
         certain: what corrections say of the video.
     """
-    every = _Entries.of(tracks)
-    shares = _moving(every, len(tracks), watched)
+    tracked = _Entries.of(tracks)
+    shares = _moving(tracked, len(tracks), watched)
     verdicts = [_judge(track, share, watched.frame_rate) for track, share in zip(tracks, shares, strict=True)]
-    verdicts = [_as_given(one, track, certain) for one, track in zip(verdicts, tracks, strict=True)]
+    verdicts = [_as_given(verdict, track, certain) for verdict, track in zip(verdicts, tracks, strict=True)]
     # Of each track the boxes that lie on those of tracks that are taken.
-    covered = explained_boxes(tracks, [one.verdict == TAKEN for one in verdicts])
-    verdicts = [_unless_twice(one, track, on) for one, track, on in zip(verdicts, tracks, covered, strict=True)]
-    verdicts = [_as_given(one, track, certain) for one, track in zip(verdicts, tracks, strict=True)]
-    taken = np.array([one.verdict == TAKEN for one in verdicts], dtype=np.bool_)[every.places]
-    offset = _offset(every.select(taken & every.detected), watched, onto_silhouettes)
+    covered = explained_boxes(tracks, [verdict.verdict == TAKEN for verdict in verdicts])
+    verdicts = [_unless_twice(verdict, track, on) for verdict, track, on in zip(verdicts, tracks, covered, strict=True)]
+    verdicts = [_as_given(verdict, track, certain) for verdict, track in zip(verdicts, tracks, strict=True)]
+    labelled = np.array([verdict.verdict == TAKEN for verdict in verdicts], dtype=np.bool_)[tracked.places]
+    offset = _offset(tracked.select(labelled & tracked.detected), watched, onto_silhouettes)
     # A box that was filled in where others are shows a person who is hidden: no example.
-    hidden = np.concatenate([np.empty(0, np.bool_), *covered]) & ~every.detected
+    hidden = np.concatenate([np.empty(0, np.bool_), *covered]) & ~tracked.detected
     unlearnt = {TWICE, DELETED} if sitting else {TWICE, DELETED, STILL}
-    background = np.array([one.verdict in unlearnt for one in verdicts], dtype=np.bool_)[every.places]
-    entries = replace(every, sure=taken & ~hidden).select(~background)
+    background = np.array([verdict.verdict in unlearnt for verdict in verdicts], dtype=np.bool_)[tracked.places]
+    entries = replace(tracked, sure=labelled & ~hidden).select(~background)
     rows = []
-    for number, (frame, found) in enumerate(zip(watched.frames, detections, strict=True)):
+    for number, (frame, of_frame) in enumerate(zip(watched.frames, detections, strict=True)):
         picture, people = watched.difference(number), entries.select(entries.frames == frame)
-        boxes = detected_boxes(people.boxes, people.detected, found.boxes)
+        boxes = detected_boxes(people.boxes, people.detected, of_frame.boxes)
         if picture is not None:
             boxes = drawn_to_silhouettes(boxes, people.detected, picture, offset, onto_silhouettes)
         people = replace(people, boxes=boxes).select(_reach_in(boxes, watched.size))
-        rejected = found.select(~_on(found.boxes, every.boxes[every.frames == frame]))
-        given = None if certain is None else certain.select(certain.frames == frame)
-        rows.append(_rows(number, people, rejected, picture, given))
+        rejected = of_frame.select(~_on(of_frame.boxes, tracked.boxes[tracked.frames == frame]))
+        certain_here = None if certain is None else certain.select(certain.frames == frame)
+        rows.append(_rows(number, people, rejected, picture, certain_here))
     moved = tuple(_moved(track, offset, watched.size) for track in tracks)
     return TrackLabels(reduce(GroundTruth.and_then, rows), tuple(verdicts), moved, offset)
 
 
-def _moving(every: _Entries, count: int, watched: Watched) -> list[float]:
+def _moving(entries: _Entries, count: int, watched: Watched) -> list[float]:
     """Of each of ``count`` tracks the median share of its boxes that is not the empty view; 1 where nothing tells."""
-    shares = np.full(len(every), np.nan)
+    shares = np.full(len(entries), np.nan)
     for number, frame in enumerate(watched.frames):
-        rows = np.flatnonzero(every.frames == frame)
+        rows = np.flatnonzero(entries.frames == frame)
         picture = watched.difference(number) if len(rows) else None
         if picture is not None:
-            shares[rows] = covered_share(picture.different, every.boxes[rows])
-    own = [shares[every.places == place] for place in range(count)]
-    return [float(np.nanmedian(each)) if np.isfinite(each).any() else 1.0 for each in own]
+            shares[rows] = covered_share(picture.different, entries.boxes[rows])
+    by_track = [shares[entries.places == place] for place in range(count)]
+    return [float(np.nanmedian(of_track)) if np.isfinite(of_track).any() else 1.0 for of_track in by_track]
 
 
 def _judge(track: Track, moving: float, frame_rate: float) -> Verdict:
@@ -261,13 +263,13 @@ def _as_given(verdict: Verdict, track: Track, certain: CertainBoxes | None) -> V
     return replace(verdict, verdict=TAKEN) if (kinds != BACKGROUND).any() else verdict
 
 
-def _offset(taken: _Entries, watched: Watched, share: float) -> FloatArray:
+def _offset(entries: _Entries, watched: Watched, share: float) -> FloatArray:
     """By how much to move boxes: part of what the detected ones of taken tracks usually lie off their silhouettes."""
     if share == 0:
         return np.zeros(4)
     offsets = [np.empty((0, 4))]
     for number, frame in enumerate(watched.frames):
-        boxes = taken.boxes[taken.frames == frame]
+        boxes = entries.boxes[entries.frames == frame]
         picture = watched.difference(number) if len(boxes) else None
         if picture is not None:
             offsets.append(picture.offsets(boxes))
@@ -276,8 +278,8 @@ def _offset(taken: _Entries, watched: Watched, share: float) -> FloatArray:
 
 def _moved(track: Track, offset: FloatArray, size: tuple[int, int]) -> Track:
     boxes = track.boxes + offset * np.tile(track.boxes[:, 2:] - track.boxes[:, :2], 2)
-    kept = _reach_in(boxes, size)
-    return Track(track.id, track.frames[kept], boxes[kept], track.scores[kept], track.observed[kept])
+    in_view = _reach_in(boxes, size)
+    return Track(track.id, track.frames[in_view], boxes[in_view], track.scores[in_view], track.observed[in_view])
 
 
 def _reach_in(boxes: FloatArray, size: tuple[int, int]) -> BoolArray:
@@ -287,26 +289,26 @@ def _reach_in(boxes: FloatArray, size: tuple[int, int]) -> BoolArray:
 
 
 def _rows(
-    number: int, people: _Entries, rejected: Detections, picture: Difference | None, given: CertainBoxes | None
+    number: int, people: _Entries, rejected: Detections, picture: Difference | None, certain: CertainBoxes | None
 ) -> GroundTruth:
     """Labels of one picture."""
-    people = people if given is None else _corrected(people, given)
+    people = people if certain is None else _corrected(people, certain)
     others = _perhaps_people(people.boxes, people.sure, rejected, picture)
-    others = others if given is None else others[~_alike(others, given.boxes[given.kinds == BACKGROUND])]
-    every = np.concatenate([people.boxes, others])
+    others = others if certain is None else others[~_alike(others, certain.boxes[certain.kinds == BACKGROUND])]
+    boxes = np.concatenate([people.boxes, others])
     counted = np.concatenate([people.sure, np.zeros(len(others), dtype=np.bool_)])
-    visibility = np.ones(len(every))
+    visibility = np.ones(len(boxes))
     visibility[: len(people.boxes)] = uncovered(people.boxes)
     names = np.concatenate([people.ids, _NAMES_OF_OTHERS + np.arange(len(others))])
-    return GroundTruth(np.full(len(every), number), names.astype(np.int64), every, counted, ~counted, visibility)
+    return GroundTruth(np.full(len(boxes), number), names.astype(np.int64), boxes, counted, ~counted, visibility)
 
 
-def _corrected(people: _Entries, given: CertainBoxes) -> _Entries:
+def _corrected(people: _Entries, certain: CertainBoxes) -> _Entries:
     """Boxes of tracks in one frame, without false positives, with those drawn, and those that no track has."""
-    kept = people.select(~_alike(people.boxes, given.boxes[given.kinds != PERSON]))
-    boxes = given.boxes[(given.kinds != BACKGROUND) & ~_alike(given.boxes, kept.boxes)]
+    still_people = people.select(~_alike(people.boxes, certain.boxes[certain.kinds != PERSON]))
+    boxes = certain.boxes[(certain.kinds != BACKGROUND) & ~_alike(certain.boxes, still_people.boxes)]
     numbers, there = _NAMES_OF_OTHERS - 1 - np.arange(len(boxes)), np.ones(len(boxes), dtype=np.bool_)
-    return kept.and_then(_Entries(numbers, numbers, numbers, boxes, there, there))
+    return still_people.and_then(_Entries(numbers, numbers, numbers, boxes, there, there))
 
 
 def _alike(boxes: FloatArray, others: FloatArray) -> BoolArray:
@@ -317,21 +319,21 @@ def _perhaps_people(
     people: FloatArray, sure: BoolArray, rejected: Detections, picture: Difference | None
 ) -> FloatArray:
     """``(M, 4)`` where somebody may be whom no track tells: neither an example nor a counter-example."""
-    known = people[sure]
-    free = ~_on(rejected.boxes, known)
+    certain = people[sure]
+    free = ~_on(rejected.boxes, certain)
     if picture is None:
         return rejected.boxes[free]
-    somebody = free & (covered_share(picture.different, rejected.boxes) > _SOMEBODY)
-    boxes = rejected.boxes[somebody]
-    if not len(known):
+    different = free & (covered_share(picture.different, rejected.boxes) > _SOMEBODY)
+    boxes = rejected.boxes[different]
+    if not len(certain):
         return boxes
-    least = _LOWEST_PERSON * float((known[:, 3] - known[:, 1]).min())
+    least = _LOWEST_PERSON * float((certain[:, 3] - certain[:, 1]).min())
     blobs = moving_blobs(picture.bright, np.concatenate([people, boxes]), least)
     return np.concatenate([boxes, blobs])
 
 
-def _on(boxes: FloatArray, known: FloatArray) -> BoolArray:
+def _on(boxes: FloatArray, others: FloatArray) -> BoolArray:
     """``(N,)`` which boxes lie mostly on one of ``known``, or nearly whole on several."""
-    shared = intersections(boxes[:, None], known[None])
+    shared = intersections(boxes[:, None], others[None])
     on_one = (shared > _COVERED * areas(boxes)[:, None]).any(axis=1)
-    return np.asarray(on_one | (shared_with_all(boxes, known) >= EXPLAINED))
+    return np.asarray(on_one | (shared_with_all(boxes, others) >= EXPLAINED))

@@ -128,7 +128,7 @@ def open_camera(sources: Sequence[str], span: FrameRange, work: Path, settings: 
     return tuple(videos)
 
 
-def watch(source: str, span: FrameRange, folder: Path, most: int, fps: float | None = None) -> Watched:
+def watch(source: str, span: FrameRange, folder: Path, frames_at_most: int, fps: float | None = None) -> Watched:
     """Keep up to ``most`` pictures of a video, evenly spread; what an earlier call finished is taken as it is.
 
     Args:
@@ -149,26 +149,26 @@ def watch(source: str, span: FrameRange, folder: Path, most: int, fps: float | N
         raise RequestError(f"expected a video that can be played again, got {opened.name}; record it first")
     if not opened.has_images:
         raise RequestError(f"{opened.name} has no images to learn from; expected them in its folder img1/")
-    kept, length, size = _keep(opened, folder / "img1", most)
+    numbers, length, size = _keep(opened, folder / "img1", frames_at_most)
     if length < FEWEST_FRAMES:
         raise RequestError(
             f"{opened.name}: expected at least {FEWEST_FRAMES} frames to learn a camera from, got {length}; "
             "give a longer video"
         )
-    write_sequence_info(folder, folder.name, opened.frame_rate, len(kept), *size)
-    shown = _spread(len(kept), _COMPARED)
-    motion, turned = motion_of([read_image(folder / "img1" / f"{n + 1:06d}.jpg") for n in shown])
+    write_sequence_info(folder, folder.name, opened.frame_rate, len(numbers), *size)
+    compared = _spread(len(numbers), _COMPARED)
+    motion, turned = motion_of([read_image(folder / "img1" / f"{n + 1:06d}.jpg") for n in compared])
     last = None if span.last is None else int(span.last)
     watched = Watched(
         source,
         (span.first, last),
         str(folder),
-        tuple(kept),
+        tuple(numbers),
         length,
         opened.frame_rate,
         size,
         motion,
-        None if turned is None else kept[shown[turned]],
+        None if turned is None else numbers[compared[turned]],
         fps,
     )
     (folder / _INFO).write_text(json.dumps(asdict(watched)), encoding="utf-8")
@@ -176,12 +176,12 @@ def watch(source: str, span: FrameRange, folder: Path, most: int, fps: float | N
 
 
 def _read(folder: Path) -> Watched:
-    found = json.loads((folder / _INFO).read_text(encoding="utf-8"))
-    lists = {name: tuple(found[name]) for name in ("span", "frames", "size")}
-    return Watched(**{**found, **lists})
+    facts = json.loads((folder / _INFO).read_text(encoding="utf-8"))
+    lists = {name: tuple(facts[name]) for name in ("span", "frames", "size")}
+    return Watched(**{**facts, **lists})
 
 
-def _keep(opened: Source, folder: Path, most: int) -> tuple[list[int], int, tuple[int, int]]:
+def _keep(opened: Source, folder: Path, frames_at_most: int) -> tuple[list[int], int, tuple[int, int]]:
     """Frames kept, frames read, and their width and height; every second is dropped whenever there are too many."""
     folder.mkdir(parents=True, exist_ok=True)
     encoded: dict[int, bytes] = {}
@@ -193,25 +193,25 @@ def _keep(opened: Source, folder: Path, most: int) -> tuple[list[int], int, tupl
             encoded[frame.index] = data.tobytes()
             size = (frame.image.shape[1], frame.image.shape[0])
         count += 1
-        if len(encoded) >= 2 * most:
+        if len(encoded) >= 2 * frames_at_most:
             step *= 2
             encoded = dict(list(encoded.items())[::2])
-    kept = [list(encoded)[n] for n in _spread(len(encoded), most)]
-    for number, frame_number in enumerate(kept):
+    numbers = [list(encoded)[n] for n in _spread(len(encoded), frames_at_most)]
+    for number, frame_number in enumerate(numbers):
         (folder / f"{number + 1:06d}.jpg").write_bytes(encoded[frame_number])
-    return kept, count, size
+    return numbers, count, size
 
 
-def _spread(count: int, most: int) -> list[int]:
+def _spread(count: int, limit: int) -> list[int]:
     """Up to ``most`` of ``count`` numbers, evenly spread, both ends included."""
-    return np.unique(np.linspace(0, count - 1, min(most, count)).round().astype(int)).tolist() if count else []
+    return np.unique(np.linspace(0, count - 1, min(limit, count)).round().astype(int)).tolist() if count else []
 
 
-def with_empty_view(watched: Watched, most: int = 45) -> Watched:
+def with_empty_view(watched: Watched, frames_at_most: int = 45) -> Watched:
     """The video with its view without people: the median of each pixel over up to so many of its kept pictures."""
     none = np.empty((0, 4)), np.empty(0, dtype=np.bool_)
-    examples = [Example(watched.picture(n), *none) for n in _spread(len(watched.frames), most)]
-    return replace(watched, empty=empty_view(examples, most).image)
+    examples = [Example(watched.picture(n), *none) for n in _spread(len(watched.frames), frames_at_most)]
+    return replace(watched, empty=empty_view(examples, frames_at_most).image)
 
 
 def refuse_other_sizes(videos: Sequence[Watched]) -> None:

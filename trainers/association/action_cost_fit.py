@@ -80,27 +80,27 @@ def link_samples(
     Raises:
         RequestError: there are no actions.
     """
-    if any(one.actions is None for one in observations):
+    if any(observation.actions is None for observation in observations):
         raise RequestError("expected what people do in every frame, got observations without actions")
     flow = (settings or DroneSettings()).flow
     costs = replace(flow.costs, link=replace(flow.costs.link, action=None))
     path = CameraPath()
-    for one in observations:
-        path.follow(one.motion or CameraStep(STANDS_STILL))
-    given = FlowInput(flow.input, InferenceTimes(frame_rate), size, path)
+    for observation in observations:
+        path.follow(observation.motion or CameraStep(STANDS_STILL))
+    flow_input = FlowInput(flow.input, InferenceTimes(frame_rate), size, path)
     detections = [replace(o.detections, actions=averaged(o.actions)) for o in observations if o.actions is not None]
-    table, scores, _ = given.rows(detections)
+    table, scores, _ = flow_input.rows(detections)
     assert table.actions is not None
     window = FlowWindow(costs, frame_rate, size)
     window.add(table)
-    solve_window(window, given, scores)
+    solve_window(window, flow_input, scores)
     who = _people(table.frames, table.image, truth)
     i, j = (np.searchsorted(table.numbers, numbers) for numbers in (window.links.tail, window.links.head))
-    known = (who[i] != UNMATCHED) & (who[j] != UNMATCHED)
-    i, j = i[known], j[known]
+    labelled = (who[i] != UNMATCHED) & (who[j] != UNMATCHED)
+    i, j = i[labelled], j[labelled]
     means = ActionCost("one-sided").means(table.frames, window.labels(), table.actions, frame_rate)
     return LinkSamples(
-        window.links.cost[known],
+        window.links.cost[labelled],
         action_distances(table.actions, table.actions, i, j),
         action_distances(*means, i, j),
         who[i] == who[j],
@@ -123,13 +123,13 @@ def fit_action_cost(samples: Sequence[LinkSamples]) -> ActionCost:
     Raises:
         RequestError: there are no links of both kinds.
     """
-    every = reduce(LinkSamples.and_then, samples)
-    same = every.same
+    pooled = reduce(LinkSamples.and_then, samples)
+    same = pooled.same
     if same.all() or not same.any():
         raise RequestError("expected links between the same person and between two, got one kind only; give more clips")
     weights, neutral = [], []
-    for distance in (every.single, every.means):
-        a, b, _ = _logistic(np.column_stack([every.cost, distance]), same, np.ones(len(same)))
+    for distance in (pooled.single, pooled.means):
+        a, b, _ = _logistic(np.column_stack([pooled.cost, distance]), same, np.ones(len(same)))
         slope, offset = _logistic(distance[:, None], same, np.where(same, 1 / same.sum(), 1 / (~same).sum()))
         weights.append(max(b / a, 0.0))
         neutral.append(-offset / slope)
@@ -191,14 +191,14 @@ def fit_action_costs(
         truth, size = read_ground_truth(sequence.ground_truth_path), (sequence.width, sequence.height)
         samples.append(link_samples(table, truth, sequence.frame_rate, size))
         print(f"{sequence.folder.name}: {len(samples[-1].same)} links, {_summary(fit_action_cost(samples[-1:]))}")
-    found = fit_action_cost(samples)
-    term = {"weight": [*map(float, found.weight)], "neutral": [*map(float, found.neutral)]}
+    cost = fit_action_cost(samples)
+    term = {"weight": [*map(float, cost.weight)], "neutral": [*map(float, cost.neutral)]}
     content = {"drone": {"flow": {"costs": {"link": {"action": term}}}}}
     with output_file(out, overwrite=overwrite) as work:
         work.write_text(yaml.safe_dump(content), encoding="utf-8")
-    print(f"{out}: {_summary(found)}")
+    print(f"{out}: {_summary(cost)}")
 
 
-def _summary(found: ActionCost) -> str:
-    weights, neutral = ([f"{value:.2f}" for value in values] for values in (found.weight, found.neutral))
+def _summary(cost: ActionCost) -> str:
+    weights, neutral = ([f"{value:.2f}" for value in values] for values in (cost.weight, cost.neutral))
     return f"weight {', '.join(weights)}, neutral {', '.join(neutral)} (single detections, means along tracks)"

@@ -66,15 +66,15 @@ def trained_frames(training_data: str, sequence: str) -> list[tuple[float, float
     >>> trained_frames("MOT17-02; PETS", "MOT17-02"), trained_frames("generated pictures", "MOT17-02")
     ([(0.0, inf)], [])
     """
-    found: list[tuple[float, float]] = []
+    spans: list[tuple[float, float]] = []
     for part in training_data.split(";"):
         words = re.split(r"[\s,()/]+", part)
         names = [w for w in words if len(w) >= SHORTEST_NAME and sequence.lower().startswith(w.lower())]
         if names:
-            rest = " ".join(word for word in words if word not in names)
-            ranges = [(float(a), float(b)) for a, b in _RANGE.findall(rest)]
-            found += ranges or [(0.0, float("inf"))]
-    return found
+            text = " ".join(word for word in words if word not in names)
+            ranges = [(float(a), float(b)) for a, b in _RANGE.findall(text)]
+            spans += ranges or [(0.0, float("inf"))]
+    return spans
 
 
 def check_trained_elsewhere(models: Sequence[OnnxModel], frames: Sequence[tuple[str, int, int]]) -> None:
@@ -152,22 +152,22 @@ def label_detections(detections: Sequence[Detections], truth: GroundTruth, first
         truth: labels.
         first: 0-based frame of the first entry.
     """
-    ids, right, kept = [np.empty(0, np.int64)], [np.empty(0, np.bool_)], []
-    for frame, one in enumerate(detections, start=first):
+    ids, right, frames = [np.empty(0, np.int64)], [np.empty(0, np.bool_)], []
+    for frame, of_frame in enumerate(detections, start=first):
         rows = truth.between(frame, frame)
         people, ignored = rows.select(rows.evaluated), rows.select(rows.ignored)
-        person, lies_right = match_boxes(one.boxes, people.boxes)
-        hidden = (iou_matrix(one.boxes, ignored.boxes) >= RIGHT_OVERLAP).any(axis=1) & (person < 0)
+        person, lies_right = match_boxes(of_frame.boxes, people.boxes)
+        hidden = (iou_matrix(of_frame.boxes, ignored.boxes) >= RIGHT_OVERLAP).any(axis=1) & (person < 0)
         names = np.append(people.ids, UNMATCHED)[person]
         ids.append(names[~hidden])
         right.append(lies_right[~hidden])
-        kept.append(one.select(~hidden))
-    features = [d.features for d in kept if d.features is not None]
-    actions = [d.actions for d in kept if d.actions is not None]
+        frames.append(of_frame.select(~hidden))
+    features = [d.features for d in frames if d.features is not None]
+    actions = [d.actions for d in frames if d.actions is not None]
     return LabelledDetections(
-        np.repeat(np.arange(first, first + len(kept)), [len(d) for d in kept]),
-        np.concatenate([np.empty((0, 4)), *(d.boxes for d in kept)]),
-        np.concatenate([np.empty(0), *(d.scores for d in kept)]),
+        np.repeat(np.arange(first, first + len(frames)), [len(d) for d in frames]),
+        np.concatenate([np.empty((0, 4)), *(d.boxes for d in frames)]),
+        np.concatenate([np.empty(0), *(d.scores for d in frames)]),
         np.concatenate(features) if features else None,
         np.concatenate(ids),
         np.concatenate(right),
@@ -177,8 +177,8 @@ def label_detections(detections: Sequence[Detections], truth: GroundTruth, first
 
 def every_nth(detections: LabelledDetections, skip: int) -> LabelledDetections:
     """The detections of every ``skip``-th frame, as of a video with that much fewer frames."""
-    kept = detections.frames % skip == 0
-    return replace(detections.select(kept), frames=detections.frames[kept] // skip)
+    in_step = detections.frames % skip == 0
+    return replace(detections.select(in_step), frames=detections.frames[in_step] // skip)
 
 
 def pair_samples(detections: LabelledDetections, features: FeatureSet, gate: GateSettings, groups: int) -> PairSamples:
@@ -188,8 +188,8 @@ def pair_samples(detections: LabelledDetections, features: FeatureSet, gate: Gat
     that is taken for a person again and again is one thing.
     """
     i, j, gap = candidate_pairs(detections.frames, detections.boxes, gate)
-    kept = (detections.ids[i] != UNMATCHED) | (detections.ids[j] != UNMATCHED)
-    i, j, gap = i[kept], j[kept], gap[kept]
+    labelled = (detections.ids[i] != UNMATCHED) | (detections.ids[j] != UNMATCHED)
+    i, j, gap = i[labelled], j[labelled], gap[labelled]
     pairs = pair_features(detections.boxes, detections.features, i, j, gap, detections.actions)
     start, stop = (int(detections.frames.min()), int(detections.frames.max()) + 1) if len(detections) else (0, 1)
     return PairSamples(
@@ -209,9 +209,9 @@ def join_samples(parts: Sequence[PairSamples]) -> PairSamples:
 
 def with_unknown(samples: PairSamples, column: int, share: float, rng: np.random.Generator) -> PairSamples:
     """A ``share`` of the pairs once more without the feature of a ``column``, so that trees weigh it unknown, too."""
-    more = samples.select(rng.random(len(samples)) < share)
-    more.rows[:, column] = np.nan
-    return samples.and_then(more)
+    repeated = samples.select(rng.random(len(samples)) < share)
+    repeated.rows[:, column] = np.nan
+    return samples.and_then(repeated)
 
 
 # More of it makes two people alike less alike for no feature but the gap.
@@ -266,14 +266,16 @@ class AffinityVideo(Shared):
         videos = [(video, span_of(video, self.frames)) for video in labelled_sequences(self.folders)]
         if not self.trained_too:
             frames = [(video.name, start + 1, stop) for video, (start, stop) in videos]
-            check_trained_elsewhere([one.model for one in (appearance, detector) if one is not None], frames)
+            check_trained_elsewhere(
+                [network.model for network in (appearance, detector) if network is not None], frames
+            )
         streams = self.actions or [shipped(f"action_drone_{name}") for name in STREAMS]
         recognise = ActionRecogniser(streams) if acting else None
         parts = []
         for video, (start, stop) in videos:
-            whole = detected(video, detector or self.detections, rng, FAULTS, self.frames)
-            whole = with_actions(described(whole, appearance, (start, stop)), recognise)
-            parts.append(label_detections(whole.detections[start:stop], video.truth, start))
+            observed = detected(video, detector or self.detections, rng, FAULTS, self.frames)
+            observed = with_actions(described(observed, appearance, (start, stop)), recognise)
+            parts.append(label_detections(observed.detections[start:stop], video.truth, start))
         return parts
 
 

@@ -58,12 +58,12 @@ def cheapest(costs: FloatArray, tail: IntArray, head: IntArray) -> FloatArray:
     observation, start, end, link = np.split(costs, [count, 2 * count, 3 * count])
     # A link that costs as much as an end and a start is never needed.
     worth = np.flatnonzero(link < end[tail] + start[head])
-    found = solve(FlowGraph(observation, start, end, tail[worth], head[worth], link[worth]))
-    starts = found.used.copy()
-    starts[found.follower[found.follower >= 0]] = False
-    taken = np.zeros(len(link))
-    taken[worth] = found.follower[tail[worth]] == head[worth]
-    return np.concatenate([found.used, starts, found.used & (found.follower < 0), taken]).astype(np.float64)
+    solution = solve(FlowGraph(observation, start, end, tail[worth], head[worth], link[worth]))
+    starts = solution.used.copy()
+    starts[solution.follower[solution.follower >= 0]] = False
+    flow = np.zeros(len(link))
+    flow[worth] = solution.follower[tail[worth]] == head[worth]
+    return np.concatenate([solution.used, starts, solution.used & (solution.follower < 0), flow]).astype(np.float64)
 
 
 def differing(arcs: Arcs) -> tuple[float, FloatArray]:
@@ -95,17 +95,17 @@ class FlowLoss:
 
         These are perturbed for ``fenchel_young``, and less the difference from x* for ``hinge``.
         """
-        asked, constant = list[FloatArray](), 0.0
+        perturbed, constant = list[FloatArray](), 0.0
         if self.name != "hinge":
             draws = self.epsilon * rng.standard_normal((self.pairs, len(costs)))
-            asked += [costs + sign * draw for draw in draws for sign in (1, -1)]
+            perturbed += [costs + sign * draw for draw in draws for sign in (1, -1)]
         if self.name != "fenchel_young":
             constant, slope = differing(arcs)
-            asked.append(costs - slope)
-        flows = [cheapest(one, arcs.tail, arcs.head) for one in asked]
-        least = np.array([one @ flow for one, flow in zip(asked, flows, strict=True)])
+            perturbed.append(costs - slope)
+        flows = [cheapest(draw_costs, arcs.tail, arcs.head) for draw_costs in perturbed]
+        least = np.array([draw_costs @ flow for draw_costs, flow in zip(perturbed, flows, strict=True)])
         least[-1] -= constant
-        share = np.full(len(asked), 1 / len(asked))
+        share = np.full(len(perturbed), 1 / len(perturbed))
         if self.name == "both":
             share[:] = 0.25 / self.pairs
             share[-1] = 0.5

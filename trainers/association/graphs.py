@@ -62,7 +62,7 @@ class DetectedVideo:
         images: files, one a frame; none where not needed.
         anchors: of each frame the ``(N,)`` anchors of a detector that its detections come from; none where unknown.
         camera: its step into each frame, from the images; none takes the boxes.
-        given: file of detections beside the labels; None where there is none.
+        detections_file: file of detections beside the labels; None where there is none.
     """
 
     name: str
@@ -73,7 +73,7 @@ class DetectedVideo:
     images: tuple[Path, ...] = ()
     anchors: tuple[IntArray, ...] = ()
     camera: tuple[CameraStep, ...] = ()
-    given: Path | None = None
+    detections_file: Path | None = None
 
     def path(self) -> CameraPath | None:
         """Where the frames lie, from the images; None where the boxes have to tell."""
@@ -198,12 +198,12 @@ def labelled(graph: Graph, all_used: bool = False) -> Graph:
     """
     count = len(graph)
     follower = next_of_owner(graph.nodes.frames, graph.nodes.owners)
-    taken = follower[graph.tail] == graph.head if count else np.zeros(0, np.bool_)
+    followed = follower[graph.tail] == graph.head if count else np.zeros(0, np.bool_)
     used = np.ones(count, np.bool_) if all_used else graph.nodes.owners >= 0
     starts, ends = used.copy(), used.copy()
-    starts[graph.head[taken]] = False
-    ends[graph.tail[taken]] = False
-    flow = np.concatenate([used, starts, ends, taken]).astype(np.float64)
+    starts[graph.head[followed]] = False
+    ends[graph.tail[followed]] = False
+    flow = np.concatenate([used, starts, ends, followed]).astype(np.float64)
     return replace(graph, labelled=flow)
 
 
@@ -218,8 +218,8 @@ def next_of_owner(frames: IntArray, owners: IntArray) -> IntArray:
 
 def taken_out(graph: Graph, which: BoolArray) -> Graph:
     """The graph without some of its detections, of which those in tracks become its others; x* is to be made anew."""
-    more = graph.nodes.select(which & (graph.nodes.tracks >= 0))
-    return replace(without(graph, which), others=graph.others.and_then(more))
+    extra = graph.nodes.select(which & (graph.nodes.tracks >= 0))
+    return replace(without(graph, which), others=graph.others.and_then(extra))
 
 
 def without(graph: Graph, which: BoolArray) -> Graph:
@@ -247,8 +247,8 @@ def short_runs(graph: Graph, fewest: int) -> BoolArray:
     """``(N,)`` detections of labelled runs that are shorter than the shortest track: neither right nor wrong."""
     count = len(graph)
     label = np.arange(count)
-    taken = graph.labelled[3 * count :] > 0
-    for tail, head in sorted(zip(graph.tail[taken].tolist(), graph.head[taken].tolist(), strict=True)):
+    joined = graph.labelled[3 * count :] > 0
+    for tail, head in sorted(zip(graph.tail[joined].tolist(), graph.head[joined].tolist(), strict=True)):
         label[head] = label[tail]
     return np.asarray((np.bincount(label, minlength=count)[label] < fewest) & (graph.nodes.owners >= 0))
 
@@ -332,14 +332,14 @@ def _origin(video: DetectedVideo, table: DetectionTable, logit: FloatArray, sett
         here, detections = np.flatnonzero(table.frames == frame), video.detections[frame]
         which = (table.image[here, None] == detections.boxes[None]).all(axis=2).argmax(axis=1)
         anchors[here], scores[here] = video.anchors[frame][which], detections.scores[which]
-    given = np.clip(scores, CERTAIN, 1 - CERTAIN)
-    given = np.log(given / (1 - given))
-    spread = float(((given - given.mean()) ** 2).sum()) if len(given) else 0.0
-    slope = float(((given - given.mean()) * logit).sum()) / spread if spread > 0 else 0.0
+    logits = np.clip(scores, CERTAIN, 1 - CERTAIN)
+    logits = np.log(logits / (1 - logits))
+    spread = float(((logits - logits.mean()) ** 2).sum()) if len(logits) else 0.0
+    slope = float(((logits - logits.mean()) * logit).sum()) / spread if spread > 0 else 0.0
     detection = settings.input.detection
     low, high = detection(np.array([0.4, 0.6]), video.frame_rate)
     logit_cost = float(high - low) / (2 * np.log(1.5))
-    return Origin(anchors, given, max(slope, FLATTEST), logit_cost)
+    return Origin(anchors, logits, max(slope, FLATTEST), logit_cost)
 
 
 def _tracklet_graph(
@@ -397,10 +397,10 @@ def window(graph: Graph, first: int, end: int) -> Graph:
     link = np.maximum(graph.costs[3 * count :], 0.0)
     entering = ~inside[graph.tail] & inside[graph.head]
     leaving = inside[graph.tail] & ~inside[graph.head]
-    before, after = start.copy(), stop.copy()
+    dearest_start, dearest_stop = start.copy(), stop.copy()
     np.minimum.at(start, graph.head[entering], link[entering])
     np.minimum.at(stop, graph.tail[leaving], link[leaving])
-    fixed = graph.fixed | np.concatenate([np.zeros(count, np.bool_), start < before, stop < after])
+    fixed = graph.fixed | np.concatenate([np.zeros(count, np.bool_), start < dearest_start, stop < dearest_stop])
     costs = np.concatenate([graph.costs[:count], start, stop, graph.costs[3 * count :]])
     people = graph.people[(graph.people >= first) & (graph.people < end)]
     cut = replace(graph, costs=costs, fixed=fixed, people=people, name=f"{graph.name}, frames {first + 1}-{end}")
@@ -447,7 +447,7 @@ class FlowCounts:
     @classmethod
     def together(cls, parts: Sequence[FlowCounts]) -> FlowCounts:
         """The sum of counts."""
-        return cls(*(sum(getattr(one, x.name) for one in parts) for x in fields(cls)))
+        return cls(*(sum(getattr(counts, x.name) for counts in parts) for x in fields(cls)))
 
     @property
     def agreement(self) -> float:

@@ -65,9 +65,9 @@ def siamese_of(path: Path) -> tuple[AppearanceTraining, dict[str, Any]]:
             # A normalisation after a convolution or a matrix is part of it, and its shift lies there.
             folded = name.removesuffix(".bias")
             folded = f"{folded[:-1]}{int(folded[-1]) - 1}.weight_bias" if folded[-1:].isdigit() else ""
-            found = arrays.get(name, arrays.get(folded))
-            if found is not None:
-                value.copy_(torch.tensor(found.T if found.shape == tuple(value.shape)[::-1] else found))
+            values = arrays.get(name, arrays.get(folded))
+            if values is not None:
+                value.copy_(torch.tensor(values.T if values.shape == tuple(value.shape)[::-1] else values))
             elif name.endswith(("weight", "bias")) and value.ndim > 1:
                 raise KeyError(name)
     except Exception as error:
@@ -107,9 +107,9 @@ def heads_only(detector: DetectorTraining) -> DetectorTraining:
 
 
 def _made_of(kind: type, checkpoint: Path) -> dict[str, Any]:
-    given = read_checkpoint(checkpoint, "hyper_parameters")
-    known = set(inspect.signature(kind.__init__).parameters)  # type: ignore[misc]
-    return {name: value for name, value in given.items() if name in known}
+    parameters = read_checkpoint(checkpoint, "hyper_parameters")
+    accepted = set(inspect.signature(kind.__init__).parameters)  # type: ignore[misc]
+    return {name: value for name, value in parameters.items() if name in accepted}
 
 
 # Where a checkpoint says how many epochs, and how many steps at most, its training is to have; below 0 for no end.
@@ -210,9 +210,9 @@ class AssociationTraining(Tested):
     def standardise(self, graphs: Sequence[Graphs]) -> None:
         """Take mean and deviation of the features from the networks of sequences."""
         for part, rows in (
-            (self.network.links, [one.detections.links for one in graphs]),
-            (self.network.detections, [one.detections.detections for one in graphs]),
-            (self.network.joins, [one.tracklets.links for one in graphs]),
+            (self.network.links, [graph.detections.links for graph in graphs]),
+            (self.network.detections, [graph.detections.detections for graph in graphs]),
+            (self.network.joins, [graph.tracklets.links for graph in graphs]),
         ):
             part.standardise(torch.as_tensor(np.concatenate(rows), dtype=torch.float32))
 
@@ -229,11 +229,11 @@ class AssociationTraining(Tested):
         Raises:
             RequestError: crops without a network or frames without a detector, or the other way round.
         """
-        for network, given, what in (
+        for network, inputs, what in (
             (self.siamese, batch.crops, "--model.appearance.file FILE and --data.appearance ONNX"),
             (self.detector, batch.frames, "--model.detector.file FILE, --data.detector ONNX and --data.heads true"),
         ):
-            if (network is None) != (given is None):
+            if (network is None) != (inputs is None):
                 raise RequestError(f"expected {what} together, got one of them alone")
         features = heads = None
         if self.siamese is not None and batch.crops is not None:

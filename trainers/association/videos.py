@@ -51,7 +51,7 @@ def labelled_sequences(folders: Sequence[Path], frame_rate: float = OTHER_RATE) 
     for folder in folders:
         sequences = _sequences(folder)
         for labelled in open_labelled(folder):
-            sequence = next((one for one in sequences if one.name == labelled.name), None)
+            sequence = next((candidate for candidate in sequences if candidate.name == labelled.name), None)
             truth = labelled.people()
             length = labelled.length or int(truth.frames.max(initial=-1)) + 1
             images = picture_files(labelled)
@@ -66,7 +66,7 @@ def labelled_sequences(folders: Sequence[Path], frame_rate: float = OTHER_RATE) 
                 labelled.frame_rate or (frame_rate if sequence is None else sequence.frame_rate),
                 (width, height) if min(width, height) > 0 else None,
                 images,
-                given=None if sequence is None else sequence.detections_path,
+                detections_file=None if sequence is None else sequence.detections_path,
             )
 
 
@@ -101,12 +101,12 @@ def detected(
     if find == "given":
         if any(map(len, video.detections)):
             return video
-        if video.given is None or not video.given.is_file():
+        if video.detections_file is None or not video.detections_file.is_file():
             raise RequestError(
                 f"expected det/det.txt beside the labels of {video.name}, found none; give a detector, or detections "
                 "simulated"
             )
-        return replace(video, detections=read_detections(video.given, len(video.detections)))
+        return replace(video, detections=read_detections(video.detections_file, len(video.detections)))
     if find == "simulated":
         wide, tall = video.size or np.ceil(video.truth.boxes[:, 2:].max(axis=0)).astype(int).tolist()
         drawn = simulate_detections(rng, video.truth, len(video.detections), wide, tall, faults)
@@ -117,11 +117,15 @@ def detected(
         )
     first, last = frames or (1, len(video.images))
     nothing = Detections.empty(), np.empty(0, dtype=np.int64)
-    every: list[tuple[Detections, IntArray]] = [
+    simulated: list[tuple[Detections, IntArray]] = [
         find.detect_at_anchors([read_image(path)])[0] if first <= number <= last else nothing
         for number, path in enumerate(video.images, start=1)
     ]
-    return replace(video, detections=[one for one, _ in every], anchors=tuple(anchors for _, anchors in every))
+    return replace(
+        video,
+        detections=[detections for detections, _ in simulated],
+        anchors=tuple(anchors for _, anchors in simulated),
+    )
 
 
 def span_of(video: DetectedVideo, frames: tuple[int, int] | None) -> tuple[int, int]:
@@ -172,8 +176,10 @@ def described(video: DetectedVideo, appearance: Describe | None, span: tuple[int
     _check_images(video, "the appearance")
     first, end = span or (0, len(video.detections))
     detections = [
-        one.with_features(appearance.describe(read_image(path), one.boxes)) if first <= frame < end else one
-        for frame, (one, path) in enumerate(zip(video.detections, video.images, strict=False))
+        observed.with_features(appearance.describe(read_image(path), observed.boxes))
+        if first <= frame < end
+        else observed
+        for frame, (observed, path) in enumerate(zip(video.detections, video.images, strict=False))
     ]
     return replace(video, detections=detections)
 
@@ -188,9 +194,9 @@ def acting(video: DetectedVideo, recognise: ActionRecogniser | None) -> Detected
         return video
     _check_images(video, "the actions")
     detections, images = [], list[ImageArray]()
-    for one, path in zip(video.detections, video.images, strict=False):
+    for observed, path in zip(video.detections, video.images, strict=False):
         images = [*images, read_image(path)][-1 - recognise.history :]
-        detections.append(replace(one, actions=averaged(recognise.recognise(images, one.boxes))))
+        detections.append(replace(observed, actions=averaged(recognise.recognise(images, observed.boxes))))
     return replace(video, detections=detections)
 
 
@@ -202,8 +208,8 @@ def filmed(video: DetectedVideo) -> DetectedVideo:
     """
     _check_images(video, "the camera's motion")
     path, steps = CameraPath(), []
-    for one, image in zip(video.detections, video.images, strict=False):
-        path.add(read_image(image), one.boxes)
+    for detections, image in zip(video.detections, video.images, strict=False):
+        path.add(read_image(image), detections.boxes)
         steps.append(path.step(len(path) - 1))
     return replace(video, camera=tuple(steps))
 

@@ -78,8 +78,8 @@ def crops_of(graph: Graph, height: int, width: int) -> WindowCrops:
 def averaged(frames: IntArray, tracks: IntArray, reach: int) -> FloatArray:
     """``(N, N)`` 1 where the second detection lies in the track of the first, up to ``reach`` frames before it."""
     same = (tracks[:, None] == tracks[None]) & (tracks[:, None] >= 0)
-    before = frames[:, None] - frames[None]
-    within: FloatArray = (same & (before >= 0) & (before <= reach)).astype(np.float64)
+    offset = frames[:, None] - frames[None]
+    within: FloatArray = (same & (offset >= 0) & (offset <= reach)).astype(np.float64)
     np.fill_diagonal(within, 1.0)
     return within
 
@@ -109,8 +109,8 @@ def with_new_distances(rows: Tensor, distance: Tensor, cost: LinkCost) -> tuple[
         cost: what a distance costs.
     """
     weight, neutral = cost.appearance[1], cost.neutral[1]
-    before = torch.where(rows[:, KNOWN] > 0, rows[:, DISTANCE] - neutral, torch.zeros_like(distance))
-    change = weight * (distance - neutral - before)
+    applied = torch.where(rows[:, KNOWN] > 0, rows[:, DISTANCE] - neutral, torch.zeros_like(distance))
+    change = weight * (distance - neutral - applied)
     columns = list(rows.unbind(dim=1))
     columns[COST] = columns[COST] + change
     columns[DISTANCE], columns[KNOWN] = distance, torch.ones_like(distance)
@@ -172,8 +172,8 @@ class FrozenTrunk:
         most: images that are kept; one of 640 by 480 pixels takes about 2.5 MB.
     """
 
-    def __init__(self, most: int = 320) -> None:
-        self.most = most
+    def __init__(self, frames_at_most: int = 320) -> None:
+        self.most = frames_at_most
         # Each image's place in the maps, the latest last. One block a level: many small ones would scatter the memory.
         self._place: OrderedDict[bytes, int] = OrderedDict()
         self._levels: list[Tensor] = []
@@ -197,11 +197,11 @@ class FrozenTrunk:
             with torch.no_grad():
                 maps = detector.network.features(normalised(image[None].to(detector.device), detector.card))
             if not self._levels:
-                self._levels = [one.new_empty(self.most, *one.shape[1:]) for one in maps]
+                self._levels = [feature_map.new_empty(self.most, *feature_map.shape[1:]) for feature_map in maps]
             full = len(self._place) == self.most
             place = self._place.popitem(last=False)[1] if full else len(self._place)
-            for level, one in zip(self._levels, maps, strict=True):
-                level[place] = one[0]
+            for level, feature_map in zip(self._levels, maps, strict=True):
+                level[place] = feature_map[0]
             self._place[key] = place
         self._place.move_to_end(key)
         return self._place[key]

@@ -79,7 +79,7 @@ class RandomWindows(Dataset[TrainingWindow]):
         images: WindowImages = WindowImages(),
     ) -> None:
         self.graphs, self.seconds, self.count, self.seed, self.images = graphs, seconds, count, seed, images
-        sizes = np.array([len(one.detections) for one in graphs], dtype=np.float64)
+        sizes = np.array([len(graph.detections) for graph in graphs], dtype=np.float64)
         self.chances = sizes / sizes.sum()
 
     def __len__(self) -> int:
@@ -103,7 +103,7 @@ class EveryWindow(Dataset[TrainingWindow]):
     def __init__(self, graphs: Sequence[Graphs], seconds: float, images: WindowImages = WindowImages()) -> None:
         self.images = images
         self.windows = [
-            TrainingWindow(part, one.tracklets) for one in graphs for part in windows(one.detections, seconds)
+            TrainingWindow(part, graph.tracklets) for graph in graphs for part in windows(graph.detections, seconds)
         ]
 
     def __len__(self) -> int:
@@ -234,22 +234,22 @@ def graphs_of(
     """
     graphs = [sequence_graphs(video, settings) for video in videos]
     if check:
-        graphs = [one for one, video in zip(graphs, videos, strict=True) if _teaches(one.detections, video.name)]
+        graphs = [graph for graph, video in zip(graphs, videos, strict=True) if _teaches(graph.detections, video.name)]
         if not graphs:
             names = ", ".join(video.name for video in videos) or "nothing"
             raise RequestError(f"expected a sequence with two people, who could be taken for each other; got {names}")
-    return [replace(one, detections=affordable(one.detections)) for one in graphs if len(one.detections)]
+    return [replace(graph, detections=affordable(graph.detections)) for graph in graphs if len(graph.detections)]
 
 
 def _teaches(graph: Graph, name: str) -> bool:
     """Whether two people have detections; says what speaks against a sequence."""
-    somebody = graph.nodes.owners[graph.nodes.owners >= 0]
-    people = len(np.unique(somebody))
+    owners = graph.nodes.owners[graph.nodes.owners >= 0]
+    people = len(np.unique(owners))
     if people < 2:
         who = "no person" if not people else "one person"
         print(f"{name}: left out, for its detections in the frames to learn from show {who} who is labelled")
-    elif 2 * len(somebody) < len(graph):
-        share = 1 - len(somebody) / len(graph)
+    elif 2 * len(owners) < len(graph):
+        share = 1 - len(owners) / len(graph)
         print(f"{name}: {share:.0%} of its detections are false positives; are all labelled, and of the same class?")
     return people > 1
 
@@ -257,5 +257,5 @@ def _teaches(graph: Graph, name: str) -> bool:
 def affordable(graph: Graph) -> Graph:
     """The graph without the links that cost more than `DEAREST` by default, unless the labelled flow has them."""
     nodes = 3 * len(graph)
-    kept = (graph.costs[nodes:] <= DEAREST) | (graph.labelled[nodes:] > 0)
-    return kept_of(graph, np.ones(len(graph), np.bool_), kept)
+    arcs = (graph.costs[nodes:] <= DEAREST) | (graph.labelled[nodes:] > 0)
+    return kept_of(graph, np.ones(len(graph), np.bool_), arcs)

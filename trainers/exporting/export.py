@@ -103,7 +103,7 @@ def export_onnx(
     """
     inputs = {"images": example} if isinstance(example, Tensor) else dict(example)
     # A batch of one would be taken for a constant.
-    several = tuple(torch.cat((one, one)) if len(one) == 1 else one for one in inputs.values())
+    several = tuple(torch.cat((values, values)) if len(values) == 1 else values for values in inputs.values())
     batch = torch.export.Dim("batch")
     tolerance = FLOAT16_TOLERANCE if float16 else FLOAT32_TOLERANCE
     training = module.training
@@ -187,20 +187,20 @@ def check_parity(
         RunError: it is larger than ``tolerance``, or an output does not depend on the input.
     """
     session = onnxruntime.InferenceSession(path.read_bytes(), providers=["CPUExecutionProvider"])
-    names = [one.name for one in session.get_inputs()]
+    names = [tensor.name for tensor in session.get_inputs()]
     spreads = [spread] * len(names) if isinstance(spread, float) else spread
     generator = torch.Generator().manual_seed(0)
     worst = 0.0
     for batch in _PARITY_BATCHES:
         # Normal numbers are what normalised images look like: no unit of the network saturates on all of them.
         inputs = [
-            scale * torch.randn((batch, *one.shape[1:]), generator=generator)
-            for scale, one in zip(spreads, examples, strict=True)
+            scale * torch.randn((batch, *tensor.shape[1:]), generator=generator)
+            for scale, tensor in zip(spreads, examples, strict=True)
         ]
         with torch.no_grad():
             outputs = module(*inputs)
         expected = [x.numpy() for x in ((outputs,) if isinstance(outputs, Tensor) else outputs)]
-        got = session.run(None, {name: one.numpy() for name, one in zip(names, inputs, strict=True)})
+        got = session.run(None, {name: tensor.numpy() for name, tensor in zip(names, inputs, strict=True)})
         for output, a, b in zip(session.get_outputs(), expected, got, strict=True):
             worst = max(worst, _difference(path.name, output.name, a, b, tolerance))
     return worst

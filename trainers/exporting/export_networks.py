@@ -142,14 +142,19 @@ def blend_weights(network: AnchorDetector | OneClass, card: ModelCard, path: Pat
     Exported weights have the normalisations folded into them, so both are in the same form.
     """
     with tempfile.TemporaryDirectory() as folder:
-        own = Path(folder) / "own.onnx"
-        export_onnx(RawHeads(network), card, own, torch.zeros(2, 3, card.input_height, card.input_width), OUTPUTS)
-        first, second = (
-            {name: each for name, each in exported_weights(file).items() if name != "anchors"} for file in (own, path)
+        checkpoint_file = Path(folder) / "own.onnx"
+        export_onnx(
+            RawHeads(network), card, checkpoint_file, torch.zeros(2, 3, card.input_height, card.input_width), OUTPUTS
         )
-    if {name: each.shape for name, each in first.items()} != {name: each.shape for name, each in second.items()}:
+        first, second = (
+            {name: values for name, values in exported_weights(file).items() if name != "anchors"}
+            for file in (checkpoint_file, path)
+        )
+    if {name: values.shape for name, values in first.items()} != {
+        name: values.shape for name, values in second.items()
+    }:
         raise RequestError(f"`blend`: expected a detector of the structure of `checkpoint`, got another in {path}")
-    network.load_state_dict({name: (each + second[name]) / 2 for name, each in first.items()}, strict=False)
+    network.load_state_dict({name: (values + second[name]) / 2 for name, values in first.items()}, strict=False)
     fold_normalisations(network)
 
 
@@ -241,8 +246,8 @@ def export_action(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
     module.network.to(memory_format=torch.contiguous_format)
     written = {}
     for group, streams in groups.items():
-        one, path = streams[0], paths[group]
-        card = dataclasses.replace(module.card(one), training_data=output.training_data)
+        stream, path = streams[0], paths[group]
+        card = dataclasses.replace(module.card(stream), training_data=output.training_data)
         if group == "fused":
             # The inputs are called as the streams, and each has settings of its own.
             card = dataclasses.replace(card, settings={"streams": [module.card(name).settings for name in streams]})
@@ -252,8 +257,8 @@ def export_action(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
         spread = [0.1 if module.inputs[name].is_flow else 1.0 for name in streams]
         network: nn.Module = FusedProbability(module.network)
         if group != "fused":
-            examples = {"images": examples[one]}
-            network = StreamProbability(module.network.streams[one])
+            examples = {"images": examples[stream]}
+            network = StreamProbability(module.network.streams[stream])
         how = output.float16, output.overwrite, spread
         written[path] = export_onnx(network, card, path, examples, ("probability",), *how)
     for path, difference in written.items():

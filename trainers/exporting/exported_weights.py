@@ -80,10 +80,10 @@ def layout_of(path: Path, people: bool = True) -> ExportedLayout:
 def _anchor_sizes(anchors: np.ndarray) -> list[list[tuple[float, float]]]:
     """The sizes at each map, distinguished by where the first cell of a map lies."""
     sizes: dict[float, list[tuple[float, float]]] = {}
-    known = set()
+    shapes = set()
     for x, _, width, height in anchors.tolist():
-        if (width, height) not in known:
-            known.add((width, height))
+        if (width, height) not in shapes:
+            shapes.add((width, height))
             sizes.setdefault(x, []).append((width, height))
     return [sizes[x] for x in sorted(sizes)]
 

@@ -116,8 +116,8 @@ class ActionTraining(Tested):
         parts = [fused_logits(outputs)] if self.fused else outputs
         losses = [action_loss(logits, batch.actions, self.positive_weight) for logits in parts]
         loss = torch.stack(losses).sum()
-        shown = loss / len(losses)
-        self.log("train/loss", shown, on_step=False, on_epoch=True, prog_bar=True, batch_size=1, sync_dist=True)
+        mean_loss = loss / len(losses)
+        self.log("train/loss", mean_loss, on_step=False, on_epoch=True, prog_bar=True, batch_size=1, sync_dist=True)
         return loss
 
     def validation_step(self, batch: ActionBatch, batch_index: int) -> None:
@@ -131,11 +131,11 @@ class ActionTraining(Tested):
         parts, actions = zip(*rows, strict=True)
         truth = torch.cat(actions).numpy() > 0
         outputs = {name: torch.cat([part[name] for part in parts]).double().numpy() for name in self.inputs}
-        found = {"map": np.mean(list(outputs.values()), axis=0), **{f"map_{name}": outputs[name] for name in outputs}}
-        return {name: mean_average_precision(probabilities, truth) for name, probabilities in found.items()}
+        fused = {"map": np.mean(list(outputs.values()), axis=0), **{f"map_{name}": outputs[name] for name in outputs}}
+        return {name: mean_average_precision(probabilities, truth) for name, probabilities in fused.items()}
 
 
 def mean_average_precision(probabilities: FloatArray, truth: BoolArray) -> float:
     """mAP over the actions that occur; 0 where none does."""
-    found = average_precisions(probabilities, truth)
-    return 0.0 if np.isnan(found).all() else float(np.nanmean(found))
+    precisions = average_precisions(probabilities, truth)
+    return 0.0 if np.isnan(precisions).all() else float(np.nanmean(precisions))

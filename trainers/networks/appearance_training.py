@@ -96,5 +96,5 @@ class AppearanceTraining(Tested):
         # Views a moment apart look the same to anything; finding those says nothing.
         near = np.abs(frames[query][:, None] - frames[~query][None]) < APART
         junk = near & (ids[query][:, None] == ids[~query][None])
-        found = evaluate_retrieval(distances, ids[query], ids[~query], junk)
-        return {"rank1": found.rank1, "map": found.mean_average_precision}
+        retrieval = evaluate_retrieval(distances, ids[query], ids[~query], junk)
+        return {"rank1": retrieval.rank1, "map": retrieval.mean_average_precision}

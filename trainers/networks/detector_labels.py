@@ -141,18 +141,18 @@ def anchor_choice(
     start = np.concatenate([np.array(level, dtype=float) for level in anchors])
     best = size_iou(sizes, start).max(axis=1)
     poor = [kind for kind in np.unique(kinds) if best[kinds == kind].mean() < FITTING]
-    misfits, some = np.isin(kinds, poor), 0 < len(poor) < len(np.unique(kinds))
+    misfits, mixed = np.isin(kinds, poor), 0 < len(poor) < len(np.unique(kinds))
     old = f"anchors of the start: mean IoU {best.mean():.2f} with {len(sizes)} labels"
     if not poor:
         return anchors, old
     try:
         boxes = np.concatenate([np.zeros_like(sizes), sizes], axis=1)[misfits]
-        counts = [1 if some else len(level) for level in anchors]
+        counts = [1 if mixed else len(level) for level in anchors]
         proposed, new = propose_anchors(boxes, counts, np.random.default_rng(0))
     except ValueError:
         return anchors, f"{old}, too few for others"
-    if some:
-        chosen = [[*level, *more] for level, more in zip(anchors, proposed, strict=True)]
+    if mixed:
+        chosen = [[*level, *added] for level, added in zip(anchors, proposed, strict=True)]
         line = f"more anchors, for {misfits.sum()} of {len(sizes)} labels"
         return chosen, f"{line}: mean IoU {new:.2f}, with those of the start {best[misfits].mean():.2f}"
     line = f"anchors of the labels: mean IoU {new:.2f} with {len(sizes)} labels"

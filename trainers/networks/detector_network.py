@@ -98,15 +98,15 @@ def take_over(network: AnchorDetector, checkpoint: Path) -> list[str]:
     else:
         state = read_checkpoint(checkpoint, "state_dict")
         weights = {name.removeprefix("network."): value for name, value in state.items()}
-    own = network.state_dict()
+    target = network.state_dict()
     if network.classes > 1:
-        _suit_heads(weights, own, network.classes)
-    fitting = {name: value for name, value in weights.items() if name in own and own[name].shape == value.shape}
+        _suit_heads(weights, target, network.classes)
+    fitting = {name: value for name, value in weights.items() if name in target and target[name].shape == value.shape}
     if not fitting:
         raise RequestError(f"{checkpoint}: none of its weights fit this detector; start from one with the same trunk")
     network.load_state_dict(fitting, strict=False)
     # Exported files hold no counts of batches.
-    return [name for name in own if name not in fitting and not name.endswith("num_batches_tracked")]
+    return [name for name in target if name not in fitting and not name.endswith("num_batches_tracked")]
 
 
 def begin_branch(network: BranchedDetector, path: Path, anchors: list[list[tuple[float, float]]]) -> None:
@@ -121,18 +121,20 @@ def begin_branch(network: BranchedDetector, path: Path, anchors: list[list[tuple
         RequestError: it is no such detector, or has another trunk or other anchors than the first three maps.
     """
     layout, _, _ = _described(path)
-    given = [[tuple(size) for size in sizes] for sizes in layout["anchors"]]
-    alike = layout["architecture"] == "people" and given == [[tuple(size) for size in sizes] for sizes in anchors[:3]]
-    if not (alike and all(name.startswith("branch.") for name in take_over(network, path))):
+    anchors_of_file = [[tuple(size) for size in sizes] for sizes in layout["anchors"]]
+    fits = layout["architecture"] == "people" and anchors_of_file == [
+        [tuple(size) for size in sizes] for sizes in anchors[:3]
+    ]
+    if not (fits and all(name.startswith("branch.") for name in take_over(network, path))):
         raise RequestError(
             f"{path}: expected a `start` of the architecture people with the trunk of the branched detector and the "
-            f"anchors of its first three maps, got trunk {layout['trunk']} and anchors {given}"
+            f"anchors of its first three maps, got trunk {layout['trunk']} and anchors {anchors_of_file}"
         )
 
 
-def _suit_heads(weights: dict[str, Tensor], own: dict[str, Tensor], classes: int) -> None:
+def _suit_heads(weights: dict[str, Tensor], target: dict[str, Tensor], classes: int) -> None:
     """Let each of the classes start as people, and each anchor that ``weights`` lack as one of those that they have."""
-    for name in [n for n in weights if n.startswith("box_heads") and n in own and weights[n].ndim > 0]:
+    for name in [n for n in weights if n.startswith("box_heads") and n in target and weights[n].ndim > 0]:
         kinds, count = name.replace("box", "class", 1), len(weights[name]) // 4
         scores, boxes = weights.get(kinds), weights[name]
         if scores is None or count == 0 or len(scores) not in (2 * count, (classes + 1) * count):
@@ -140,7 +142,7 @@ def _suit_heads(weights: dict[str, Tensor], own: dict[str, Tensor], classes: int
         rows = scores.view(count, -1, *scores.shape[1:])
         if len(scores) == 2 * count:
             rows = torch.cat((rows[:, :1], *[rows[:, 1:]] * classes), dim=1)
-        order = torch.arange(len(own[name]) // 4) % count
+        order = torch.arange(len(target[name]) // 4) % count
         weights[kinds] = rows[order].flatten(0, 1)
         weights[name] = boxes.view(count, 4, *boxes.shape[1:])[order].flatten(0, 1)
 
@@ -196,8 +198,8 @@ class SoftTeacher:
         path = shipped_or_file("detector", path)
         if not path.is_file():
             raise RequestError(f"expected a detector to teach at {path}, found none")
-        layout, own, self.calibration = _described(path)
-        if (own.mean, own.std) != (card.mean, card.std):
+        layout, teacher, self.calibration = _described(path)
+        if (teacher.mean, teacher.std) != (card.mean, card.std):
             raise RequestError(f"{path}: expected a teacher that takes pictures normalised as the student does")
         parts = layout["anchors"], layout["channels"]
         self.network = build_detector(layout["architecture"], layout["trunk"], None, student.size, *parts)
@@ -226,8 +228,10 @@ def _described(path: Path) -> tuple[dict[str, Any], ModelCard, tuple[float, floa
         layout = layout_of(path)
         scale, shift = layout.card.settings.get("score_calibration", (1.0, 0.0))
         return {"architecture": "people", **layout.arguments}, layout.card, (float(scale), float(shift))
-    given = read_checkpoint(path, "hyper_parameters")
-    if not given.keys() >= {*_LAYOUT, "height", "width", "resize", "normalisation"}:
+    parameters = read_checkpoint(path, "hyper_parameters")
+    if not parameters.keys() >= {*_LAYOUT, "height", "width", "resize", "normalisation"}:
         raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector` to learn from")
-    card = detector_card("", (given["height"], given["width"]), given["resize"], given["normalisation"])
-    return {name: given[name] for name in _LAYOUT}, card, (1.0, 0.0)
+    card = detector_card(
+        "", (parameters["height"], parameters["width"]), parameters["resize"], parameters["normalisation"]
+    )
+    return {name: parameters[name] for name in _LAYOUT}, card, (1.0, 0.0)

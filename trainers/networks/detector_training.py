@@ -178,19 +178,23 @@ class DetectorTraining(Tested):
         del batch_index
         logits, offsets = self(batch.images)
         truth = zip(batch.boxes.double().cpu().numpy(), batch.labels.cpu().numpy(), strict=True)
-        every = detections(logits, offsets, self.network.anchors, self.card)
-        for (boxes, labels), detected in zip(truth, every, strict=True):
+        batch_detections = detections(logits, offsets, self.network.anchors, self.card)
+        for (boxes, labels), detected in zip(truth, batch_detections, strict=True):
             real = labels != losses.PADDING
             self.validated.append((boxes[real], labels[real], detected))
 
     def scores(self, rows: list[tuple[FloatArray, IntArray, Detections]]) -> dict[str, float]:
         """AP50 and F1, their means over the classes, and AP50 of each of several."""
         names = self.card.class_names
-        boxes, labels, every = zip(*rows, strict=True)
-        found = evaluate_classes(boxes, labels, every, names)
-        means = [(one.average_precision, one.best_f1) for one in found.values()]
+        boxes, labels, detected = zip(*rows, strict=True)
+        by_class = evaluate_classes(boxes, labels, detected, names)
+        means = [(of_class.average_precision, of_class.best_f1) for of_class in by_class.values()]
         precision, f1 = np.mean(means, axis=0).tolist()
-        apart = {f"ap50_{name}": one.average_precision for name, one in found.items()} if len(names) > 1 else {}
+        apart = (
+            {f"ap50_{name}": of_class.average_precision for name, of_class in by_class.items()}
+            if len(names) > 1
+            else {}
+        )
         return {"ap50": precision, "f1": f1, **apart}
 
     def parameter_groups(self) -> list[dict[str, Any]]:
@@ -221,7 +225,7 @@ def detections(logits: Tensor, offsets: Tensor, anchors: Tensor, card: ModelCard
     image = torch.arange(len(boxes), device=boxes.device)[:, None].expand_as(scores)
     real = (boxes[..., 2:] - boxes[..., :2]).amin(dim=-1) >= 1
     flat = [x[real] for x in (boxes, scores, image, kind)]
-    kept = batched_nms(flat[0], flat[1], flat[2] * count + flat[3], 0.5)
-    corners, score, owner, kinds = (x[kept].double().cpu().numpy() for x in flat)
+    order = batched_nms(flat[0], flat[1], flat[2] * count + flat[3], 0.5)
+    corners, score, owner, kinds = (x[order].double().cpu().numpy() for x in flat)
     of_image = [owner == n for n in range(len(logits))]
     return [Detections(corners[mine], score[mine], classes=kinds[mine].astype(np.int64)) for mine in of_image]

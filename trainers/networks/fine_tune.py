@@ -87,10 +87,10 @@ def classes_of(folder: Path, arguments: Sequence[str] = ()) -> list[str]:
     """
     text, _ = option(arguments, "--model.classes")
     if text is not None:
-        given = yaml.safe_load(text)
-        if not isinstance(given, list) or not given or not all(isinstance(name, str) for name in given):
+        names = yaml.safe_load(text)
+        if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
             raise RequestError(f"`model.classes`: expected names such as [person,car], got {text or 'nothing'}")
-        return given
+        return names
     named = {number: name for video in open_labelled(folder) if video.every for number, name in video.classes.items()}
     return list(dict.fromkeys(named[number] for number in sorted(named))) or [PEOPLE]
 
@@ -105,20 +105,28 @@ def _compared(files: dict[str, Path], held_out: Sequence[LabelledFrame], classes
     values: dict[str, tuple[float, float]] = {}
     apart: dict[str, str] = {}
     for name, file in files.items():
-        own = Detector(file).model.card.class_names
-        places = [next((k for k, kind in enumerate(classes, start=1) if same_class(kind, one)), 0) for one in own]
-        detector = Detector(file, LOWEST_SCORE, classes=ClassChoice(own))
-        every = [detector.detect([read_image(frame.path)])[0] for frame in held_out]
-        detections = [replace(one, classes=np.array([0, *places])[one.classes], names={}) for one in every]
+        class_names = Detector(file).model.card.class_names
+        places = [
+            next((k for k, kind in enumerate(classes, start=1) if same_class(kind, name_in_file)), 0)
+            for name_in_file in class_names
+        ]
+        detector = Detector(file, LOWEST_SCORE, classes=ClassChoice(class_names))
+        detected = [detector.detect([read_image(frame.path)])[0] for frame in held_out]
+        detections = [
+            replace(of_frame, classes=np.array([0, *places])[of_frame.classes], names={}) for of_frame in detected
+        ]
         by_class = [
-            {k: one.average_precision for k, one in evaluate_classes(boxes, labels, detections, classes, iou).items()}
+            {
+                k: of_class.average_precision
+                for k, of_class in evaluate_classes(boxes, labels, detections, classes, iou).items()
+            }
             for iou in (0.5, 0.75)
         ]
-        fifty, strict = (float(np.mean([*each.values()])) for each in by_class)
+        fifty, strict = (float(np.mean([*of_classes.values()])) for of_classes in by_class)
         values[name] = fifty, strict
-        each = ", ".join(f"{kind} {value:.3f}" for kind, value in by_class[0].items())
-        apart[name] = f" (AP50 {each})" if len(by_class[0]) > 1 else ""
+        of_classes = ", ".join(f"{kind} {value:.3f}" for kind, value in by_class[0].items())
+        apart[name] = f" (AP50 {of_classes})" if len(by_class[0]) > 1 else ""
     better = sum(values["yours"]) > sum(values["shipped"])
-    shown = "; ".join(f"{name} AP50 {a:.3f}, AP75 {b:.3f}{apart[name]}" for name, (a, b) in values.items())
+    lines = "; ".join(f"{name} AP50 {a:.3f}, AP75 {b:.3f}{apart[name]}" for name, (a, b) in values.items())
     advice = "" if better else "; keep the shipped one, or train longer (--trainer.max_epochs) or on more labels"
-    return f"on {len(held_out)} held-out pictures: {shown}{advice}"
+    return f"on {len(held_out)} held-out pictures: {lines}{advice}"

@@ -98,8 +98,8 @@ def fit_detector(arguments: Sequence[str]) -> Path | None:
     if PROPOSE not in arguments:
         from tsuiseki.trainers.networks.fine_tune import fine_tune
 
-        folder, rest = folder_of(arguments)
-        return fit(DETECTOR, rest) if folder is None else fine_tune(rest, folder, partial(fit, DETECTOR))
+        folder, words = folder_of(arguments)
+        return fit(DETECTOR, words) if folder is None else fine_tune(words, folder, partial(fit, DETECTOR))
     from tsuiseki.tracking.cli.parser import call
     from tsuiseki.trainers.networks.detector_labels import anchors_for
 
@@ -176,8 +176,14 @@ def fit(task: Task, arguments: Sequence[str]) -> Path | None:
             _score(cli, scoring)
             return None
         _fit(task, cli)
-    kept = next((c for c in cli.trainer.checkpoint_callbacks if getattr(c, "monitor", None) == task.monitor), None)
-    best = Path(kept.best_model_path) if isinstance(kept, ModelCheckpoint) and kept.best_model_path else None
+    checkpoint = next(
+        (c for c in cli.trainer.checkpoint_callbacks if getattr(c, "monitor", None) == task.monitor), None
+    )
+    best = (
+        Path(checkpoint.best_model_path)
+        if isinstance(checkpoint, ModelCheckpoint) and checkpoint.best_model_path
+        else None
+    )
     if cli.trainer.is_global_zero:
         print("no best checkpoint was kept" if best is None else f"best checkpoint: {best}")
     return best
@@ -211,8 +217,8 @@ def _fit(task: Task, cli: TaskCLI) -> None:
     except Interrupted as error:
         record.partial, record.reason = True, "interrupted"
         last = cli.out / "checkpoints" / "last.ckpt"
-        kept = f"go on with --ckpt_path {last}" if last.is_file() else "no epoch was finished"
-        raise Interrupted(error.number, kept) from error
+        advice = f"go on with --ckpt_path {last}" if last.is_file() else "no epoch was finished"
+        raise Interrupted(error.number, advice) from error
     except Exception as error:
         record.partial, record.reason = True, one_line(error)
         if type(error).__module__.partition(".")[0] in LOGGING:
@@ -265,8 +271,8 @@ class TaskCLI(LightningCLI):
             raise RequestError(f"expected a checkpoint at {checkpoint}, found none; give last.ckpt of a training")
         if self.out.exists() and not self.out.is_dir():
             raise RequestError(f"expected --out to be a folder, but {self.out} is a file")
-        taken = (self.out / "checkpoints").exists()
-        if taken and checkpoint is None and not self.config.overwrite:
+        occupied = (self.out / "checkpoints").exists()
+        if occupied and checkpoint is None and not self.config.overwrite:
             raise RequestError(
                 f"{self.out} already holds a training; go on with --ckpt_path {self.out}/checkpoints/last.ckpt, "
                 "or start anew with --overwrite true"
@@ -274,7 +280,7 @@ class TaskCLI(LightningCLI):
 
     def instantiate_trainer(self, **kwargs: object) -> lightning.Trainer:
         """The configured trainer with our callbacks added, and our loggers where no others are given."""
-        out, given, on_terminal = str(self.out), self.config.trainer, sys.stdout.isatty()
+        out, options, on_terminal = str(self.out), self.config.trainer, sys.stdout.isatty()
         ours: dict[str, Any] = {
             "logger": [CSVLogger(out, name="metrics"), TensorBoardLogger(out, name="", version="tensorboard")],
             "default_root_dir": out,
@@ -282,19 +288,19 @@ class TaskCLI(LightningCLI):
             "enable_model_summary": on_terminal,
         }
         callbacks: list[Callback] = []
-        if given.enable_checkpointing is not False:
+        if options.enable_checkpointing is not False:
             best: dict[str, Any] = {"filename": "best", "monitor": self.task.monitor, "mode": "max"}
             # The last by itself: save_last of the best would only follow the best.
             callbacks += [
                 ModelCheckpoint(self.out / "checkpoints", enable_version_counter=False, **how)
                 for how in (best, {"filename": "last"})
             ]
-        if given.logger is None or given.logger:
+        if options.logger is None or options.logger:
             callbacks.append(LearningRateMonitor(logging_interval="epoch"))
-        if not (on_terminal or given.enable_progress_bar):
+        if not (on_terminal or options.enable_progress_bar):
             callbacks.append(EpochLines())
         self.trainer_defaults["callbacks"] = callbacks
-        kwargs |= {name: value for name, value in ours.items() if given[name] is None}
+        kwargs |= {name: value for name, value in ours.items() if options[name] is None}
         trainer = super().instantiate_trainer(**kwargs)
         for callback in trainer.checkpoint_callbacks:
             # Lightning would put them into the folder of this sitting, where a training that goes on does not search.
@@ -349,13 +355,13 @@ def folder_of(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
     Raises:
         RequestError: no folder follows.
     """
-    value, rest = option(arguments, DATA)
+    value, words = option(arguments, DATA)
     if value == "":
         raise RequestError("expected a folder of labelled video after `data`, got nothing")
-    given = Path(value or "")
-    if value is None or (given.name != ABOUT and given.suffix in (".yaml", ".yml")):
+    folder = Path(value or "")
+    if value is None or (folder.name != ABOUT and folder.suffix in (".yaml", ".yml")):
         return None, list(arguments)
-    return given.parent if given.name == ABOUT else given, rest
+    return folder.parent if folder.name == ABOUT else folder, words
 
 
 def _with_named_configs(arguments: Sequence[str]) -> list[str]:
@@ -375,11 +381,11 @@ def _class(place: str) -> Any:
 
 
 def _parse(task: Task, arguments: Sequence[str]) -> TaskCLI:
-    folder, rest = folder_of(arguments) if task.folders else (None, arguments)
+    folder, words = folder_of(arguments) if task.folders else (None, arguments)
     if folder is not None:
         if not folder.exists():
             raise RequestError(f"expected labelled video at {folder}, found none")
-        arguments = [*rest, f"--data.{task.folders}={json.dumps([str(folder)])}"]
+        arguments = [*words, f"--data.{task.folders}={json.dumps([str(folder)])}"]
     try:
         return TaskCLI(task, arguments)
     except (ArgumentError, MisconfigurationException, ModuleNotFoundError, ValueError) as error:

@@ -53,10 +53,10 @@ class Optimisation:
             share: of the learning rate; None takes the optimiser's.
         """
         trained = [p for p in module.parameters() if p.requires_grad]
-        own: dict[str, Any] = {} if share is None else {"lr": self.learning_rate * share}
+        trunk: dict[str, Any] = {} if share is None else {"lr": self.learning_rate * share}
         return [
-            {"params": [p for p in trained if p.ndim > 1], "weight_decay": self.weight_decay, **own},
-            {"params": [p for p in trained if p.ndim <= 1], "weight_decay": 0.0, **own},
+            {"params": [p for p in trained if p.ndim > 1], "weight_decay": self.weight_decay, **trunk},
+            {"params": [p for p in trained if p.ndim <= 1], "weight_decay": 0.0, **trunk},
         ]
 
     def scheduled(self, groups: list[dict[str, Any]], trainer: Trainer) -> OptimizerLRSchedulerConfig:
@@ -169,11 +169,11 @@ def gathered(module: LightningModule, rows: list[T]) -> list[T]:
     """
     if module.trainer.world_size == 1:
         return rows
-    every: list[list[T]] = [[] for _ in range(module.trainer.world_size)]
-    torch.distributed.all_gather_object(every, rows)
+    parts: list[list[T]] = [[] for _ in range(module.trainer.world_size)]
+    torch.distributed.all_gather_object(parts, rows)
     # So that all have as many, the last samples are the first ones again.
     samples: Any = module.trainer.test_dataloaders if module.trainer.testing else module.trainer.val_dataloaders
-    return [row for step in zip(*every, strict=True) for row in step][: len(samples.dataset)]
+    return [row for step in zip(*parts, strict=True) for row in step][: len(samples.dataset)]
 
 
 def normalised(images: Tensor, card: ModelCard) -> Tensor:
@@ -205,9 +205,9 @@ class WarmupCosine(LambdaLR):
         """On the learning rate."""
         if step < self.warmup:
             return (step + 1) / self.warmup
-        first, before = self.fall
+        first, previous = self.fall
         progress = min(1.0, (step - first) / max(self.total - first, 1))
-        return self.final_share + (before - self.final_share) * (1 + math.cos(math.pi * progress)) / 2
+        return self.final_share + (previous - self.final_share) * (1 + math.cos(math.pi * progress)) / 2
 
     def load_state_dict(self, state_dict: dict[str, Any]) -> None:
         """Go on from a checkpoint, over the steps that this training has."""
