@@ -3,19 +3,13 @@
 from __future__ import annotations
 
 import re
-import sys
-from pathlib import Path
 from typing import Any
 
 from latex2mathml import converter
 from markdown import Extension, Markdown
 from markdown.preprocessors import Preprocessor
 
-sys.path.insert(0, str(Path(__file__).parent))
-from equations import table
-
 FENCE = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-ROOMS = re.compile(r"^<!-- equations of (.*) -->$", re.MULTILINE)
 # Words of an equation stand upright; commands and names of environments are no words.
 WORD = re.compile(r"(\\[a-zA-Z]+(?:\{pmatrix\})?)|([A-Za-z]{2,})")
 # Before the fences of code, which have 25.
@@ -23,8 +17,7 @@ FIRST = 40
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """The text of a page, with each line of a fence ``math`` as MathML, and the tables of equations."""
-    markdown = ROOMS.sub(lambda place: table(place.group(1)), markdown)
+    """The text of a page, with each line of a fence ``math`` as MathML."""
     return FENCE.sub(lambda fence: _equations(fence.group(1)), markdown)
 
 

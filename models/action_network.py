@@ -133,7 +133,7 @@ def _first_convolution(module: nn.Module) -> tuple[nn.Module, str, nn.Conv2d]:
 
 
 def action_loss(logits: Tensor, truth: Tensor, positive_weight: Tensor | None = None) -> Tensor:
-    """The multi-label binary cross-entropy of eq. 5.1, as a mean instead of a sum.
+    """The multi-label binary cross-entropy of Eq. (5.1), as a mean instead of a sum.
 
     Args:
         logits: ``(B, C)``.

@@ -27,7 +27,7 @@ DOCS = REPOSITORY / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
 EVERY_PAGE = [*PAGES, REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md"]
 LONGEST = {"README.md": 600, "docs/what-did-not-help.md": 1500}
-LONGEST_METHOD, LONGEST_MANUAL, LONGEST_SENTENCE, LONGEST_CHANGELOG = 700, 28_000, 25, 40
+LONGEST_METHOD, LONGEST_MANUAL, LONGEST_SENTENCE, LONGEST_CHANGELOG = 700, 35_000, 25, 40
 # Pages whose lines make what they need.
 TUTORIALS = [page for page in PAGES if page.parent.name in ("tutorials", "extending") and page.name != "index.md"]
 METHODS = [page for page in PAGES if page.parent.name == "methods"]
@@ -286,19 +286,15 @@ def test_the_readme_shows_people_in_ten_lines() -> None:
 # ---- Equations
 
 
-@pytest.mark.slow
-def test_every_numbered_equation_has_its_file() -> None:
+def test_the_table_of_equations_is_current_and_says_what_computes_each() -> None:
     spec = importlib.util.spec_from_file_location("equations", REPOSITORY / ".ci" / "equations.py")
     assert spec is not None
     assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules["equations"] = module
-    spec.loader.exec_module(module)
-    found = {name: module.rooms(paper) for name, paper in module.PAPERS.items()}
-    assert {name: [k for k, files in every.items() if not files] for name, every in found.items()} == {
-        "thesis": [],
-        "goldfish": [],
-        "finite sets": [],
-    }
-    assert "tracking/evaluation/multi.py" in found["thesis"]["4.5"]
-    assert "| 16 to 18 | `tracking/filters/body_motion.py`" in module.table("goldfish")
+    equations = sys.modules["equations"] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(equations)
+    assert text_of(equations.PAGE) == equations.page(), "give `python .ci/equations.py --write`"
+    for paper, numbers in equations.PAPERS.items():
+        for number, files in equations.mentions(numbers).items():
+            assert files, f"no docstring names {paper} ({number})"
+            assert len(files) == 1 or not files[0].only_named, f"no docstring says Eq. ({number}) of {paper}: {files}"
+    assert "| 2.14 | `tracking/association/learnt_costs.py`" in equations.page()

@@ -57,7 +57,7 @@ class MotionSteps(Columns):
 
 
 def track_steps(states: FloatArray, circular: Sequence[int]) -> MotionSteps:
-    """The steps of one track: ``(T, D)`` states of consecutive frames give ``T - 2``.
+    """The steps of one track, Eqs. (10)-(14): ``(T, D)`` states of consecutive frames give ``T - 2``.
 
     Args:
         states: position, heading, shape.
@@ -131,7 +131,7 @@ def learn_motion(
 
 
 def principal_components(rows: FloatArray, columns: Sequence[str]) -> PrincipalComponents:
-    """Mean and principal components (15) of rows ``(S, D)``.
+    """Mean and principal components, Eq. (15), of rows ``(S, D)``.
 
     Raises:
         RequestError: a column never changes, or one follows from the others.

@@ -113,7 +113,7 @@ def inner_products(earlier: FloatArray, later: FloatArray, i: IntArray, j: IntAr
 
 @dataclass(frozen=True)
 class ObservationCost:
-    """Cost of using a detection (thesis eq. 2.12-2.13).
+    """Cost of using a detection, Eqs. (2.12)-(2.13) of the thesis.
 
     With p = 1 / (1 + exp(alpha + beta * score)) the logit of p is -(alpha + beta * score), so the cost
     b - log(p / (1 - p)) is ``b + alpha + beta * score``: negative for a detection worth explaining.
@@ -169,7 +169,7 @@ def window_means(
     at_labels: IntArray,
     reach: tuple[int, int],
 ) -> FloatArray:
-    """``(M, A)`` means of a track's features over windows at frames in which it need not be detected.
+    """``(M, A)`` means of a track's features over windows, Eq. (5.3), at frames in which it need not be detected.
 
     Args:
         frames: ``(N,)`` of the detections.

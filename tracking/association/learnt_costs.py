@@ -60,7 +60,7 @@ def feature_rows(pairs: PairFeatures, features: FeatureSet) -> NDArray[np.float3
 
 
 def transition_cost(probability: FloatArray) -> FloatArray:
-    """c_tran of eq. 2.14: with P = 1 / (1 + exp(q)) the cost is -log P, so ``(P,)`` above 0 and finite.
+    """c_tran, Eq. (2.14): with P = 1 / (1 + exp(q)) the cost is -log P, so ``(P,)`` above 0 and finite.
 
     >>> transition_cost(np.array([0.5])).round(4).tolist()
     [0.6931]
@@ -70,6 +70,8 @@ def transition_cost(probability: FloatArray) -> FloatArray:
 
 class Affinity:
     """A learnt transition cost and the observation cost learnt with it; a `TransitionCost`.
+
+    The trees are g of Eqs. (2.15) and (5.2).
 
     Attributes:
         card: what the file says of itself.

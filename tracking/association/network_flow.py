@@ -77,7 +77,7 @@ class FlowGraph:
 
 @dataclass(frozen=True)
 class FlowSolution:
-    """The cheapest set of disjoint tracks.
+    """The cheapest set of disjoint tracks: the flow F of Eq. (2.11).
 
     Attributes:
         used: ``(N,)`` detections that belong to a track: f_obsv.
@@ -118,7 +118,7 @@ def build_graph(
 
 
 def solve(graph: FlowGraph, inflow: BoolArray | None = None) -> FlowSolution:
-    """The minimum of eq. 2.17 over all flows, exact up to the rounding of the costs.
+    """The minimum over all flows, Eqs. (2.16)-(2.17), exact up to the rounding of the costs.
 
     Args:
         graph: the network.

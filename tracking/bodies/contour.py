@@ -152,7 +152,7 @@ class BodyView:
         return np.where(hidden, 0.0, distance).max(axis=1).astype(np.float64), np.asarray(hidden.mean(axis=1))
 
     def log_likelihood(self, contours: Points, spread: float) -> FloatArray:
-        """Logarithm of ``exp(-d_max^2 / spread)`` (7), and what becomes of it where another body is in the way.
+        """Logarithm of ``exp(-d_max^2 / spread)``, Eq. (7), and what becomes of it where another body is in the way.
 
         Contour points inside a neighbour are hidden: the image there is explained by the neighbour, so they take no
         part in ``d_max``, and the share of the contour that is hidden beyond what was expected has a cost. Without the

@@ -155,7 +155,7 @@ def region_contrast(
     others: FloatArray | None = None,
     in_front: BoolArray | None = None,
 ) -> FloatArray:
-    """``p (1 - q)`` of (68) for boxes ``(N, 4)``, in [0, 1]; NaN for a box that others hide.
+    """``p (1 - q)``, Eq. (68), for boxes ``(N, 4)``, in [0, 1]; NaN for a box that others hide.
 
     ``p`` is the coloured share of the box, ``q`` that of a frame around it; the box with its frame is ``1 + margin``
     times as wide. What lies outside the image counts as uncoloured in ``p``.

@@ -156,7 +156,7 @@ def whole_frames(seconds: float) -> int:
 
 
 def bootstrap(motion: Motion) -> Proposal[object]:
-    """The motion model itself as proposal, equation (21): its correction is zero.
+    """The motion model itself as proposal, Eq. (21): its correction is zero.
 
     Args:
         motion: draws the next states, one unit of its time later.

@@ -22,12 +22,12 @@ HEADING = 2
 
 @dataclass(frozen=True)
 class Noise:
-    """Gaussian increments ``mean + factor z`` with ``z`` standard normal.
+    """Gaussian increments ``mean + factor z`` with ``z`` standard normal, Eq. (18).
 
     Attributes:
         mean: ``(D,)``.
         factor: ``(D, D)``; its product with its transpose is the covariance. Principal components times the square
-            roots of their eigenvalues, as in (18), or a diagonal of standard deviations.
+            roots of their eigenvalues, or a diagonal of standard deviations.
     """
 
     mean: FloatArray
@@ -82,7 +82,7 @@ class BodyMotion(ABC):
 
 @dataclass(frozen=True)
 class RandomWalk(BodyMotion):
-    """The state stays as it is but for noise, (8).
+    """The state stays as it is but for noise, Eq. (8).
 
     Attributes:
         noise: of all ``D`` columns; position in image axes.
@@ -102,7 +102,7 @@ class RandomWalk(BodyMotion):
 
 @dataclass(frozen=True)
 class ConstantVelocity(BodyMotion):
-    """Velocity in image axes stays as it is but for noise, (9); two columns behind the state hold it.
+    """Velocity in image axes stays as it is but for noise, Eq. (9); two columns behind the state hold it.
 
     The noise of the position is that of the velocity, drawn once, so that the velocity stays the difference of the
     positions: drawn apart, a change of speed would move the body only one frame later.
@@ -130,7 +130,7 @@ class ConstantVelocity(BodyMotion):
 
 @dataclass(frozen=True)
 class BodyFixedVelocity(BodyMotion):
-    """Velocity in the body's own axes stays as it is but for noise, (16)-(17).
+    """Velocity in the body's own axes stays as it is but for noise, Eqs. (16)-(17).
 
     As many columns behind the state hold its rates: body-fixed velocity, and the last change of heading and shape. The
     paper's proposal needs only the velocity; with ``gain`` the expected increments are linear in what `conditions`

@@ -26,7 +26,7 @@ from tsuiseki.tracking.types import FloatArray
 
 @dataclass(frozen=True)
 class ParticleState:
-    """Weighted particles, equation (12).
+    """Weighted particles, Eq. (12).
 
     Attributes:
         particles: ``(N, D)``.
@@ -70,7 +70,7 @@ class ParticleFilter(Generic[Observation]):
     threshold: float = 0.5
 
     def init(self, particles: FloatArray) -> ParticleState:
-        """Equally weighted draws ``(N, D)`` of the initial distribution, equation (13).
+        """Equally weighted draws ``(N, D)`` of the initial distribution, Eq. (13).
 
         Raises:
             ValueError: there is no particle, or one is not finite.
@@ -83,7 +83,9 @@ class ParticleFilter(Generic[Observation]):
     def step(
         self, state: ParticleState, observation: Observation, rng: np.random.Generator
     ) -> tuple[ParticleState, ParticleInfo]:
-        """One observation further. When no particle explains it, the predicted weights are kept."""
+        """One observation further, Eqs. (14)-(15) and (19)-(20). When no particle explains it, the predicted weights
+        are kept.
+        """
         # Ancestors with their normalised log-weights, drawn anew where few count, equations (16)-(20).
         count = len(state)
         ancestors, prior = np.arange(count), state.log_weights

@@ -19,7 +19,7 @@ from tsuiseki.tracking.types import FloatArray
 
 
 def constant_velocity(acceleration: float) -> Motion:
-    """Straight motion of states ``x, vx, y, vy`` with a random acceleration constant over each step, (1).
+    """Straight motion of states ``x, vx, y, vy`` with a random acceleration constant over each step, Eq. (1).
 
     ``acceleration`` is its standard deviation along each axis, in units a second squared.
     """
@@ -174,7 +174,7 @@ SMALLEST_SIDE = 3.0
 
 @dataclass(frozen=True)
 class SteppingBox:
-    """Smooth motion (64)-(66) of boxes ``x, y, x before, y before, width, height`` in pixels, (63); in frames.
+    """Smooth motion of boxes ``x, y, x before, y before, width, height`` in pixels, Eqs. (63)-(66); in frames.
 
     The position goes on by its last step, the size drifts.
 

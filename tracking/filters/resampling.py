@@ -68,7 +68,7 @@ def normalise(log_weights: FloatArray) -> FloatArray:
 
 
 def probabilities(log_weights: FloatArray) -> FloatArray:
-    """Weights ``(N,)`` in [0, 1] that sum to one, equation (17) of the finite-sets paper.
+    """Weights ``(N,)`` in [0, 1] that sum to one, Eq. (17) of the finite-sets paper.
 
     Raises:
         ValueError: as :func:`normalise`.
@@ -78,7 +78,7 @@ def probabilities(log_weights: FloatArray) -> FloatArray:
 
 
 def effective_sample_size(log_weights: FloatArray) -> float:
-    """How many equally weighted particles these are worth, in [1, N], equation (18) of the finite-sets paper."""
+    """How many equally weighted particles these are worth, in [1, N], Eq. (18) of the finite-sets paper."""
     return float(1.0 / np.sum(probabilities(log_weights) ** 2))
 
 
@@ -112,13 +112,13 @@ def weighted_covariance(particles: FloatArray, log_weights: FloatArray, circular
 
 
 def best_particle(particles: FloatArray, log_weights: FloatArray) -> FloatArray:
-    """The particle ``(D,)`` of greatest weight, the first of equals."""
+    """The particle ``(D,)`` of greatest weight, Eq. (2.9) of the thesis; the first of equals."""
     best: FloatArray = particles[int(np.argmax(log_weights))].copy()
     return best
 
 
 def systematic(weights: FloatArray, count: int, rng: np.random.Generator) -> IntArray:
-    """One common offset in each of ``count`` equal slices: least variance of the copies of one particle.
+    """Draws of Eq. (16) by one common offset in each of ``count`` equal slices: least variance of a particle's copies.
 
     Slice ``k`` draws particle ``i`` when ``C[i-1] <= (k + u) / count < C[i]``, so the copies follow from rounding
     ``count * C - u`` up, with no search.

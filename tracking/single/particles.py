@@ -145,7 +145,7 @@ class SearchView:
     proposals: FloatArray | None
 
     def log_likelihood(self, particles: FloatArray, size: FloatArray, known: Confidence) -> FloatArray:
-        """``(N,)`` equation (3.4), v being the greatest overlap with a box that looks like an object, equation (3.6).
+        """``(N,)`` Eqs. (3.4) and (3.6), v being the greatest overlap with a box that looks like an object.
 
         With the additions it is sharpened and joined with the colours.
 
@@ -178,7 +178,7 @@ def highest_maxima(maps: ResponseMaps, count: int) -> FloatArray:
 
 
 def step_deviation(target: FloatArray) -> FloatArray:
-    """Standard deviations ``(2,)`` of x and y, pixels, for a target ``(2,)`` of first size ``w1, h1``.
+    """Standard deviations ``(2,)`` of x and y in Eq. (3.3), pixels, for a target ``(2,)`` of first size ``w1, h1``.
 
     The thesis puts ``w1 / a`` and ``h1 / a`` on the diagonal of the covariance matrix S (3.3.2), although these are
     lengths: the deviation is ``sqrt(w1 / a)``, 2.7 pixels for a target of 25.
@@ -222,7 +222,7 @@ def draw_particles(
 
 
 def dispersion(particles: FloatArray, weights: FloatArray, variances: FloatArray) -> float:
-    """Weighted variance V of the particles by the Mahalanobis distance, equations (3.7) and (3.8).
+    """Weighted variance V of the particles by the Mahalanobis distance, Eqs. (3.7)-(3.8).
 
     The matrix C is the covariance S of the motion, a constant: with the particles' own covariance V would be the number
     of dimensions whatever the particles do. The weights are normalised, without which (3.8) would be no mean. A filter

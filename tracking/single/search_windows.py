@@ -102,7 +102,7 @@ class ResponseMaps:
     cell: float
 
     def at(self, places: FloatArray, filters: IntArray) -> FloatArray:
-        """Response ``(N,)`` of one filter a place, equation (3.5), between cells by bilinear interpolation.
+        """Response ``(N,)`` of one filter a place, Eq. (3.5), between cells by bilinear interpolation.
 
         Args:
             places: ``(N, 2)`` pixels.

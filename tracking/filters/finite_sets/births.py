@@ -23,16 +23,16 @@ QUIET = 0.1
 
 @dataclass(frozen=True)
 class MixtureBirths:
-    """Births at known places: a Gaussian mixture intensity, drawn from itself.
+    """Births at known places, Eqs. (34)-(36) and (50)-(51): a Gaussian mixture intensity, drawn from itself.
 
     Attributes:
         masses: ``(B,)`` expected births a step at each place, >= 0.
         means: ``(B, D)``.
         deviations: ``(D,)`` or ``(B, D)`` standard deviations.
-        count: particles drawn at each place. (50) gives ``rho`` times its mass; more describe a rare target that does
-            appear by more than a handful.
+        count: particles drawn at each place. The paper draws ``rho`` times its mass; more describe a rare target by
+            more than a handful.
         sensor: where it is given, a place near which nothing was measured gets `QUIET` of them only, of more weight
-            each: the proposal (51) may use the measurements.
+            each: the proposal may use the measurements.
         modes: motions that take turns, each as likely at first; from 2 on the last component is the number of one.
     """
 
@@ -77,7 +77,7 @@ class MeasurementBirths:
     """Births anywhere, drawn where the measurements are (Ristic, Clark, Vo and Vo, 2012).
 
     The intensity is uniform over the measured space and, for what is not measured, a given prior; the proposal puts
-    particles around each measurement by the sensor's errors. The weight is the ratio of the two, (52).
+    particles around each measurement by the sensor's errors. The weight is the ratio of the two, Eq. (52).
 
     Attributes:
         density: expected births a step per unit of measurement space, > 0.

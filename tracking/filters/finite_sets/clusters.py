@@ -21,7 +21,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class LabelledParticles:
-    """A posterior intensity, (60).
+    """A posterior intensity, Eq. (60).
 
     Attributes:
         particles: ``(N, D)``, those of one label together.

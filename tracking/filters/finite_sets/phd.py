@@ -90,7 +90,10 @@ class PhdFilter:
         return self._resample(posterior, rng), info
 
     def _predict(self, state: PhdState, measurements: FloatArray, rng: np.random.Generator) -> PhdState:
-        """Survivors (48)-(49) by the motion, with their labels (61); births (51)-(52) with provisional ones (62)."""
+        """Eq. (44): survivors by the motion, Eqs. (48)-(49), keep their labels, Eq. (61).
+
+        Births (51)-(52) get provisional ones, Eq. (62).
+        """
         moved = self.model.moved(state.particles, rng)
         survived = logarithms(self.model.survival_of(moved)) + state.log_weights
         born = self.births.draw(measurements, rng)
@@ -102,7 +105,7 @@ class PhdFilter:
         )
 
     def _update(self, predicted: PhdState, measurements: FloatArray, provisional: int) -> tuple[PhdState, Clusters]:
-        """Weights by (53)-(55), an equality.
+        """Weights by Eqs. (53)-(55), which are Eqs. (45)-(47) for particles; an equality.
 
         (54) and (55) are printed without the ``pD`` that (46) has before the same convolution. With it the weights of
         the targets that explain a measurement sum to at most one.
@@ -121,7 +124,7 @@ class PhdFilter:
         return posterior, Clusters(starts, pairs, share, measurements, nothing, predicted.next_label, provisional)
 
     def _resample(self, posterior: PhdState, rng: np.random.Generator) -> PhdState:
-        """``rho`` particles a target, each of weight ``1 / rho``, (56)-(59); more, lighter ones in a light cluster."""
+        """``rho`` particles a target, each of weight ``1 / rho``, Eqs. (56)-(59); a light cluster has more, lighter."""
         weights, starts = posterior.weights, cluster_starts(posterior.labels)
         masses = np.add.reduceat(weights, starts) if len(starts) else np.empty(0)
         total = float(masses.sum())

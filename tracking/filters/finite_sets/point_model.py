@@ -39,7 +39,7 @@ def from_bearing_range(measurements: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class GaussianSensor:
-    """Measures a function of the state with independent Gaussian errors, (2) and (40).
+    """Measures a function of the state with independent Gaussian errors, Eqs. (2) and (40).
 
     Attributes:
         project: states ``(N, D)`` to error-free measurements ``(N, Z)``.
@@ -120,7 +120,7 @@ class GaussianSensor:
 
 @dataclass(frozen=True)
 class PointModel:
-    """The random finite set state space model of (30)-(43), births apart.
+    """The random finite set state space model, Eqs. (30)-(33) and (37)-(43): all but births.
 
     Attributes:
         motion: draws the next states, (33).
