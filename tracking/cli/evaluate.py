@@ -138,8 +138,13 @@ def action(given: Comparison, labels: Labels, threshold: float = 0.4, multiple_a
         multiple_actions: in the folder of Okutama-Action, score against MultiActionLabels, which have all actions of
             a person, instead of SingleActionTrackingLabels, which have one.
     """
-    from tsuiseki.tracking.evaluation.actions import evaluate_actions, match_actions, read_labelled_actions
-    from tsuiseki.tracking.evaluation.tables import action_table, action_values
+    from tsuiseki.tracking.evaluation.actions import (
+        action_table,
+        action_values,
+        evaluate_actions,
+        match_actions,
+        read_labelled_actions,
+    )
 
     _check(0 <= threshold <= 1, "threshold", "a number from 0 to 1", threshold)
     truths = read_labelled_actions(given.truth, labels.protocol, labels.size, multiple_actions, labels.range)

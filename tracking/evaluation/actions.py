@@ -8,15 +8,17 @@ Precision and recall are given, too.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import UNMATCHED, matched_labels
 from tsuiseki.tracking.evaluation.result_files import result_file, warn_of_other_frames
+from tsuiseki.tracking.evaluation.tables import score_table
 from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
 from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES
 from tsuiseki.tracking.formats.labelled import open_labelled
@@ -25,6 +27,9 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import ActingTrack
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 THRESHOLD = 0.4
 
@@ -241,3 +246,38 @@ def action_rows(labels: LabelledActions, people: Sequence[ActingTrack]) -> Actio
     truth = np.concatenate([labels.actions[counted], np.zeros((int(unmatched.sum()), width), dtype=np.bool_)])
     rows = [np.concatenate([part, rest[unmatched]]) for part, rest in zip(of_labels, (single, multi), strict=True)]
     return ActionRows(truth, *rows)
+
+
+def action_table(results: Mapping[str, ActionScores]) -> Table:
+    """F1 and average precision of every action, in percent, a column a result."""
+    first = next(iter(results.values()))
+    headings = ["rows", *(heading for name in results for heading in (f"{name}\nF1", "\nAP"))]
+    columns = [values for s in results.values() for values in (s.f1, s.average_precision)]
+    rows = [
+        [action, str(first.positives[a]), *(_percent(values[a]) for values in columns)]
+        for a, action in enumerate(first.names)
+    ]
+    means = [_percent(value) for s in results.values() for value in (s.mean_f1, s.mean_average_precision)]
+    return score_table(("Action",), headings, [rows, [["mean", str(first.rows), *means]]])
+
+
+def action_values(results: Mapping[str, ActionScores]) -> dict[str, Any]:
+    """The same for a JSON file, with precision and recall; null where an action does not occur."""
+    kinds = ("f1", "precision", "recall", "average_precision")
+    return {
+        name: {
+            "mean_f1": scores.mean_f1,
+            "mean_average_precision": scores.mean_average_precision,
+            "rows": scores.rows,
+            "actions": {
+                action: {kind: None if np.isnan(value := getattr(scores, kind)[a]) else float(value) for kind in kinds}
+                | {"rows": int(scores.positives[a])}
+                for a, action in enumerate(scores.names)
+            },
+        }
+        for name, scores in results.items()
+    }
+
+
+def _percent(value: float) -> str:
+    return "–" if np.isnan(value) else f"{100 * value:.2f}"

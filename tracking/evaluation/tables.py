@@ -11,7 +11,6 @@ import numpy as np
 if TYPE_CHECKING:
     from rich.table import Table
 
-    from tsuiseki.tracking.evaluation.actions import ActionScores
     from tsuiseki.tracking.evaluation.detection import DetectionEvaluation, DetectionScores
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
 
@@ -132,38 +131,3 @@ def value_table(results: Mapping[str, Any], columns: Sequence[tuple[str, str, st
 
 def _number(value: Any, form: str) -> str:
     return "–" if isinstance(value, float) and np.isnan(value) else f"{value:{form}}"
-
-
-def action_table(results: Mapping[str, ActionScores]) -> Table:
-    """F1 and average precision of every action, in percent, a column a result."""
-    first = next(iter(results.values()))
-    headings = ["rows", *(heading for name in results for heading in (f"{name}\nF1", "\nAP"))]
-    columns = [values for s in results.values() for values in (s.f1, s.average_precision)]
-    rows = [
-        [action, str(first.positives[a]), *(_percent(values[a]) for values in columns)]
-        for a, action in enumerate(first.names)
-    ]
-    means = [_percent(value) for s in results.values() for value in (s.mean_f1, s.mean_average_precision)]
-    return score_table(("Action",), headings, [rows, [["mean", str(first.rows), *means]]])
-
-
-def action_values(results: Mapping[str, ActionScores]) -> dict[str, Any]:
-    """The same for a JSON file, with precision and recall; null where an action does not occur."""
-    kinds = ("f1", "precision", "recall", "average_precision")
-    return {
-        name: {
-            "mean_f1": scores.mean_f1,
-            "mean_average_precision": scores.mean_average_precision,
-            "rows": scores.rows,
-            "actions": {
-                action: {kind: None if np.isnan(value := getattr(scores, kind)[a]) else float(value) for kind in kinds}
-                | {"rows": int(scores.positives[a])}
-                for a, action in enumerate(scores.names)
-            },
-        }
-        for name, scores in results.items()
-    }
-
-
-def _percent(value: float) -> str:
-    return _number(100 * value, ".2f")

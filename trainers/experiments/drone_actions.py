@@ -28,13 +28,13 @@ from tsuiseki.tracking.evaluation.actions import (
     ActionScores,
     LabelledActions,
     action_rows,
+    action_values,
     evaluate_actions,
     join_action_rows,
     read_labelled_actions,
 )
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
 from tsuiseki.tracking.evaluation.paired_bootstrap import paired_bootstrap, score_sums
-from tsuiseki.tracking.evaluation.tables import action_values
 from tsuiseki.tracking.features.action import LOCAL_STREAMS, STREAMS, ActionRecogniser, StreamName, averaged
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import Appearance, Detector

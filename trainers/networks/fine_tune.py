@@ -17,12 +17,12 @@ from tsuiseki.tracking.evaluation.detection import evaluate_classes
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.label_checks import PEOPLE, same_class
 from tsuiseki.tracking.formats.labelled import open_labelled
+from tsuiseki.tracking.formats.yolo import ABOUT
 from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, shipped
 from tsuiseki.trainers.exporting.export import ModelFile
 from tsuiseki.trainers.exporting.export_networks import export_detector
 from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, anchor_choice
-from tsuiseki.trainers.networks.fit import option
 
 CONFIG = "detector_fine_tune.yaml"
 # Of each video, in the order of time.
@@ -130,3 +130,30 @@ def _compared(files: dict[str, Path], held_out: Sequence[LabelledFrame], classes
     lines = "; ".join(f"{name} AP50 {a:.3f}, AP75 {b:.3f}{apart[name]}" for name, (a, b) in values.items())
     advice = "" if better else "; keep the shipped one, or train longer (--trainer.max_epochs) or on more labels"
     return f"on {len(held_out)} held-out pictures: {lines}{advice}"
+
+
+def option(arguments: Sequence[str], name: str) -> tuple[str | None, list[str]]:
+    """The value of an option, "" where none follows and None where it is not given; and the other arguments."""
+    for number, word in enumerate(arguments):
+        if word == name:
+            return next(iter(arguments[number + 1 :]), ""), [*arguments[:number], *arguments[number + 2 :]]
+        if word.startswith(f"{name}="):
+            return word.partition("=")[2], [*arguments[:number], *arguments[number + 1 :]]
+    return None, list(arguments)
+
+
+def folder_of(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
+    """The folder of labels that ``--data FOLDER`` names, and the other arguments; None for a YAML file of options.
+
+    YOLO's ``data.yaml`` stands for its folder.
+
+    Raises:
+        RequestError: no folder follows.
+    """
+    value, words = option(arguments, "--data")
+    if value == "":
+        raise RequestError("expected a folder of labelled video after `data`, got nothing")
+    folder = Path(value or "")
+    if value is None or (folder.name != ABOUT and folder.suffix in (".yaml", ".yml")):
+        return None, list(arguments)
+    return folder.parent if folder.name == ABOUT else folder, words

@@ -25,8 +25,8 @@ from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from tsuiseki.tracking.cli.parser import named_config
 from tsuiseki.tracking.errors import Interrupted, RequestError, RunError
-from tsuiseki.tracking.formats.yolo import ABOUT
 from tsuiseki.tracking.output import RunRecord
+from tsuiseki.trainers.networks.fine_tune import fine_tune, folder_of
 from tsuiseki.trainers.networks.modules import interruptible
 
 
@@ -82,7 +82,7 @@ ASSOCIATION = Task(
 )
 # Packages of Lightning's loggers whose own errors end a training.
 LOGGING = ("wandb", "mlflow", "comet_ml", "neptune")
-PROPOSE, DATA, CONFIG = "--propose-anchors", "--data", ("--config", "-c")
+PROPOSE, CONFIG = "--propose-anchors", ("--config", "-c")
 SCORING = ("validate", "test")
 
 
@@ -96,8 +96,6 @@ def fit_detector(arguments: Sequence[str]) -> Path | None:
         The best checkpoint; None for anchors, and where `fit` gives none.
     """
     if PROPOSE not in arguments:
-        from tsuiseki.trainers.networks.fine_tune import fine_tune
-
         folder, words = folder_of(arguments)
         return fit(DETECTOR, words) if folder is None else fine_tune(words, folder, partial(fit, DETECTOR))
     from tsuiseki.tracking.cli.parser import call
@@ -335,33 +333,6 @@ class EpochLines(Callback):
         trained = self._trained or time.perf_counter() - self._start
         pace = f"{trainer.num_training_batches / max(trained, 1e-9):.2f} batches/s"
         print(f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}  {values}  {pace}", flush=True)
-
-
-def option(arguments: Sequence[str], name: str) -> tuple[str | None, list[str]]:
-    """The value of an option, "" where none follows and None where it is not given; and the other arguments."""
-    for number, word in enumerate(arguments):
-        if word == name:
-            return next(iter(arguments[number + 1 :]), ""), [*arguments[:number], *arguments[number + 2 :]]
-        if word.startswith(f"{name}="):
-            return word.partition("=")[2], [*arguments[:number], *arguments[number + 1 :]]
-    return None, list(arguments)
-
-
-def folder_of(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:
-    """The folder of labels that ``--data FOLDER`` names, and the other arguments; None for a YAML file of options.
-
-    YOLO's ``data.yaml`` stands for its folder.
-
-    Raises:
-        RequestError: no folder follows.
-    """
-    value, words = option(arguments, DATA)
-    if value == "":
-        raise RequestError("expected a folder of labelled video after `data`, got nothing")
-    folder = Path(value or "")
-    if value is None or (folder.name != ABOUT and folder.suffix in (".yaml", ".yml")):
-        return None, list(arguments)
-    return folder.parent if folder.name == ABOUT else folder, words
 
 
 def _with_named_configs(arguments: Sequence[str]) -> list[str]:

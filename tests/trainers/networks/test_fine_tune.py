@@ -21,8 +21,7 @@ from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.trainers.networks import fine_tune
 from tsuiseki.trainers.networks.detector_labels import anchor_choice
 from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
-from tsuiseki.trainers.networks.fine_tune import HELD_OUT, LEARNT, classes_of
-from tsuiseki.trainers.networks.fit import folder_of
+from tsuiseki.trainers.networks.fine_tune import HELD_OUT, LEARNT, classes_of, folder_of
 
 
 def walk(folder: Path, frames: int = 10, size: tuple[int, int] = (48, 112)) -> Path:
