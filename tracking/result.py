@@ -4,17 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
-from functools import cached_property
+from functools import cached_property, partial
 from html import escape
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, overload
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.association.corrected_tracks import corrected_bodies, renamed_points, replayed
+from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNetwork, network_of_tracks
+from tsuiseki.tracking.errors import RequestError, a_path
+from tsuiseki.tracking.formats.body_points import point_files
+from tsuiseki.tracking.formats.body_states import write_states
+from tsuiseki.tracking.formats.correction_log import CORRECTIONS_FILE, CorrectedVideo, append, read_corrections
 from tsuiseki.tracking.formats.exports import SUFFIXES, format_at, format_named, read_exported
-from tsuiseki.tracking.formats.mot import read_tracks
-from tsuiseki.tracking.formats.result_folder import filled_frames, read_folder
+from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
+from tsuiseki.tracking.formats.result_folder import SOLVED_FILE, SOLVED_STATES, STATES_FILE, filled_frames, read_folder
 from tsuiseki.tracking.formats.track_tables import (
     cut_to,
     names_in,
@@ -29,7 +34,7 @@ from tsuiseki.tracking.interchange import as_detections
 from tsuiseki.tracking.output import RunRecord, columns_shifted, output_file, output_folder
 from tsuiseki.tracking.types import Frame, ImageArray, Position, Targets, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
-from tsuiseki.tracking.types.tracks import BodyTrack, PointTable, targets_at
+from tsuiseki.tracking.types.tracks import BodyTrack, PointTable, boxes_about, targets_at
 from tsuiseki.tracking.video.frame_source import uneven
 from tsuiseki.tracking.video.source import Source, SourceLike, open_source
 
@@ -44,6 +49,25 @@ Writer = Callable[[Path, Path], object]
 FILES = (".csv", ".json", ".parquet", ".txt")
 VIDEOS = (".mp4", ".webm")
 MOST_ROWS = 20
+
+
+@dataclass(frozen=True)
+class PageContent:
+    """What ``report.html`` of a result says that its tracks do not.
+
+    Attributes:
+        nouns: one who is followed, and several.
+        anchor: point of a box that stands for what is in it; None as for people.
+        scale: metres a pixel; None where it is not known.
+        hide: hides in frames who must not be recognised.
+        more: HTML of further sections.
+    """
+
+    nouns: tuple[str, str] = ("person", "people")
+    anchor: Literal["centre"] | None = None
+    scale: float | None = None
+    hide: Callable[[Iterable[Frame]], Iterable[Frame]] | None = None
+    more: Callable[[], Sequence[str]] = tuple
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -72,6 +96,8 @@ class Result(Sequence[T_co]):
         painter: gives the image of a frame with the tracks drawn in; by default boxes are.
         names: of what a track has beside its place: the numbers of a body's state, or what people do.
         points: of all animals, where a skeleton is known.
+        page: what the page of these tracks says beside them; None where they have a page of their own, or none.
+        network: gives what the tracks were chosen from, for corrections; None where nothing else was weighed.
     """
 
     tracks: Sequence[T_co]
@@ -86,6 +112,8 @@ class Result(Sequence[T_co]):
     painter: Callable[[Frame], ImageArray] | None = None
     names: tuple[str, ...] = ()
     points: PointTable | None = None
+    page: PageContent | None = None
+    network: Callable[[], SolvedNetwork] | None = None
 
     @classmethod
     def of(cls, source: Source, tracks: Sequence[Any], **known: Any) -> Self:
@@ -114,6 +142,8 @@ class Result(Sequence[T_co]):
             known["frames"] = {"frame": list(range(read.length))} if read.length else {}
         elif path.is_dir():
             tracks, known = read_folder(path)
+            if (path / NETWORK_FILE).is_file():
+                known["network"] = partial(SolvedNetwork.read, path / NETWORK_FILE)
         elif path.suffix.lower() == ".txt":
             tracks = list(read_tracks(path))
         elif path.suffix.lower() in FILES:
@@ -328,6 +358,60 @@ class Result(Sequence[T_co]):
             write_drawn(work, frames, rate, lambda frame: self.draw(frame.image, frame.index))
         return path
 
+    def corrected(self, corrections: str | Path) -> Self:
+        """The tracks under what somebody said in `tsuiseki review`, as far as it applies to them.
+
+        Corrections find their detections by their boxes, so that they may be of other settings or another detector.
+
+        Args:
+            corrections: ``corrections.jsonl`` of a reviewed result of this video.
+
+        Returns:
+            People or animals, whose ``facts`` have the number of corrections and the names of tracks.
+
+        Raises:
+            RequestError: the corrections cannot be read, or speak of another video; these tracks are corrected
+                already, or are neither people nor animals.
+        """
+        solved = boxes_about(self.tracks, self.names)
+        bodies = [track for track in self.tracks if isinstance(track, BodyTrack)]
+        if len(solved) not in (len(bodies), sum(isinstance(track, Track) for track in self.tracks)):
+            raise RequestError("expected tracks of people or animals to correct, got others; use tsuiseki review")
+        if self.facts.get("corrections"):
+            raise RequestError("expected tracks as the tracker left them, got corrected ones; use tsuiseki review")
+        length = max([-1, *self.frames.get("frame", ()), *(int(track.frames[-1]) for track in solved)]) + 1
+        about = CorrectedVideo(self.name if self.source else "", self.size, length)
+        network = network_of_tracks(solved, self.frame_rate or 25.0) if self.network is None else self.network()
+        again = replayed(solved, network, a_path(corrections, "corrections"), about)
+        again.warn()
+        boxes, tracks, points = list(again.tracks), list[Any](again.tracks), self.points
+        files = {} if self.network is None else {NETWORK_FILE: _writer(network.write)}
+        files |= {
+            SOLVED_FILE: _writer(write_tracks, solved),
+            CORRECTIONS_FILE: _writer(append, again.done, about),
+        }
+        if bodies:
+            tracks = corrected_bodies(boxes, bodies, self.names)
+            files[STATES_FILE] = _writer(write_states, tracks, self.names)
+            files[SOLVED_STATES] = _writer(write_states, bodies, self.names)
+            if points is not None:
+                points = renamed_points(points, bodies, boxes)
+                files |= point_files(points, length)
+        else:
+            files["tracks.txt"] = _writer(write_tracks, boxes)
+        facts = {"corrections": len(again.done), "track_names": again.names}
+        columns = people_in(self.frames["frame"], boxes) if "people" in self.frames else {}
+        changed = replace(
+            self,
+            tracks=tracks,
+            files={**self.files, **files},
+            facts={**self.facts, **facts},
+            frames={**self.frames, **columns},
+            points=points,
+            painter=None,
+        )
+        return replace(changed, painter=changed._paint)
+
     def known(self) -> dict[str, Any]:
         """What ``run.json`` keeps of the video beside the tracks, see `formats.result_folder`."""
         source = str(Path(self.source).resolve()) if self.source and Path(self.source).exists() else self.source
@@ -404,6 +488,37 @@ class Result(Sequence[T_co]):
             record = RunRecord(["tsuiseki"], self.settings, seed, self.seconds, self.frames, facts=self.facts)
             replace(record, results={".": self.known()}).write(work)
         return folder
+
+
+def _writer(write: Callable[..., object], *values: object) -> Writer:
+    return lambda path, _: write(path, *values)
+
+
+def people_in(frames: Sequence[int], tracks: Sequence[Track]) -> dict[str, list[Any]]:
+    """Columns by frame number: how many people are tracked there, and their mean score, None without any."""
+    numbers = np.asarray(frames, dtype=np.int64)
+    rows = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
+    scores = np.concatenate([np.empty(0), *(track.scores for track in tracks)])
+    size = int(max(numbers.max(initial=-1), rows.max(initial=-1))) + 1
+    counts = np.bincount(rows, minlength=size)[numbers]
+    sums = np.bincount(rows, weights=scores, minlength=size)[numbers]
+    means = sums / np.maximum(counts, 1)
+    return {
+        "people": counts.tolist(),
+        "people_score": [round(m, 4) if c else None for m, c in zip(means.tolist(), counts.tolist(), strict=True)],
+    }
+
+
+def check_corrections(path: Path, source: Source) -> None:
+    """Refuse corrections of another video before one is tracked, as far as it tells its size and length.
+
+    Raises:
+        RequestError: they are, or cannot be read.
+    """
+    wanted = source.frames_wanted
+    frames = wanted.last + 1 if wanted.last is not None else source.likely_length or 0
+    about = CorrectedVideo(Path(source.name).name, source.size, frames)
+    read_corrections(path, about, getattr(source, "slack", 0.0) if wanted.last is None else 0.0)
 
 
 def convert(

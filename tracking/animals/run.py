@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -21,23 +20,18 @@ from tsuiseki.tracking.animals.skeleton import (
     with_centre,
 )
 from tsuiseki.tracking.animals.tracker import AnimalTracker
-from tsuiseki.tracking.association.corrected_tracks import corrected_bodies
-from tsuiseki.tracking.counts.page import with_page
-from tsuiseki.tracking.counts.scene import Scene
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
+from tsuiseki.tracking.formats.body_points import point_files
 from tsuiseki.tracking.formats.body_states import write_states
-from tsuiseki.tracking.formats.result_folder import POINTS
-from tsuiseki.tracking.people.opening import check_corrections
-from tsuiseki.tracking.people.people_result import correction_files
+from tsuiseki.tracking.formats.result_folder import STATES_FILE
 from tsuiseki.tracking.report.overlay import draw_marks
-from tsuiseki.tracking.result import Result, Writer
-from tsuiseki.tracking.review.session import SOLVED_STATES, STATES_FILE
+from tsuiseki.tracking.result import PageContent, Result, Writer, check_corrections
 from tsuiseki.tracking.runs.following import Video
 from tsuiseki.tracking.runs.run import Output
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame
-from tsuiseki.tracking.types.tracks import BodyTrack, PointTable, boxes_about
+from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
 from tsuiseki.tracking.video.source import Source, SourceLike, named
 
 
@@ -49,7 +43,6 @@ def track_animals(
     skeleton: SkeletonSettings | None = None,
     frames: str | None = None,
     settings: AnimalSettings | None = None,
-    corrections: str | Path | None = None,
     seed: int = 0,
 ) -> Result[BodyTrack]:
     """Several animals before a fixed camera: place, heading and size of each in every frame.
@@ -61,7 +54,6 @@ def track_animals(
         skeleton: what is known of their points.
         frames: these only, counted from 1 with both ends, such as ``"301-400"``.
         settings: see `AnimalSettings`.
-        corrections: corrections.jsonl of a reviewed result, to do again what still applies.
         seed: as all trackers have it; this one draws no random numbers.
 
     Returns:
@@ -75,11 +67,9 @@ def track_animals(
     opened = Video.given(source, frames).open(images=True, replayable=True)
     skeleton = skeleton or SkeletonSettings()
     made = {"contrast": contrast, "source": named(source), "seed": seed}
-    choice = AnimalChoice(
-        contrast, threshold, None if corrections is None else Path(corrections), animals=settings or AnimalSettings()
-    )
+    choice = AnimalChoice(contrast, threshold, animals=settings or AnimalSettings())
     choice.check()
-    return animal_result(opened, opened.frames(), skeleton, skeleton.table(), choice, StageTimes(), made)[0]
+    return animal_result(opened, opened.frames(), skeleton, skeleton.table(), choice, StageTimes(), made)
 
 
 def animal_result(
@@ -90,8 +80,8 @@ def animal_result(
     choice: AnimalChoice,
     times: StageTimes,
     made: Mapping[str, Any],
-) -> tuple[Result[BodyTrack], list[str]]:
-    """The result of a run over the frames of a video, and lines for the user; ``made`` are settings of the run."""
+) -> Result[BodyTrack]:
+    """The result of a run over the frames of a video; ``made`` are settings of the run."""
     facts = dict[str, Any](frame_rate=source.frame_rate)
     tracker = None
     if skeleton.points is None:
@@ -112,53 +102,23 @@ def animal_result(
     tracks, fields = [one.track for one in found], list(FIELDS)
     if choice.scale is not None:
         tracks, fields = in_millimetres(tracks, choice.scale, source)
-    tracks, placed, files, known, lines = _corrected(tracks, fields, placed, choice.corrections, source, numbers)
-    files |= {STATES_FILE: lambda path, _: write_states(path, tracks, fields)}
+    files: dict[str, Writer] = {STATES_FILE: lambda path, _: write_states(path, tracks, fields)}
     result = Result[BodyTrack].of(
         source,
         tracks,
         settings=made,
-        facts=facts | known,
+        facts=facts,
         seconds=times.seconds,
         frames={"frame": numbers, "animals": [len(poses) for poses in by_frame]},
-        files=files if placed is None else files | _point_files(placed, numbers[-1] + 1),
+        files=files if placed is None else files | point_files(placed, numbers[-1] + 1),
         painter=lambda frame: draw_marks(frame, tracks, fields, placed),
         names=tuple(fields),
         points=placed,
     )
-    scene = None if choice.scale is None else Scene(scale=choice.scale / 1000)
+    scale = None if choice.scale is None else choice.scale / 1000
     # A video file tells its size by its frames.
-    result = replace(result, size=result.size or (size if any(size) else None))
-    return with_page(result, nouns=("animal", "animals"), scene=scene), lines
-
-
-def _corrected(
-    tracks: list[BodyTrack],
-    fields: Sequence[str],
-    points: PointTable | None,
-    corrections: Path | None,
-    source: Source,
-    frames: Sequence[int],
-) -> tuple[list[BodyTrack], PointTable | None, dict[str, Writer], dict[str, Any], list[str]]:
-    """Animals and their points under the corrections of an earlier result; the rest is as `correction_files` has it."""
-    if corrections is None:
-        return tracks, points, {}, {}, []
-    boxes, files, facts, lines = correction_files(boxes_about(tracks, fields), None, corrections, source, frames)
-    files |= {SOLVED_STATES: lambda path, _: write_states(path, tracks, fields)}
-    if points is not None:
-        before = np.concatenate([np.full(len(track), track.id) for track in tracks])
-        now = {
-            (frame, f"track_{before[row]}"): f"track_{track.id}"
-            for track in boxes
-            for frame, row in zip(track.frames.tolist(), track.detection.tolist(), strict=True)
-            if row >= 0
-        }
-        names = [now.get(place, "") for place in zip(points.frames.tolist(), points.tracks, strict=True)]
-        kept = np.array([name != "" for name in names], dtype=np.bool_)
-        points = PointTable(
-            points.nodes, points.frames[kept], tuple(filter(None, names)), points.points[kept], points.scores[kept]
-        )
-    return corrected_bodies(boxes, tracks, fields), points, files, facts, lines
+    known = result.size or (size if any(size) else None)
+    return replace(result, size=known, page=PageContent(("animal", "animals"), scale=scale))
 
 
 def _poses_by_points(table: PointTable, skeleton: SkeletonSettings, frames: Sequence[int]) -> list[list[AnimalPose]]:
@@ -228,26 +188,13 @@ def animals(video: Video, output: Output, skeleton: SkeletonSettings, choice: An
         check_corrections(choice.corrections, source)
     with output.run() as run:
         steps = run.steps(run.frames(source, record=video.overlay))
-        result, lines = animal_result(source, steps, skeleton, table, choice, run.times, output.settings)
+        result = animal_result(source, steps, skeleton, table, choice, run.times, output.settings)
+        if choice.corrections is not None:
+            result = result.corrected(choice.corrections)
         run.save(result, lambda: video.draw(run, source, result))
         hint = "; nothing stands out, give `threshold` or another `contrast`"
         if skeleton.points is not None:
             hint = f"; the points in {skeleton.points} make none: an animal takes two in a frame, in several frames"
         hint = "" if result else hint
-        made = f"{count(len(result), 'animal', 'animals')} in {run.count} frames: {output.out / STATES_FILE}{hint}"
-        run.done("\n".join([made, *lines]))
+        run.done(f"{count(len(result), 'animal', 'animals')} in {run.count} frames: {output.out / STATES_FILE}{hint}")
     return run.status
-
-
-def _point_files(placed: PointTable, frames: int) -> dict[str, Writer]:
-    """The points of all animals in the files of other programs, of so many ``frames``."""
-    from tsuiseki.tracking.formats.body_points import write_deeplabcut, write_sleap
-    from tsuiseki.tracking.formats.sleap_hdf5 import hdf5_installed, write_sleap_analysis
-
-    files: dict[str, Writer] = {
-        POINTS: lambda path, _: write_sleap(path, placed),
-        "points.dlc.csv": lambda path, _: write_deeplabcut(path, placed, frames),
-    }
-    if hdf5_installed():
-        files["points.sleap.h5"] = lambda path, _: write_sleap_analysis(path, placed, frames)
-    return files

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,10 +12,10 @@ import numpy as np
 from tsuiseki.tracking.association.corrected_flow import CorrectedFlow
 from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.correction_log import CorrectedVideo, Correction, read_corrections
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
-from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, rows_of_each
+from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, PointTable, rows_of_each
 
 MOVED = 0.01
 """Pixels from which an animal was moved by hand."""
@@ -126,6 +127,22 @@ def corrected_bodies(tracks: Sequence[Track], solved: Sequence[BodyTrack], names
     return found
 
 
+def renamed_points(points: PointTable, solved: Sequence[BodyTrack], tracks: Sequence[Track]) -> PointTable:
+    """The points of animals by the ids of their squares, which `corrected_bodies` takes, too."""
+    before = np.concatenate([np.full(len(track), track.id) for track in solved])
+    now = {
+        (frame, f"track_{before[row]}"): f"track_{track.id}"
+        for track in tracks
+        for frame, row in zip(track.frames.tolist(), track.detection.tolist(), strict=True)
+        if row >= 0
+    }
+    names = [now.get(place, "") for place in zip(points.frames.tolist(), points.tracks, strict=True)]
+    kept = np.array([name != "" for name in names], dtype=np.bool_)
+    return PointTable(
+        points.nodes, points.frames[kept], tuple(filter(None, names)), points.points[kept], points.scores[kept]
+    )
+
+
 def _places(track: Track) -> list[tuple[float, ...]]:
     return [(f, *box) for f, box in zip(track.frames.tolist(), track.boxes.round(2).tolist(), strict=True)]
 
@@ -173,6 +190,13 @@ class Replayed:
     given: int
     done: Sequence[Correction]
     left_out: Sequence[str]
+
+    def warn(self) -> None:
+        """Report which corrections do not apply."""
+        if self.left_out:
+            left = len(self.left_out)
+            text = f"corrections: {self.given - left} of {self.given} done again; left out: {'; '.join(self.left_out)}"
+            warnings.warn(text, InputWarning, stacklevel=3)
 
 
 def replayed(tracks: Sequence[Track], network: SolvedNetwork, path: Path, video: CorrectedVideo) -> Replayed:

@@ -89,10 +89,10 @@ class SolvedNetwork:
         return network
 
 
-def network_of_tracks(tracks: Sequence[Track], fill: int, rate: float) -> SolvedNetwork:
+def network_of_tracks(tracks: Sequence[Track], rate: float) -> SolvedNetwork:
     """A network whose only flow is these tracks of one video: they can be corrected, and nothing in them is in doubt.
 
-    ``fill`` and ``rate`` as of `SolvedNetwork`.
+    ``rate`` are frames a second.
     """
     columns = [[getattr(t, n)[t.observed] for t in tracks] for n in ("frames", "boxes", "scores", "origin")]
     numbers = [np.full(int(t.observed.sum()), t.id) for t in tracks]
@@ -106,9 +106,12 @@ def network_of_tracks(tracks: Sequence[Track], fill: int, rate: float) -> Solved
     count, links = len(order), len(following)
     costs = np.full(count, -ALONE), np.full(count, ALONE / 4), np.full(count, ALONE / 4)
     graph = FlowGraph(*costs, place[following], place[following + 1], np.zeros(links))
+    fill = round(FILL * rate)
     return SolvedNetwork(frames[order], boxes[order], scores[order], origin[order], graph, track[order], 1, fill, rate)
 
 
+# Seconds of a gap between detections of such a track that is filled.
+FILL = 2.0
 # What the detections of given tracks save, so that each alone is a track.
 ALONE = 20.0
 

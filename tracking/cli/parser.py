@@ -18,7 +18,7 @@ from dataclasses import MISSING
 from functools import cache
 from importlib import resources
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import yaml
 
@@ -35,6 +35,9 @@ from tsuiseki.tracking.arguments import (
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.runs.run import Output
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.result import Result
 
 CONFIG_HELP = "YAML file of options, with underscores in their names; options given here win over it"
 # A word that names an option: no number below zero.
@@ -150,10 +153,17 @@ def arguments_of(function: Callable[..., Any], prog: str, values: Mapping[str, A
         if isinstance(value, Shared):
             value.check()
         if isinstance(value, Output):
-            arguments[name] = dataclasses.replace(value, command=prog.split(), settings=plain(settings))
+            arguments[name] = dataclasses.replace(value, command=prog.split(), settings=plain(settings), page=paged)
     for option in options_of(function):
         check_sensible("" if option.by_place else option.name, settings[option.name], option.default)
     return arguments
+
+
+def paged(result: Result[Any]) -> Result[Any]:
+    """A result with its page, which is loaded when there is one to write."""
+    from tsuiseki.tracking.counts.page import with_page
+
+    return with_page(result)
 
 
 def read(

@@ -22,7 +22,12 @@ if TYPE_CHECKING:
 
 
 def people(
-    video: Video, output: SeededOutput, finding: PeopleFinding, linking: Linking, hide: str | None = None
+    video: Video,
+    output: SeededOutput,
+    finding: PeopleFinding,
+    linking: Linking,
+    hide: str | None = None,
+    corrections: Path | None = None,
 ) -> int:
     """Track the people in a video: each gets a number that stays.
 
@@ -34,8 +39,9 @@ def people(
         seed: of random numbers; kept in run.json, for the methods here draw none.
         hide: in the overlay and in the pictures of the report hide people, heads, or all-but the tracks with these
             ids, such as all-but 3,5; see tsuiseki hide.
+        corrections: corrections.jsonl of tsuiseki review, to do again on this result what still applies.
     """
-    return track(video, output, finding, linking, hide)
+    return track(video, output, finding, linking, hide, corrections)
 
 
 def track(
@@ -44,18 +50,22 @@ def track(
     finding: PeopleFinding,
     linking: Linking,
     hide: str | None = None,
+    corrections: Path | None = None,
     replayed: Callable[[Run, OpenedPeople], tuple[OpenedPeople, Iterator[tuple[int, Detections]]]] | None = None,
 ) -> int:
     """`people`, where ``replayed`` may give what runs instead, and each frame's number with its detections."""
-    from tsuiseki.tracking.counts.page import counted, with_page
     from tsuiseki.tracking.features.view_choice import report_blank, report_models
     from tsuiseki.tracking.formats.mot import detection_lines
     from tsuiseki.tracking.hiding.run import Wanted
     from tsuiseki.tracking.people.opening import open_people
     from tsuiseki.tracking.people.people_result import people_result
+    from tsuiseki.tracking.report.track_bars import counted
+    from tsuiseki.tracking.result import PageContent, check_corrections
 
     wanted = None if hide is None else Wanted.parse(hide)
     source = video.open(images=wanted is not None, timed=True)
+    if corrections is not None:
+        check_corrections(corrections, source)
     opened = open_people(source, finding, linking, output.seed)
     with output.run() as run:
         run.facts |= report_models(opened.inputs.detect, opened.inputs.describe)
@@ -71,10 +81,12 @@ def track(
         for line in lines:
             print(line)
         report_blank(opened.inputs.detect)
+        if corrections is not None:
+            result = result.corrected(corrections)
         hiding = None if wanted is None else _hiding(run, source, result, wanted, finding)
         again = None if hiding is None else lambda: hiding.hidden(run.replay(source))
         run.save(
-            with_page(result, hide=hiding and hiding.hidden),
+            replace(result, page=PageContent(hide=None if hiding is None else hiding.hidden)),
             lambda: video.draw(run, source, result, frames=again) if wanted is None or hiding else None,
         )
         run.done(f"{counted(result.tracks)} in {count(run.count, 'frame', 'frames')}: {output.out / 'tracks.txt'}")

@@ -9,7 +9,7 @@ import csv
 import json
 import warnings
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cached_property, partial
 from html import escape
@@ -24,10 +24,8 @@ from tsuiseki.tracking.counts.counting import Answers, Table, count
 from tsuiseki.tracking.counts.scene import Scene
 from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.evaluation.coverage import spans
 from tsuiseki.tracking.report.page import (
     BOXES_NOTE,
-    Bar,
     embedded_image,
     embedded_overlay,
     html_page,
@@ -40,26 +38,25 @@ from tsuiseki.tracking.report.page import (
 )
 from tsuiseki.tracking.report.pictures import Pictures, frames_to_show, heat_picture, paths_picture, pictures_of
 from tsuiseki.tracking.report.plots import inline_svg
-from tsuiseki.tracking.result import Result, Writer
-from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Track
+from tsuiseki.tracking.report.track_bars import counted, followed
+from tsuiseki.tracking.result import PageContent, Result, Writer
+from tsuiseki.tracking.types import FloatArray, ImageArray, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.tracks import boxes_about
 from tsuiseki.tracking.video.source import open_source, some_frames
 
 AnyResult = TypeVar("AnyResult", bound=Result[Any])
-Hide = Callable[[Iterable[Frame]], Iterable[Frame]]
 MOST = 100
 """Rows of a table on the page, and tracks with crops; the files have all."""
-PERSON = ("person", "people")
 UNITS = {"first": "first in view, s", "last": "last in view, s", "seconds": "in view, s", "path": "path, px",
          "metres": "path, m", "speed": "speed, m/s"}  # fmt: skip
 INTERVAL = "<p class=note>low and high are the ends of an interval that holds the true number in 9 of 10 cases.</p>"
 BARS = "<p class=note>A bar is the time of a track, pale where no detection supports it.</p>"
 
 
-def with_page(result: AnyResult, **known: Any) -> AnyResult:
-    """A result that also writes ``report.html``; ``known`` is as for `TrackedPage`."""
-    return replace(result, files={**result.files, **TrackedPage(result, **known).files()})
+def with_page(result: AnyResult) -> AnyResult:
+    """A result that also writes ``report.html``, with its plots and numbers in ``report/``; see `PageContent`."""
+    return replace(result, files={**result.files, **TrackedPage(result).files()})
 
 
 class TrackedPage:
@@ -67,33 +64,21 @@ class TrackedPage:
 
     Args:
         result: with boxes, or of animals.
-        nouns: one that is followed, and several.
-        scene: what knows metres, where ``answers`` are not given.
-        settings: how tracks are counted, likewise.
-        hide: hides in frames who must not be recognised.
         answers: to show and write; by default those without lines and zones, whose files lie in ``report/``.
-        more: HTML of further sections.
     """
 
-    def __init__(
-        self,
-        result: Result[Any],
-        nouns: tuple[str, str] = PERSON,
-        scene: Scene | None = None,
-        settings: CountSettings | None = None,
-        hide: Hide | None = None,
-        answers: Answers | None = None,
-        more: Callable[[], Sequence[str]] = tuple,
-    ) -> None:
-        self.result, self.nouns, self.hide, self.more = result, nouns, hide, more
+    def __init__(self, result: Result[Any], answers: Answers | None = None) -> None:
+        self.result, self.content = result, result.page or PageContent()
+        self.nouns, self.hide = self.content.nouns, self.content.hide
         self.inside = "report/" if answers is None else ""
-        self._scene, self._settings, self._given = scene or Scene(), settings, answers
+        self._given = answers
 
     @cached_property
     def answers(self) -> Answers:
         """What is shown."""
         rate = self.result.frame_rate or 1.0
-        return self._given or count(self.result, self._scene, self._settings, frame_rate=rate)
+        scene, settings = Scene(scale=self.content.scale), CountSettings(anchor=self.content.anchor)
+        return self._given or count(self.result, scene, settings, frame_rate=rate)
 
     @cached_property
     def tracks(self) -> list[Track]:
@@ -184,7 +169,7 @@ class TrackedPage:
             section("From side to side of the picture", self._ways("sides")),
             section("Gatherings", self._table("gatherings") if self._given else ""),
             section("Who was followed when", bars and bars + BARS),
-            *self.more(),
+            *self.content.more(),
             section("Time", seconds_table(result.seconds, len(numbers))),
             section("How it was made", listing(made)),
         ]
@@ -263,28 +248,6 @@ def write_csv(table: Callable[[], Table], path: Path) -> None:
         rows, columns = csv.writer(file, lineterminator="\n"), table()
         rows.writerow(columns)
         rows.writerows(zip(*columns.values(), strict=True))
-
-
-def class_of(track: Track, noun: str = "person") -> str:
-    """Name of a track's class, or class and its number; ``noun`` where neither is known."""
-    return track.class_name or (f"class {track.class_id}" if track.class_id >= 0 else noun)
-
-
-def counted(tracks: Sequence[Track], nouns: tuple[str, str] = PERSON) -> str:
-    """How many there are, by class where classes are distinguished, such as ``4 x person, 2 x car``."""
-    classes = Counter(class_of(track, nouns[0]) for track in tracks)
-    if classes.keys() <= {nouns[0]}:
-        return f"{len(tracks)} {nouns[len(tracks) != 1]}"
-    return ", ".join(f"{count} x {name}" for name, count in sorted(classes.items()))
-
-
-def followed(track: Track, noun: str = "person") -> tuple[str, list[Bar]]:
-    """The row of a track: when it was followed, pale where no detection supports it."""
-    name = f"{class_of(track, noun)} {track.id}"
-    return name, [
-        Bar(span.first, span.last, name, track.id, pale=not span.value)
-        for span in spans(track.frames, track.observed.astype(np.int64))
-    ]
 
 
 def summary(answers: Answers) -> Sequence[str]:

@@ -135,6 +135,7 @@ def _false_positives(track: Track, truth: GroundTruth) -> BoolArray:
 def drone_report(truth: GroundTruth, results: Mapping[str, DroneResult], frames: int) -> Report:
     """The page of people who act under a drone, and of what they do by the last of the ``results``."""
     tracks = {name: result.boxes for name, result in results.items()}
+    last = [*results.values()][-1]
     return Report(
         "Tsuiseki demo, from a drone",
         f"{len(np.unique(truth.ids))} people on generated ground under a drone that jerks, {frames} frames. Networks "
@@ -144,6 +145,6 @@ def drone_report(truth: GroundTruth, results: Mapping[str, DroneResult], frames:
         tracks,
         scored("drone", truth, tracks, frames),
         frames,
-        more=[action_timelines([*results.values()][-1])],
+        more=[action_timelines(last, last.threshold)],
         overlay_note=BOXES_NOTE,
     )

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from tsuiseki.tracking.counts.page import followed
 from tsuiseki.tracking.evaluation.coverage import spans
 from tsuiseki.tracking.report.page import Bar, section, timeline
+from tsuiseki.tracking.report.track_bars import followed
+from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types.tracks import ActingTrack
-
-if TYPE_CHECKING:
-    from tsuiseki.tracking.drone.run import DroneResult
 
 MOST_NAMED = 3
 
@@ -32,22 +29,22 @@ def captions_of(people: Sequence[ActingTrack], names: Sequence[str], threshold: 
     return captions
 
 
-def action_timelines(result: DroneResult) -> str:
+def action_timelines(result: Result[ActingTrack], threshold: float) -> str:
     """A block for each person: when they were followed, and what they did."""
     note = (
         "<p class=note>A block is a person. Its first row is the time they were followed, pale where no detection "
         "supports it; each other row is an action, drawn where its probability over the window exceeds "
-        f"{result.threshold:g}. Numbers count frames.</p>"
+        f"{threshold:g}. Numbers count frames.</p>"
     )
-    blocks = "".join(_timeline(person, result) for person in result)
+    blocks = "".join(_timeline(person, result, threshold) for person in result)
     return section("Who does what when", note + (blocks or "<p>No person was tracked.</p>"))
 
 
-def _timeline(person: ActingTrack, result: DroneResult) -> str:
+def _timeline(person: ActingTrack, result: Result[ActingTrack], threshold: float) -> str:
     track, frames = person.track, result.frames["frame"]
     rows = [followed(track)]
     if person.multi is not None:
-        called = person.multi > result.threshold
+        called = person.multi > threshold
         for a in np.flatnonzero(called.any(axis=0)).tolist():
             found = spans(track.frames, called[:, a].astype(np.int64))
             name = result.names[a]

@@ -34,7 +34,7 @@ from tsuiseki.tracking.people.printed_flow import ITERATIONS, PrintedFlow
 from tsuiseki.tracking.people.run_log import FrameLog
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.people.whole_flow import long_tracks
-from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.result import PageContent, Result, Writer
 from tsuiseki.tracking.runs.following import Video, count
 from tsuiseki.tracking.runs.run import SeededOutput
 from tsuiseki.tracking.stages import StageTimes
@@ -152,7 +152,6 @@ def link(
     Raises:
         RunError: there is no frame.
     """
-    from tsuiseki.tracking.counts.page import with_page
     from tsuiseki.tracking.drone.page import action_timelines, captions_of
     from tsuiseki.tracking.report.overlay import Overlay
 
@@ -183,7 +182,7 @@ def link(
         names=models.names,
         threshold=threshold,
     )
-    return with_page(result, more=lambda: [action_timelines(result)])
+    return replace(result, page=PageContent(more=lambda: [action_timelines(result, threshold)]))
 
 
 def _linked(

@@ -14,16 +14,19 @@ from __future__ import annotations
 
 import re
 import warnings
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.rows import NamedRows, Rows, read_named_rows, read_rows, write_csv
-from tsuiseki.tracking.formats.sleap_hdf5 import is_hdf5, read_sleap_hdf5
+from tsuiseki.tracking.formats.sleap_hdf5 import hdf5_installed, is_hdf5, read_sleap_hdf5, write_sleap_analysis
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.tracks import PointTable
 
+# Of all animals in a result.
+POINTS_FILE = "points.sleap.csv"
 DLC_FIRST = "scorer"
 DLC_ROWS = ("individuals", "bodyparts", "coords")
 DLC_LANDMARKS = "single"
@@ -149,3 +152,14 @@ def _number(path: Path, line: int, text: str) -> float:
 
 def _text(value: float) -> str:
     return "" if not np.isfinite(value) else f"{value:.3f}"
+
+
+def point_files(points: PointTable, frames: int) -> dict[str, Callable[[Path, Path], object]]:
+    """The points of all animals in the files of other programs, of so many ``frames``."""
+    files: dict[str, Callable[[Path, Path], object]] = {
+        POINTS_FILE: lambda path, _: write_sleap(path, points),
+        "points.dlc.csv": lambda path, _: write_deeplabcut(path, points, frames),
+    }
+    if hdf5_installed():
+        files["points.sleap.h5"] = lambda path, _: write_sleap_analysis(path, points, frames)
+    return files

@@ -19,7 +19,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks
-from tsuiseki.tracking.formats.body_points import read_poses_file
+from tsuiseki.tracking.formats.body_points import POINTS_FILE, read_poses_file
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.formats.rows import column_names, read_named_rows
 from tsuiseki.tracking.formats.single import read_boxes
@@ -29,7 +29,12 @@ from tsuiseki.tracking.output import RUN_FILE, columns_shifted
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import FloorTrack
 
-POINTS = "points.sleap.csv"
+ACTIONS_FILE = "tracks.json"
+STATES_FILE = "states.csv"
+# What the tracker left, beside tracks that were corrected.
+SOLVED_FILE = "tracks.solved.txt"
+SOLVED_ACTIONS = "tracks.solved.json"
+SOLVED_STATES = "states.solved.csv"
 TABLES = ("tracks.csv", "states.csv", "track3d.csv")
 PLACES = ("x", "y", "rx", "ry", "rw", "rh", "degrees")
 
@@ -76,8 +81,8 @@ def read_folder(folder: Path) -> tuple[list[Any], dict[str, Any]]:
     tracks, names = read(folder, known["frames"])
     if record.get("partial"):
         warnings.warn(f"{folder} is a partial result: {record.get('reason', 'stopped')}", InputWarning, stacklevel=4)
-    if (folder / POINTS).is_file():
-        known["points"] = read_poses_file(folder / POINTS)
+    if (folder / POINTS_FILE).is_file():
+        known["points"] = read_poses_file(folder / POINTS_FILE)
     return [_with_filled(track, about.get("filled", {})) for track in tracks], {**known, **about, "names": names}
 
 

@@ -16,7 +16,7 @@ from typing import Any, TypedDict, Unpack
 import numpy as np
 
 from tsuiseki.tracking.devices import Device
-from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.options import Seed
@@ -85,7 +85,6 @@ class PeopleKeywords(TypedDict, total=False):
     ground: Ground
     classes: Sequence[int | str] | None
     across_classes: bool
-    corrections: str | Path | None
 
 
 def track_people(
@@ -170,8 +169,6 @@ def _opened(
     """`open_people` by the keywords of a call, whose others are those of `Linking` and `PeopleFinding`."""
     if unknown := [name for name in given if name not in PeopleKeywords.__annotations__]:
         raise RequestError(f"expected the keywords of `PeopleKeywords`, got {unknown[0]!r}")
-    if given.get("corrections") is not None:
-        given["corrections"] = a_path(given["corrections"], "corrections")
     own = {one.name for one in fields(Linking)}
     linking = Linking(method=method, **{name: value for name, value in given.items() if name in own})
     linking.check()

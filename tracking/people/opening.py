@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable
 from copy import deepcopy
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from tsuiseki.tracking.association.clutter import above_floor, score_choice
@@ -54,14 +53,12 @@ class OpenedPeople:
         tracker: a fresh one.
         floor: score under which given detections were left out, see `above_floor`; None for none.
         bad: counts the boxes that are none; None where networks find all, or a file is read.
-        corrections: of an earlier result, which are done again; None for none.
     """
 
     inputs: PeopleInputs
     tracker: PeopleTracker
     floor: float | None = None
     bad: BadBoxes | None = None
-    corrections: Path | None = None
 
 
 def open_people(
@@ -81,8 +78,6 @@ def open_people(
     """
     if linking.moving_camera and not source.has_images:
         raise RequestError(f"{source.name} has no images to tell how the camera moves; leave `moving_camera` out")
-    if linking.corrections is not None:
-        check_corrections(linking.corrections, source)
     threads = threads_of_a_call(source, finding.threads)
     floor: float | None = None
     detect, chosen = people_detect(source, finding, PEOPLE_DETECTOR, threads), finding.chosen
@@ -116,7 +111,7 @@ def open_people(
     else:
         fresh = partial(_own_tracker, inputs, linking, apart)
     tracker = ByClass(fresh, chosen.plain) if chosen is not None and apart else fresh()
-    return OpenedPeople(inputs, tracker, floor, bad, linking.corrections)
+    return OpenedPeople(inputs, tracker, floor, bad)
 
 
 def _own_tracker(inputs: PeopleInputs, linking: Linking, copied: bool) -> PeopleTracker:
@@ -144,17 +139,3 @@ def _fresh_tracker(inputs: PeopleInputs, linking: Linking, learnt: LearntCosts |
     return people_tracker(
         linking.method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop, stride
     )
-
-
-def check_corrections(path: Path, source: Source) -> None:
-    """Refuse corrections of another video before one is tracked, as far as it tells its size and length.
-
-    Raises:
-        RequestError: they are, or cannot be read.
-    """
-    from tsuiseki.tracking.formats.correction_log import CorrectedVideo, read_corrections
-
-    wanted = source.frames_wanted
-    frames = wanted.last + 1 if wanted.last is not None else source.likely_length or 0
-    video = CorrectedVideo(Path(source.name).name, source.size, frames)
-    read_corrections(path, video, getattr(source, "slack", 0.0) if wanted.last is None else 0.0)

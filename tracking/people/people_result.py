@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNetwork, network_of_tracks
+from tsuiseki.tracking.association.solved_network import NETWORK_FILE
 from tsuiseki.tracking.features.camera_path import line_on_camera
 from tsuiseki.tracking.features.view_choice import ViewedDetector, devices_of
 from tsuiseki.tracking.formats.mot import write_tracks
@@ -17,11 +16,10 @@ from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.motion_compensated import inner_tracker
 from tsuiseki.tracking.people.opening import OpenedPeople
 from tsuiseki.tracking.people.run_log import FirstDetections, run_trackers
-from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.result import PageContent, Result, Writer
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.class_choice import called
-from tsuiseki.tracking.video.source import Source
 
 
 def people_result(
@@ -35,7 +33,6 @@ def people_result(
         times: of the run.
         settings: of the run; those named ``method`` and ``source`` are shown on its page.
     """
-    from tsuiseki.tracking.counts.page import with_page
     from tsuiseki.tracking.report.overlay import Overlay
 
     video, name = opened.inputs.source, settings["method"]
@@ -45,8 +42,9 @@ def people_result(
     network = opened.tracker.network() if isinstance(opened.tracker, FlowTracker) else None
     if network is not None and log.frames:
         network = replace(network, frames=network.frames + log.frames[0])
-    tracks, files, known, more = correction_files(tracks, network, opened.corrections, video, log.frames)
-    facts, lines = facts | known, lines + more
+    files: dict[str, Writer] = {"tracks.txt": lambda path, _: write_tracks(path, tracks)}
+    if network is not None:
+        files[NETWORK_FILE] = lambda path, _: network.write(path)
     if names := {str(n): name for track in tracks for n, name in track.names.items() if name and n == track.class_id}:
         facts["classes"] = names
     if unused := _lines_on_unused(opened, log.first, tracks):
@@ -59,13 +57,12 @@ def people_result(
         facts=facts,
         seconds=times.seconds,
         frames=log.columns(tracks),
-        files={
-            "tracks.txt": lambda path, _: write_tracks(path, tracks),
-            **files,
-        },
+        files=files,
         painter=Overlay(tracks, video.frame_rate).draw,
+        page=PageContent(),
+        network=None if network is None else lambda: network,
     )
-    return with_page(result), [*lines, *unused]
+    return result, [*lines, *unused]
 
 
 def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any], list[str]]:
@@ -129,47 +126,3 @@ def _lines_on_unused(opened: OpenedPeople, first: FirstDetections, tracks: Seque
         line = given.line(sum(int(t.observed.sum()) for t in ours), len(ours), getattr(one, "settings", None))
         lines += [] if line is None else [line if number == -1 else f"class {number}: {line}"]
     return lines
-
-
-def correction_files(
-    tracks: list[Track],
-    network: SolvedNetwork | None,
-    corrections: Path | None,
-    source: Source,
-    frames: Sequence[int],
-) -> tuple[list[Track], dict[str, Writer], dict[str, Any], list[str]]:
-    """Tracks under the corrections of an earlier result, and what keeps them open to more.
-
-    Args:
-        tracks: of a run.
-        network: that they were chosen from; None where the method has none.
-        corrections: file; None for none.
-        source: the video.
-        frames: numbers of those that were tracked in.
-
-    Returns:
-        The tracks, files of the result, its facts, and lines for the user.
-
-    Raises:
-        RequestError: the corrections cannot be read, or speak of another video.
-    """
-    files: dict[str, Writer] = {} if network is None else {NETWORK_FILE: lambda path, _: network.write(path)}
-    if corrections is None:
-        return tracks, files, {}, []
-    from tsuiseki.tracking.association.corrected_tracks import replayed
-    from tsuiseki.tracking.formats.correction_log import CORRECTIONS_FILE, CorrectedVideo, append
-    from tsuiseki.tracking.review.session import FILL, SOLVED_FILE
-
-    last = max([*frames, *(int(track.frames[-1]) for track in tracks)], default=-1)
-    video = CorrectedVideo(Path(source.name).name, source.size, last + 1)
-    rate = source.frame_rate
-    known = network_of_tracks(tracks, round(FILL * rate), rate) if network is None else network
-    again = replayed(tracks, known, corrections, video)
-    files |= {
-        SOLVED_FILE: lambda path, _: write_tracks(path, tracks),
-        CORRECTIONS_FILE: lambda path, _: append(path, again.done, video),
-    }
-    facts: Mapping[str, Any] = {"corrections": len(again.done), "track_names": again.names}
-    every, lost = again.given, len(again.left_out)
-    lines = [f"corrections: {every - lost} of {every} done again"]
-    return list(again.tracks), files, dict(facts), [*lines, *(f"left out: {line}" for line in again.left_out)]

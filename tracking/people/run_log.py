@@ -11,6 +11,7 @@ import numpy as np
 
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.people.contract import PeopleTracker, shifted, skipped
+from tsuiseki.tracking.result import people_in
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Track
 
@@ -100,19 +101,11 @@ class FrameLog:
 
     def columns(self, tracks: Sequence[Track]) -> dict[str, list[Any]]:
         """One list a column: frame from 0, detections and their mean score, people tracked and their mean score."""
-        numbers = np.asarray(self.frames, dtype=np.int64)
-        rows = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
-        scores = np.concatenate([np.empty(0), *(track.scores for track in tracks)])
-        size = int(max(numbers.max(initial=-1), rows.max(initial=-1))) + 1
-        counts = np.bincount(rows, minlength=size)[numbers]
-        sums = np.bincount(rows, weights=scores, minlength=size)[numbers]
-        means = sums / np.maximum(counts, 1)
         return {
-            "frame": numbers.tolist(),
+            "frame": list(self.frames),
             "detections": list(self.detections),
             "detection_score": [None if np.isnan(s) else round(s, 4) for s in self.scores],
-            "people": counts.tolist(),
-            "people_score": [round(m, 4) if c else None for m, c in zip(means.tolist(), counts.tolist(), strict=True)],
+            **people_in(self.frames, tracks),
         }
 
 

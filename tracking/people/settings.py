@@ -177,7 +177,6 @@ class Linking(MethodSettings):
             the flow sees in them where the camera stands still, and takes the motion of the boxes elsewhere.
         delay: seconds after which --method flow decides on a frame for good, such as 1.0, with memory that does not
             grow but for the result; by default it decides at the end.
-        corrections: corrections.jsonl of tsuiseki review, to do again on this result what still applies.
     """
 
     method: PeopleMethod = "flow"
@@ -185,7 +184,6 @@ class Linking(MethodSettings):
     preset: PeoplePreset = "default"
     moving_camera: bool = False
     delay: float | None = None
-    corrections: Path | None = None
 
     def check(self) -> None:
         """See `Shared.check`."""
@@ -194,14 +192,6 @@ class Linking(MethodSettings):
             raise RequestError(f"expected the preset {' or '.join(get_args(PeoplePreset))}, got {self.preset!r}")
         if self.preset == "printed" and (self.method != "flow" or self.delay is not None):
             raise RequestError("expected the preset printed with the method flow and without a `delay`")
-        if self.corrections is not None and self.delay is not None:
-            raise RequestError("expected `corrections` of a whole video, got them with a `delay`; leave one out")
-        if self.corrections is not None and not Path(self.corrections).is_file():
-            raise RequestError(f"`corrections`: expected a file that is there, got {self.corrections}")
-        if self.corrections is not None:
-            from tsuiseki.tracking.formats.correction_log import read_corrections
-
-            read_corrections(Path(self.corrections))
 
 
 def check_score_range(score_range: tuple[float, float] | None) -> None:

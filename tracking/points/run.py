@@ -9,7 +9,6 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourRange, colour_of_box, parse_colour
 from tsuiseki.tracking.formats.measurement_tables import is_point_file, read_points, write_point_tracks
@@ -21,7 +20,7 @@ from tsuiseki.tracking.people.given_detections import given_detections
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.points.settings import SIZE, BlobChoice, BlobSettings, PointSettings
 from tsuiseki.tracking.points.tracker import BlobTracker, PointTracker, SingleBlobTracker
-from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.result import PageContent, Result, Writer
 from tsuiseki.tracking.runs.following import Video, count
 from tsuiseki.tracking.runs.run import SeededOutput
 from tsuiseki.tracking.stages import StageTimes
@@ -200,7 +199,6 @@ def blob_result(
     source: Source | None, tracker: AnyBlobTracker, steps: Iterable[Any], times: StageTimes, settings: Mapping[str, Any]
 ) -> Result[Track]:
     """The result of a run of a fresh tracker, where ``steps`` are what it takes of each frame."""
-    from tsuiseki.tracking.counts.page import with_page
     from tsuiseki.tracking.report.overlay import Overlay
 
     update: Callable[[Any], object] = tracker.update
@@ -224,8 +222,8 @@ def blob_result(
     known: dict[str, Any] = {"settings": settings, "seconds": times.seconds, "frames": columns, "files": files}
     if source is None:
         return Result(tracks, **known)
-    result: Result[Track] = Result.of(source, tracks, **known, painter=Overlay(tracks, source.frame_rate).draw)
-    return with_page(result, nouns=("object", "objects"), settings=CountSettings(anchor="centre"))
+    known["page"] = PageContent(("object", "objects"), "centre")
+    return Result.of(source, tracks, **known, painter=Overlay(tracks, source.frame_rate).draw)
 
 
 def opened_blobs(choice: BlobChoice, source: Source, seed: int) -> tuple[AnyBlobTracker, Sequence[Detections] | None]:

@@ -32,7 +32,14 @@ from tsuiseki.tracking.formats.correction_log import (
     read_corrections,
 )
 from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
-from tsuiseki.tracking.formats.result_folder import filled_frames
+from tsuiseki.tracking.formats.result_folder import (
+    ACTIONS_FILE,
+    SOLVED_ACTIONS,
+    SOLVED_FILE,
+    SOLVED_STATES,
+    STATES_FILE,
+    filled_frames,
+)
 from tsuiseki.tracking.formats.single import write_boxes
 from tsuiseki.tracking.formats.track_tables import table_of, write_table
 from tsuiseki.tracking.output import RUN_FILE, hold, output_file, record_text, whole_file
@@ -43,12 +50,6 @@ from tsuiseki.tracking.types import IntArray, Track
 from tsuiseki.tracking.types.tracks import BodyTrack, boxes_about
 from tsuiseki.tracking.video.source import open_source
 
-# The tracks as the tracker left them, kept as soon as they are corrected.
-SOLVED_FILE = "tracks.solved.txt"
-ACTIONS_FILE, SOLVED_ACTIONS = "tracks.json", "tracks.solved.json"
-STATES_FILE, SOLVED_STATES = "states.csv", "states.solved.csv"
-# Seconds of a gap that is filled where the result does not say it.
-FILL = 2.0
 # Questions that are ranked at a time.
 MOST_ASKED = 100
 # What commands track; others, and classes of choice, are targets.
@@ -104,10 +105,8 @@ class Session:
             self.noun = "target" if chosen else NOUNS.get(record.get("command", ["people"])[-1], "target")
             self._find_video(source)
             self._video = CorrectedVideo(self._result.name if self._result.source else "", self.size, self.n_frames)
-            path, fill = self.folder / NETWORK_FILE, round(FILL * self.frame_rate)
-            self._network = (
-                SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, fill, self.frame_rate)
-            )
+            path = self.folder / NETWORK_FILE
+            self._network = SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, self.frame_rate)
             self.corrections_file = self.folder / CORRECTIONS_FILE
             there = self.corrections_file.is_file()
             self._log = read_corrections(self.corrections_file, self._video) if there else CorrectionLog()

@@ -260,6 +260,8 @@ class Run:
         ``draw`` makes what the pages of the result show, when all other files are written; ``folder`` lies inside the
         output folder.
         """
+        if self.output.page is not None and result.page is not None:
+            result = self.output.page(result)
         DEADLINE.brief, self.columns = False, result.frames
         self.facts |= result.facts
         self.results[folder or "."] = result.known()
@@ -374,12 +376,14 @@ class Output(Shared):
         overwrite: replace an earlier result in the folder.
         command: the program's words, for ``run.json``.
         settings: every option with its value, as a file for ``--config`` has them; likewise.
+        page: adds the page to a result that has `PageContent`; None for none.
     """
 
     out: Path
     overwrite: bool = False
     command: Sequence[str] = field(default=("tsuiseki",), metadata=NO_OPTION)
     settings: Mapping[str, Any] = field(default_factory=dict, metadata=NO_OPTION)
+    page: Callable[[Any], Any] | None = field(default=None, metadata=NO_OPTION)
 
     def check(self) -> None:
         """See `Shared.check`."""

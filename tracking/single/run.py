@@ -12,14 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tsuiseki.tracking.counts.page import with_page
-from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.single import find_single_sequences, has_labels, write_boxes
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
 from tsuiseki.tracking.report.overlay import Overlay
-from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.result import PageContent, Result, Writer
 from tsuiseki.tracking.runs.following import Video
 from tsuiseki.tracking.runs.run import Run, SeededOutput
 from tsuiseki.tracking.single.settings import SingleChoice, SingleMethod, SinglePreset, warn_if_not_asked
@@ -170,7 +168,7 @@ def single_result(
         from tsuiseki.tracking.report.plots import peaks_figure
 
         files["peaks.png"] = lambda path, _: peaks_figure(estimates).savefig(path, dpi=130, facecolor="white")
-    result: Result[Track] = Result.of(
+    return Result.of(
         source,
         [track],
         settings=settings,
@@ -183,8 +181,8 @@ def single_result(
         },
         files=files,
         painter=Overlay([track], 1.0, trail_seconds=TRAIL).draw,
+        page=PageContent(("target", "targets"), "centre"),
     )
-    return with_page(result, nouns=("target", "targets"), settings=CountSettings(anchor="centre"))
 
 
 def summary_of(statuses: Sequence[Status]) -> str:

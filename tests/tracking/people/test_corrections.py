@@ -7,9 +7,7 @@ import pytest
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.people.api import track_people
-from tsuiseki.tracking.people.opening import open_people
-from tsuiseki.tracking.people.settings import Linking, PeopleFinding
-from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.result import Result, check_corrections
 from tsuiseki.tracking.review.session import Session
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.video.source import open_source
@@ -43,7 +41,7 @@ def corrections(tmp_path):
 
 @pytest.mark.parametrize("method", ["flow", "sort"])
 def test_they_are_done_again_on_other_detections_of_the_same_people(corrections, tmp_path, method):
-    result = tracked(two_people(seed=1), method, corrections=corrections)
+    result = tracked(two_people(seed=1), method).corrected(corrections)
     first = Result.load(tmp_path / "first")
     assert [t.frames.tolist() for t in result] == [t.frames.tolist() for t in first]
     assert all(np.abs(a.boxes - b.boxes).max() < 5 for a, b in zip(result, first, strict=True))
@@ -68,9 +66,9 @@ def test_what_does_not_apply_is_listed_by_the_command(corrections, tmp_path, cap
     words = ["track", "people", str(sequence), "--fps", "10", "--detections", str(tmp_path / "det.txt")]
     words += ["--appearance", "none", "--out", str(tmp_path / "o"), "--corrections", str(corrections)]
     assert main(words) == 0
-    out = capsys.readouterr().out
-    assert "corrections: 0 of 2 done again" in out
-    assert out.count("no detection is there") == 2
+    err = capsys.readouterr().err
+    assert "corrections: 0 of 2 done again" in err
+    assert err.count("no detection is there") == 2
 
 
 def test_those_of_another_video_are_refused_before_it_is_tracked(corrections, tmp_path):
@@ -81,27 +79,36 @@ def test_those_of_another_video_are_refused_before_it_is_tracked(corrections, tm
     writer.release()
     for frames in (None, "1-12"):
         with pytest.raises(RequestError, match=r"expected corrections of short\.avi"):
-            open_people(open_source(path, parse_frames(frames)), PeopleFinding(), Linking(corrections=corrections), 0)
+            check_corrections(corrections, open_source(path, parse_frames(frames)))
 
 
-def test_those_of_another_video_or_with_a_delay_are_refused(corrections):
+def test_those_of_another_video_and_of_corrected_tracks_are_refused(corrections):
+    other = track_people([np.zeros((240, 400, 3), np.uint8)] * 30, detections=two_people(), appearance="none")
     with pytest.raises(RequestError, match="expected corrections of"):
-        track_people(
-            [np.zeros((240, 400, 3), np.uint8)] * 30,
-            detections=two_people(),
-            appearance="none",
-            corrections=corrections,
-        )
-    with pytest.raises(RequestError, match="delay"):
-        tracked(two_people(), corrections=corrections, delay=1.0)
-    with pytest.raises(RequestError, match="that is there"):
-        tracked(two_people(), corrections="nothing.jsonl")
+        other.corrected(corrections)
+    with pytest.raises(RequestError, match="cannot be read"):
+        tracked(two_people()).corrected("nothing.jsonl")
+    with pytest.raises(RequestError, match="as the tracker left them"):
+        tracked(two_people()).corrected(corrections).corrected(corrections)
+
+
+def test_a_result_that_was_loaded_is_corrected_as_the_one_that_was_tracked(corrections, tmp_path):
+    result = tracked(two_people(seed=1))
+    loaded = Result.load(result.save(tmp_path / "again")).corrected(corrections)
+    right = result.corrected(corrections)
+    for track, other in zip(loaded, right, strict=True):
+        assert np.array_equal(track.frames, other.frames)
+        assert np.allclose(track.boxes, other.boxes, atol=0.01)  # the text has hundredths of a pixel
+    assert loaded.facts["track_names"] == right.facts["track_names"]
+    assert loaded.frames["people"] == right.frames["people"]
+    assert "flow.npz" in {path.name for path in loaded.save(tmp_path / "corrected").iterdir()}
 
 
 def test_a_file_of_something_else_is_refused_before_anything_is_tracked(tmp_path, capsys):
     (tmp_path / "bad.jsonl").write_text("bad\n1\n")
-    cv2.imwrite(str(tmp_path / "000001.png"), IMAGES[0])
-    words = ["track", "people", str(tmp_path), "--corrections", str(tmp_path / "bad.jsonl")]
+    (tmp_path / "img1").mkdir()
+    cv2.imwrite(str(tmp_path / "img1/000001.png"), IMAGES[0])
+    words = ["track", "people", str(tmp_path / "img1"), "--corrections", str(tmp_path / "bad.jsonl")]
     assert main([*words, "--out", str(tmp_path / "o")]) == 2
     assert "bad.jsonl, line 1: expected a correction as JSON" in capsys.readouterr().err
     assert not (tmp_path / "o").exists()
