@@ -6,6 +6,7 @@ from .tracking.animals.settings import SkeletonSettings as SkeletonSettings
 from .tracking.counts.counting import Answers as Answers
 from .tracking.counts.counting import count as count
 from .tracking.counts.online import Counter as Counter
+from .tracking.counts.page import with_page as with_page
 from .tracking.counts.scene import Scene as Scene
 from .tracking.counts.scene import read_scene as read_scene
 from .tracking.counts.settings import CountSettings as CountSettings
@@ -58,6 +59,7 @@ from .tracking.points.run import track_points as track_points
 from .tracking.points.settings import BlobSettings as BlobSettings
 from .tracking.points.settings import PointSettings as PointSettings
 from .tracking.points.tracker import PointTracker as PointTracker
+from .tracking.result import PageContent as PageContent
 from .tracking.result import Result as Result
 from .tracking.result import convert as convert
 from .tracking.single.run import follow_single as follow_single

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from tsuiseki.tracking.arguments import is_several
+from tsuiseki.tracking.batch.addresses import opened
 from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group
 from tsuiseki.tracking.cli.parser import options_of, parse
 from tsuiseki.tracking.errors import RequestError
@@ -92,8 +93,6 @@ def content_of(source: str) -> str:
 
     Of each file length and bytes count: all, or `BLOCKS` of a larger one, shared among the files of a folder.
     """
-    from tsuiseki.tracking.batch.sources import opened
-
     found, path = hashlib.sha256(), Path(source)
     inside = sorted(each for each in path.rglob("*") if each.is_file()) if "://" not in source else []
     for name in [str(each) for each in inside] or [source]:

@@ -6,25 +6,24 @@ import csv
 import glob
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import IO, Any
+from typing import Any
 
 import yaml
 
+from tsuiseki.tracking.batch.addresses import files_of
 from tsuiseki.tracking.batch.jobs import Job
 from tsuiseki.tracking.cameras.multicamera import is_floor_folder
 from tsuiseki.tracking.cli.parser import merged, put
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import is_sequence, list_images
-from tsuiseki.tracking.output import RUN_FILE, whole_file
+from tsuiseki.tracking.output import RUN_FILE
 
 VIDEOS = (".mp4", ".m4v", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".webm", ".ts", ".mts", ".m2ts", ".wmv", ".flv")
 MANIFESTS = (".csv", ".yaml", ".yml")
 # Columns of a manifest that are no options.
 OWN = ("source", "name", "start")
-FETCHED = 1 << 22
 
 
 def jobs_of(sources: Sequence[str], job: Job) -> list[Job]:
@@ -138,7 +137,7 @@ def _rows(path: Path) -> list[Mapping[str, Any]]:
 
 
 def _addresses(address: str) -> list[str]:
-    files, place = _files_of(address)
+    files, place = files_of(address)
     if not (glob.has_magic(place) or place.endswith("/")):
         return [address]
     try:
@@ -149,51 +148,3 @@ def _addresses(address: str) -> list[str]:
     if not wanted:
         raise RequestError(f"{address}: expected videos, but no file fits")
     return [files.unstrip_protocol(each) for each in wanted]
-
-
-def _files_of(address: str) -> tuple[Any, str]:
-    """What reads an address, and the place in it."""
-    kind = address.split("://")[0]
-    try:
-        from fsspec.core import url_to_fs
-    except ImportError as error:
-        raise RequestError(f"{address}: addresses need fsspec; pip install 'tsuiseki[remote]'") from error
-    try:
-        files, place = url_to_fs(address)
-    except (ImportError, ValueError) as error:
-        raise RequestError(f"{address}: nothing here reads {kind}://: {' '.join(str(error).split())}") from error
-    return files, place
-
-
-@contextmanager
-def opened(source: str) -> Iterator[tuple[IO[bytes], int]]:
-    """A file or what lies at an address, to read from any place, and its length in bytes."""
-    if "://" not in source:
-        with Path(source).open("rb") as file:
-            yield file, Path(source).stat().st_size
-        return
-    files, place = _files_of(source)
-    try:
-        with files.open(place, "rb") as file:
-            yield file, int(file.size)
-    except (OSError, RequestError, RunError):
-        raise
-    except Exception as error:  # every reader has errors of its own
-        raise ConnectionError(f"{source}: {type(error).__name__} {error}") from error
-
-
-def fetch(address: str, folder: Path) -> Path:
-    """A copy of what lies at an address, whole or not at all; one that is there stays.
-
-    Raises:
-        RequestError: the folder cannot be written to, or see `jobs_of`.
-        OSError: the network fails.
-    """
-    copy = folder / ("source" + (PurePosixPath(address.split("?")[0]).suffix or ".mp4"))
-    if not copy.exists():
-        with opened(address) as (read, size), whole_file(copy) as file:
-            while block := read.read(FETCHED):
-                file.write(block)
-            if file.tell() != size:
-                raise RunError(f"expected {size} bytes of {address}, got {file.tell()}")
-    return copy

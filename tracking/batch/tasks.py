@@ -20,10 +20,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any, Literal
 
+from tsuiseki.tracking.batch.addresses import fetch
 from tsuiseki.tracking.batch.continuous import GivenTracks, join_files, joined_tracks
 from tsuiseki.tracking.batch.jobs import STATE, Job, Place, key_of, settings_of
 from tsuiseki.tracking.batch.segments import PLAN, SegmentPlan, again, cut, detect_segment
-from tsuiseki.tracking.batch.sources import fetch
 from tsuiseki.tracking.cli.parser import options_of
 from tsuiseki.tracking.errors import RequestError, RunError, explained
 from tsuiseki.tracking.runs.ending import LATE, ended, message_of
