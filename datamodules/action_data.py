@@ -250,7 +250,6 @@ class ActionData(lightning.LightningDataModule):
         return DataLoader(ValidationBatches(self.validation_crops, self.streams, self.cutting.size), batch_size=None)
 
     def test_dataloader(self) -> DataLoader[ActionBatch]:
-        """The same."""
         return self.val_dataloader()
 
 

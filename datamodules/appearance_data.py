@@ -73,7 +73,7 @@ class CropCamera:
 
 
 def draw_camera(rng: np.random.Generator, full_height: int) -> CropCamera:
-    """One camera for a batch of crops."""
+    """Colours, tones, sharpness and size that the crops of one batch share, drawn at random."""
     lowest = min(LOWEST_HEIGHT, full_height)
     return CropCamera(
         _draw_colour(rng, CAMERA_COLOUR),
@@ -274,7 +274,7 @@ class ValidationCrops(Dataset[Sample]):
 
 
 def collate(samples: list[Sample]) -> AppearanceBatch:
-    """A batch of samples."""
+    """The samples stacked: crops ``(B, H, W, 3)`` uint8, and ``(B,)`` of the rest."""
     crops, ids, frames, query = zip(*samples, strict=True)
     images = torch.from_numpy(np.stack(crops))
     return AppearanceBatch(images, torch.tensor(ids), torch.tensor(frames), torch.tensor(query))
@@ -393,5 +393,4 @@ class AppearanceData(lightning.LightningDataModule):
         return DataLoader(ValidationCrops(self.validation_crops, self.size), batch_size=64, collate_fn=collate)
 
     def test_dataloader(self) -> DataLoader[Sample]:
-        """The same."""
         return self.val_dataloader()

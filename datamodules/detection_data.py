@@ -251,7 +251,6 @@ class DetectionData(lightning.LightningDataModule):
         return DataLoader(self.validation, batch_size=self.batch_size, collate_fn=collate)
 
     def test_dataloader(self) -> DataLoader[Example]:
-        """The same."""
         return self.val_dataloader()
 
 

@@ -138,7 +138,7 @@ class TrainingImages:
         return len(self.labels)
 
     def example(self, index: int) -> Example:
-        """The labelled image at ``index``."""
+        """A picture with its boxes; ignored are those that are hardly visible, too."""
         label = self.labels[index]
         image = read_image(label.path) if self._decoded is None else self._decoded[index]
         ignored = label.ignored | (label.visibility < LEAST_VISIBLE)

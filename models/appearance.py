@@ -1,8 +1,7 @@
 """The Siamese appearance network: one trunk, shared by every crop, to a unit-length feature (thesis 2.3.2).
 
-Losses that learn a distance from identities: contrastive and triplet, on the hardest pairs of a batch or on all.
-
-A batch holds P identities with K views each, and every view is once the anchor. Batch-hard mining (Hermans et al.
+Its losses learn a distance from identities: contrastive and triplet, on the hardest pairs of a batch or on all. A batch
+holds P identities with K views each, and every view is once the anchor. Batch-hard mining (Hermans et al.
 2017) counts only its farthest view of the same identity and its closest view of another.
 """
 

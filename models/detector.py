@@ -125,7 +125,7 @@ class TopDown(nn.Module):
         return self.merged(self.trunk(images))
 
     def merged(self, trunk_maps: Sequence[Tensor]) -> list[Tensor]:
-        """The same from the maps of the trunk."""
+        """Maps of `forward` from those of the trunk, ``(B, C, H, W)`` each, finest first."""
         maps = [lateral(x) for lateral, x in zip(self.lateral, trunk_maps, strict=True)]
         for i in range(len(maps) - 1, 0, -1):
             maps[i - 1] = maps[i - 1] + functional.interpolate(maps[i], size=maps[i - 1].shape[-2:], mode="nearest")

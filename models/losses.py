@@ -1,7 +1,6 @@
 """What the anchors of a single-shot detector learn, and the multibox loss (Liu et al. 2016, section 2.2).
 
-Losses that care for the overlap of boxes, towards labels or towards what a teacher detects.
-
+Its parts may be replaced by losses that care for the overlap of boxes, towards labels or what a teacher detects.
 Complete IoU is for places: Zheng et al., *Distance-IoU Loss*, AAAI 2020, eq. 8 to 11. Quality focal loss is for scores:
 Li et al., *Generalized Focal Loss*, NeurIPS 2020, eq. 5. Hinton et al., *Distilling the Knowledge in a Neural Network*,
 2015, teach by the soft outputs of a classifier; that it is a detector here is ours.

@@ -48,7 +48,6 @@ class Seed(Shared):
     seed: int = 0
 
     def check(self) -> None:
-        """See `Shared.check`."""
         super().check()
         if not isinstance(self.seed, Integral) or self.seed < 0:
             raise RequestError(f"`seed`: expected a whole number from 0, got {self.seed!r}")
@@ -68,7 +67,6 @@ class Files(Shared):
     file_options: ClassVar[Sequence[str]] = ()
 
     def check(self) -> None:
-        """See `Shared.check`."""
         for name in self.file_options:
             path = getattr(self, name)
             if path is not None:

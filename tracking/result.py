@@ -229,7 +229,7 @@ class Result(Sequence[T_co]):
 
     @property
     def _boxed(self) -> list[Track] | None:
-        """The boxes of all tracks; None where they have none."""
+        """Each track as a `Track`; None where targets have no boxes."""
         every: Sequence[Any] = self.tracks
         boxes = [getattr(track, "track", track) for track in every]
         return boxes if all(isinstance(track, Track) for track in boxes) else None

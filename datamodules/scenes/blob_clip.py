@@ -92,7 +92,7 @@ class BlobClip(Clip[FloatArray]):
         self._ground = _ground(settings, rng)
 
     def frames(self) -> Iterator[Moment[FloatArray]]:
-        """See `clip.Clip`; the truth is the boxes ``(K, 4)`` of a frame, NaN while an object is away."""
+        """The truth is the boxes ``(K, 4)`` of a frame, NaN while an object is away."""
         rng = copy.deepcopy(self._rng)
         for boxes in self._boxes:
             image = self._ground.copy()

@@ -56,7 +56,6 @@ class Drawn:
     opacity: Float32
 
     def within(self, shape: tuple[int, ...]) -> tuple[Window, Window]:
-        """See `tracing.overlap`."""
         return overlap(shape, (self.top, self.left), self.opacity.shape)
 
 
@@ -90,7 +89,6 @@ class BodyClip(Clip[FloatArray]):
     views = (IMAGES, f"{FOLDER}/{{number:06d}}.png")
 
     def draw_frame(self, frame: int) -> Moment[FloatArray]:
-        """See `clip.Clip`."""
         image, bodies = self._picture(frame)
         height, width = image.shape[:2]
         silhouettes = np.zeros((height, width), np.uint8)

@@ -167,11 +167,10 @@ class DroneClip(clip.Clip[clip.FrameTruth]):
 
     @property
     def views(self) -> tuple[str, ...]:
-        """See `clip.Clip`."""
         return (clip.IMAGES if self.settings.layout == "mot" else OKUTAMA_FRAMES.format(seed=self.seed),)
 
     def draw_frame(self, frame: int) -> clip.Moment[clip.FrameTruth]:
-        """See `clip.Clip`; ids count the performers of the plan from 1."""
+        """Ids count the performers of the plan from 1."""
         camera, settings = self.cameras[frame], self.settings
         states = [performer.states[frame] for performer in self.gathering.performers]
         people = [person_thing(m.person, m.pose, m.position, m.heading) for m in states]

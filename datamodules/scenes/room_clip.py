@@ -134,11 +134,9 @@ class RoomClip(clip.Clip[list[clip.FrameTruth]]):
 
     @property
     def views(self) -> tuple[str, ...]:
-        """See `clip.Clip`."""
         return tuple(f"camera{k + 1}/{clip.IMAGES}" for k in range(len(self.cameras)))
 
     def frames(self) -> Iterator[clip.Moment[list[clip.FrameTruth]]]:
-        """See `clip.Clip`."""
         views = [RoomView(self, number) for number in range(len(self.cameras))]
         for frame in range(self.settings.frames):
             images, truths = zip(*(self.draw_frame(view, frame) for view in views), strict=True)

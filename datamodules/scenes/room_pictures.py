@@ -86,7 +86,7 @@ class _Room:
         return all(np.hypot(spot[0] - x, spot[1] - y) > radius + r for x, y, r in self.taken)
 
     def add(self, person: Person, pose: Pose, spot: FloatArray, heading: float, name: str = "") -> None:
-        """Somebody in a pose of this name."""
+        """Put a person there, and keep the place free of others."""
         self.placed.append((spot, name))
         self.people.append(person_thing(person, pose, spot, heading))
         self.taken.append((float(spot[0]), float(spot[1]), APART / 2))

@@ -120,7 +120,6 @@ class SingleClip(Clip[FrameTruth]):
         self._world, self._planned = np.clip(world, 0, 255), rng.bit_generator.state
 
     def frames(self) -> Iterator[Moment[FrameTruth]]:
-        """See `clip.Clip`."""
         self._rng.bit_generator.state = self._planned
         for frame, (left, top) in enumerate(self._corners - self._low):
             view = self._world[top : top + self.settings.height, left : left + self.settings.width].copy()

@@ -122,11 +122,10 @@ class SphereClip(Clip[FloatArray]):
 
     @property
     def views(self) -> tuple[str, ...]:
-        """See `clip.Clip`."""
         return tuple(f"camera{k + 1}/{{number:06d}}.jpg" for k in range(len(self.cameras)))
 
     def frames(self) -> Iterator[Moment[FloatArray]]:
-        """See `clip.Clip`; images are ``(600, 800, 3)``."""
+        """Images ``(600, 800, 3)`` uint8 of all cameras at each time."""
         rng = np.random.default_rng((self.seed, 1))
         late = self.settings.lateness or (0.0,) * len(self.cameras)
         for index, time in enumerate(self.times):

@@ -99,7 +99,7 @@ class StreetClip(clip.Clip[clip.FrameTruth]):
         self.drift = np.exp(EXPOSURE_DRIFT * sum(np.sin(2 * np.pi * f * seconds + p) for f, p in waves))
 
     def draw_frame(self, frame: int) -> clip.Moment[clip.FrameTruth]:
-        """See `clip.Clip`; ids count the people of the plan from 1."""
+        """Ids count the people of the plan from 1."""
         camera = self.camera
         there = [i for i, walker in enumerate(self.walkers) if walker.is_there(frame)]
         things = [self.walkers[i].thing(frame) for i in there]

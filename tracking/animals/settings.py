@@ -48,7 +48,6 @@ class AnimalChoice(Shared):
     animals: AnimalSettings = field(default_factory=AnimalSettings)
 
     def check(self) -> None:
-        """See `Shared.check`."""
         if self.scale is not None and not 0 < self.scale < np.inf:
             raise RequestError(f"`scale`: expected millimetres a pixel above 0, got {self.scale:g}")
         if self.corrections is not None and not self.corrections.is_file():

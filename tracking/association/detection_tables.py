@@ -115,7 +115,6 @@ class DetectionTable(Columns):
 
     @classmethod
     def empty(cls, frame_rate: float, size: tuple[int, int] | None) -> DetectionTable:
-        """A table of no detection."""
         none, nothing = np.empty(0, dtype=np.int64), np.empty(0)
         measured = Measurements(nothing, np.empty((0, 4)), nothing, nothing)
         return cls(none, none, np.empty((0, 4)), np.empty((0, 4)), measured, None, frame_rate, size)

@@ -1,9 +1,9 @@
-"""Features of detections, of links and of joins, from which learnt costs are computed.
+"""What speaks for and against the links, detections and joins of a flow network.
 
-The default cost is one of the features, so a network that adds nothing leaves the tracker as it is. All features are
-of the order of 1 to 10 and bounded; lengths are in heights of the box, times in seconds.
-
-Costs of links of a flow network, from motion, appearance, actions, occlusion and learnt costs.
+`LinkWeigher` adds up the default cost of a link: motion, appearance, actions, occlusion. A `CostNetwork` changes costs
+by what it reads off rows of features: one row a detection, a link or a join. The default cost is one of the features,
+so a network that adds nothing leaves the tracker as it is. All features are bounded and of the order of 1 to 10;
+lengths are in heights of the box, times in seconds.
 """
 
 from __future__ import annotations

@@ -119,7 +119,7 @@ class ResidualFlow:
 
     @property
     def total(self) -> float:
-        """What the flow costs."""
+        """Sum of the costs of the arcs in use."""
         return float(self.cost[self.used].sum() / SCALE)
 
     def weights(self) -> scipy.sparse.csr_array:

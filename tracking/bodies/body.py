@@ -1,11 +1,8 @@
-"""What the deformable tracker, motion learning and plots need to know of a body, and two bodies drawn by hand.
+"""What the deformable tracker, motion learning and plots need to know of a body, two drawn by hand and those learnt.
 
 `Goldfish` is that of section 3.1 of the goldfish paper, Figs. 3 and 4; `Ball` is the paper's own outlook (section 6).
-
-A body from silhouettes: the mean outline of silhouettes and how it bends, the paper's closing wish.
-
-`tsuiseki train body` learns it and saves one JSON file, which :func:`read_body` loads; :func:`parse_body` finds any
-body by its name or file.
+`LearntBody` is the mean outline of silhouettes and how it bends, the paper's closing wish. `tsuiseki train body` saves
+one JSON file, which :func:`read_body` loads; :func:`parse_body` finds any body by its name or file.
 """
 
 from __future__ import annotations
@@ -165,7 +162,7 @@ class Goldfish:
         return self.length / 2 + self.tail
 
     def contour(self, states: FloatArray) -> Contours:
-        """See :class:`~tsuiseki.tracking.bodies.body.Body`; the ellipse first, then the tail from root to end.
+        """The points of the ellipse first, then those of the tail from root to end.
 
         >>> Goldfish(length=40, width=20, tail=30).contour(np.array([[0, 0, 0, 0.0]]))[0, [0, -1]].tolist()
         [[20.0, 0.0], [-50.0, 0.0]]
@@ -224,7 +221,7 @@ class Ball:
         return self.diameter / 2 / (1 - LARGEST_SQUASH)
 
     def contour(self, states: FloatArray) -> Contours:
-        """See :class:`~tsuiseki.tracking.bodies.body.Body`; squashes beyond the limits are drawn at the limit.
+        """Squashes beyond the limits are drawn at the limit.
 
         >>> Ball(diameter=20).contour(np.array([[0, 0, 0, 0.5]]))[0, [0, 6]].round(3).tolist()
         [[5.0, 0.0], [0.0, 20.0]]
@@ -299,7 +296,7 @@ class LearntBody:
         return float((np.linalg.norm(self.mean, axis=1) + more).max())
 
     def contour(self, states: FloatArray) -> Contours:
-        """See :class:`~tsuiseki.tracking.bodies.body.Body`; bends beyond the limits are drawn at the limit."""
+        """Bends beyond the limits are drawn at the limit."""
         bends = np.clip(states[:, 3 : 3 + len(self.modes)], *self.bends.T).astype(np.float32)
         terms = np.concatenate([bends, bends**2 - 1, np.ones((len(bends), 1), np.float32)], axis=1)
         return placed(terms, states, self._turning)

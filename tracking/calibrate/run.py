@@ -48,7 +48,6 @@ class ImageSize(Shared):
     image_size: tuple[int, int] | None = None
 
     def check(self) -> None:
-        """See `Shared.check`."""
         for name in ("image_size", "resize"):
             size = getattr(self, name, None)
             if size is not None and min(size) < 1:
@@ -95,7 +94,6 @@ class FloorPose(LensSizes):
     projective: bool = False
 
     def check(self) -> None:
-        """See `Shared.check`."""
         super().check()
         if (self.height is None) == (self.points is None):
             raise RequestError("expected one of `height` and `points`, got both or neither")
@@ -135,7 +133,6 @@ class FrameRate(Shared):
     frame_rate: float | None = None
 
     def check(self) -> None:
-        """See `Shared.check`."""
         if self.frame_rate is not None and not self.frame_rate > 0:
             raise RequestError(f"`frame_rate`: expected a number above 0, got {self.frame_rate:g}")
 
@@ -377,7 +374,6 @@ class PeopleFiles(PlottedFile):
     out: Path | None = None  # type: ignore[assignment]
 
     def check(self) -> None:
-        """See `Shared.check`."""
         super().check()
         if self.target is not None:
             check_output_file(self.target, self.overwrite)

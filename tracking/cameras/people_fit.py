@@ -156,7 +156,7 @@ class RobustFit:
 
     @property
     def cost(self) -> float:
-        """The sum."""
+        """What the fit minimises: the residuals by the pseudo-Huber loss."""
         return float(2 * (np.sqrt(1 + np.square(self.errors)) - 1).sum())
 
     @property
@@ -171,7 +171,7 @@ class RobustFit:
 
     @property
     def information(self) -> FloatArray:
-        """``(D, D)``."""
+        """``(D, D)`` second derivatives of the halved sum after Gauss and Newton."""
         return np.asarray(self.slopes.T @ (self.slopes * self._weights[:, None]))
 
     def covariance(self, groups: IntArray) -> FloatArray:

@@ -8,12 +8,11 @@ complex numbers in metres. The lens is ideal and its pixels are square.
 A box spans the columns of foot and head, which differ where people lean in the picture. So the foot is not the middle
 of its lower edge: half the lean lies between them.
 
-Two cameras over one floor from the paths of people, with no knowledge of who is who.
-
-Each path of one camera is laid on each of the other by the turn and shift that fit best (Procrustes in complex
-numbers), for each difference of the clocks. Right pairs all give the same turn and shift, wrong ones any: the one that
-most pairs agree with is taken, each path counting once. Where both see few people, two pairs together make a
-hypothesis, so that those who stand count, too.
+Two cameras are put over one floor by the paths of people, with no knowledge of who is who. Each path of one camera is
+laid on each of the other by the turn and shift that fit best (Procrustes in complex numbers), for each difference of
+the clocks. Right pairs all give the same turn and shift, wrong ones any: the one that most pairs agree with is taken,
+each path counting once. Where both see few people, two pairs together make a hypothesis, so that those who stand count,
+too.
 """
 
 from __future__ import annotations

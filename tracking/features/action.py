@@ -72,7 +72,7 @@ class ActionInput:
 
     @property
     def channels(self) -> int:
-        """Of the input."""
+        """2 of optical flow, 3 of a picture."""
         return 2 if self.is_flow else 3
 
     @property

@@ -41,7 +41,7 @@ class Detect(Protocol):
     """Finds people in images."""
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
-        """One `Detections` an image."""
+        """The boxes of each ``(H, W, 3)`` uint8 RGB image, in pixels."""
 
 
 class SizedDetect(Detect, Protocol):
@@ -421,10 +421,10 @@ class ChosenClasses:
         self.names = dict(enumerate(names or ()))
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
-        """See `Detect`.
+        """The boxes of the chosen classes in each image.
 
         Raises:
-            RequestError: see `ClassChoice.chosen`.
+            RequestError: of `ClassChoice.chosen`.
         """
         named = (one if one.names else replace(one, names=self.names) for one in self.detector.detect(images))
         return [self.choice.chosen(one, "the detector") for one in named]

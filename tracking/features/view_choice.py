@@ -262,7 +262,6 @@ class ViewedDetector:
         return ViewChoice(view, _timed(TiledDetector(self.detector, view), [image])[1], {})
 
     def prepared(self, images: Sequence[ImageArray], workers: int = 1) -> TiledDetector:
-        """See `ChoosingDetect.prepared`."""
         view = self.prepare(images, workers).view
         every = TiledDetector(self.detector, view, workers)
         if self.sparing and len(view) > 1:

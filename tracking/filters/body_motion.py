@@ -74,7 +74,6 @@ class BodyMotion(ABC):
         """Where particles go in one frame with the increments ``(N, D)``."""
 
     def __call__(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
-        """See `Motion`."""
         for _ in range(whole_frames(seconds)):
             states = self.moved(states, self.noise.draw(len(states), rng))
         return states
@@ -91,12 +90,10 @@ class RandomWalk(BodyMotion):
     noise: Noise
 
     def start(self, states: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """See `BodyMotion.start`: the states themselves."""
         del rng
         return states.copy()
 
     def moved(self, particles: FloatArray, increments: FloatArray) -> FloatArray:
-        """See `BodyMotion.moved`."""
         return particles + increments
 
 
@@ -116,11 +113,10 @@ class ConstantVelocity(BodyMotion):
     velocity: Noise
 
     def start(self, states: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """See `BodyMotion.start`: states and a velocity along each one's heading."""
+        """The states ``(N, D)`` with a velocity along the heading of each, ``(N, D + 2)``."""
         return np.concatenate([states, turned(self.velocity.draw(len(states), rng), states[:, HEADING])], axis=1)
 
     def moved(self, particles: FloatArray, increments: FloatArray) -> FloatArray:
-        """See `BodyMotion.moved`."""
         moved = particles.copy()
         moved[:, -2:] += increments[:, :2]
         moved[:, :2] += moved[:, -2:]
@@ -147,13 +143,11 @@ class BodyFixedVelocity(BodyMotion):
     gain: FloatArray | None = None
 
     def start(self, states: FloatArray, rng: np.random.Generator) -> FloatArray:
-        """See `BodyMotion.start`."""
         rates = np.zeros_like(states)
         rates[:, :2] = self.velocity.draw(len(states), rng)
         return np.concatenate([states, rates], axis=1)
 
     def moved(self, particles: FloatArray, increments: FloatArray) -> FloatArray:
-        """See `BodyMotion.moved`."""
         columns = len(self.noise.mean)
         states, rates = particles[:, :columns], particles[:, columns:]
         if self.gain is not None:

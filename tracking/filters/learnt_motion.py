@@ -157,7 +157,7 @@ def write_motion(path: Path, motion: LearntMotion) -> None:
 
 
 def motion_text(motion: LearntMotion) -> str:
-    """What is in that file."""
+    """The motion as JSON."""
     values = {"format": FORMAT, **asdict(motion)}
     return json.dumps(values, indent=1, default=lambda array: array.tolist()) + "\n"
 

@@ -96,7 +96,7 @@ class SensorRates:
 
 
 def _step_of(share: FloatArray) -> IntArray:
-    """The step of each share."""
+    """Into which of `STEPS` equal parts of [0, 1] each share falls."""
     return np.minimum((share * STEPS).astype(np.int64), STEPS - 1)
 
 

@@ -56,7 +56,6 @@ class OneFloorSettings(Shared):
     floor: tuple[float, float, float, float] | None = None
 
     def check(self) -> None:
-        """See `Shared.check`."""
         if self.tolerance is not None and not self.tolerance >= 0:
             raise RequestError(f"`tolerance`: expected seconds from 0, got {self.tolerance:g}")
         if self.floor is not None and not (self.floor[0] < self.floor[2] and self.floor[1] < self.floor[3]):

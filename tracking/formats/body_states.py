@@ -1,10 +1,8 @@
-"""``states.csv``: the state of each body in each frame, as ``frame,id,a,b,theta,...,score,status``.
+"""Bodies in each frame: their states as ``states.csv``, and their silhouettes as pictures.
 
-Frames count from 1 as in the other text files; centres are pixels, angles radians.
-
-Silhouettes of bodies, one 8-bit PNG a frame: bit ``id - 1`` of a pixel says that the body lies there.
-
-Bits and not numbers, so that a body keeps its whole silhouette where another covers it.
+A row of ``states.csv`` is ``frame,id,a,b,theta,...,score,status``. Frames count from 1 as in the other text files;
+centres are pixels, angles radians. Silhouettes are one 8-bit PNG a frame, where bit ``id - 1`` of a pixel says that the
+body lies there: bits and not numbers, so that a body keeps its whole silhouette where another covers it.
 """
 
 from __future__ import annotations

@@ -107,7 +107,7 @@ class Correction:
         )
 
     def written(self) -> dict[str, Any]:
-        """As in the file."""
+        """The correction as a row of the file: frames from 1, empty fields left out."""
         boxes = [None if box is None else [box.frame + 1, *(round(v, 2) for v in box[1:])] for box in self.boxes]
         row = {"kind": self.kind, "boxes": boxes, "name": self.name, "parts": [part.written() for part in self.parts]}
         return {key: value for key, value in (row | {"sentence": self.sentence}).items() if value}

@@ -1,8 +1,7 @@
 """The files of other programs that tracks go into, by name; those with ``read`` are read again, also as labels.
 
-GEFF, the exchange format of graphs that motile, napari and others read: a folder of Zarr, written without it.
-
-A node is a box or a body in a frame, with ``t`` (the frame, from 0), ``y`` and ``x`` (the centre), what else is known
+GEFF is the exchange format of graphs that motile, napari and others read: a folder of Zarr, written here without it. A
+node is a box or a body in a frame, with ``t`` (the frame, from 0), ``y`` and ``x`` (the centre), what else is known
 of it, and ``track_id``; an edge joins it to the next one of its track. Arrays are of Zarr format 2, one raw chunk each.
 """
 

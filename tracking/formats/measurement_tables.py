@@ -1,13 +1,12 @@
-"""A sensor's measurements as CSV with a header: a time and a place a row; and tracks of points with covariances.
+"""A sensor's measurements, points in frames and tracks of either, as CSV with a header.
 
-The first column is ``time`` (seconds) or ``frame`` (whole numbers). The measured columns are the sensor's, such as
-``x,y`` or ``bearing,range``. A row whose measured cells are empty means that at this time the sensor ran and measured
-nothing. Where measurements have errors of their own, columns ``sd_x,sd_y`` give standard deviations, or ``cov_x_x``,
-``cov_x_y``, ``cov_y_y`` covariances. Other columns are passed over.
+Of a sensor's measurements the first column is ``time`` (seconds) or ``frame`` (whole numbers). The measured columns are
+the sensor's, such as ``x,y`` or ``bearing,range``. A row whose measured cells are empty means that at this time the
+sensor ran and measured nothing. Where measurements have errors of their own, columns ``sd_x,sd_y`` give standard
+deviations, or ``cov_x_x``, ``cov_x_y``, ``cov_y_y`` covariances.
 
-Points as CSV with a header: measurements ``frame,x,y`` and tracks ``frame,id,x,y``, frames counted from 1.
-
-Further columns are allowed and passed over. Positions are in the unit of the file, 0-based and continuous.
+Of points, measurements are ``frame,x,y`` and tracks ``frame,id,x,y``, frames counted from 1. Other columns are passed
+over. Positions are in the unit of the file, 0-based and continuous.
 """
 
 from __future__ import annotations

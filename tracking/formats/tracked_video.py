@@ -50,7 +50,7 @@ class TrackedBoxes(NamedTuple):
 
 
 def boxes_of_tracks(tracks: Iterable[Track]) -> TrackedBoxes:
-    """The boxes of tracks."""
+    """All boxes of the tracks in one table, by frame and then by id."""
     every = [EMPTY_TRACK, *tracks]
     ids = np.repeat([track.id for track in every], [len(track) for track in every])
     names = ("frames", "boxes", "scores", "observed", "detection")
@@ -93,7 +93,6 @@ class TrackedVideo:
 
     @cached_property
     def boxes(self) -> TrackedBoxes:
-        """All boxes."""
         return boxes_of_tracks(self.tracks)
 
     @property

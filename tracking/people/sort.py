@@ -1,12 +1,11 @@
-"""SORT: people followed online by where they are alone (Bewley et al., "Simple online and realtime tracking", 2016).
+"""Online tracking by one assignment a frame: SORT by position alone, DeepSORT by appearance first (thesis 2.3.2).
 
-DeepSORT: online tracking by appearance first, then by position (thesis 2.3.2).
+SORT (Bewley et al., "Simple online and realtime tracking", 2016) predicts each track by a Kalman filter and assigns
+detections by overlap. DeepSORT assigns twice. The cost c(a, b) of every track a and detection b is C^feat, the cosine
+distance of their appearance, and C^pos. A first assignment is solved on C^feat with the gate ε_feat; a second, on
+C^pos with the gate ε_pos, only for the tracks that the first left unmatched and the detections it left free.
 
-Each frame, the cost c(a, b) of every track a and detection b is computed twice: C^feat, the cosine distance of their
-appearance, and C^pos. A first assignment is solved on C^feat with the gate ε_feat; a second, on C^pos with the gate
-ε_pos, only for the tracks that the first left unmatched and the detections it left free.
-
-The thesis leaves these points open; here:
+The thesis leaves these points of DeepSORT open; here:
 
 * C^pos is 1 - IoU of the detection and the box that a Kalman filter of constant velocity predicts for the track.
 * A track's appearance is the running mean of its features, weighted towards the recent ones and kept at unit length.

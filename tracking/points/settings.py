@@ -115,7 +115,6 @@ class BlobChoice(Shared):
     score_range: tuple[float, float] = (0.0, 1.0)
 
     def check(self) -> None:
-        """See `Shared.check`."""
         choices = self.colour, self.colour_box, self.detections, self.detector
         if sum(choice is not None for choice in choices) != 1:
             raise RequestError("expected one of `colour`, `colour_box`, `detections` and `detector`")

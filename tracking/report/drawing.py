@@ -118,7 +118,6 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(200, *found) if found else self._answer(404, "text/plain", b"nothing here")
 
     def do_POST(self) -> None:
-        """The answer."""
         if self.path != f"{self.server.path}answer":
             self._answer(404, "text/plain", b"nothing here")
             return

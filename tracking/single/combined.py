@@ -114,7 +114,6 @@ class Combined:
         self._rng = np.random.default_rng(seed)
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
-        """See `SingleTracker.start`."""
         width, height = (box[2:] - box[:2]).tolist()
         self._model = Model.of(self.settings.filter, width, height)
         self.target = regularised.start(self._model, image, box_centre(np.asarray(box)))
@@ -127,7 +126,6 @@ class Combined:
         self._witness = Witness(self._describe, image, np.asarray(box, dtype=np.float64))
 
     def follow(self, image: ImageArray) -> TargetState:
-        """See `SingleTracker.follow`."""
         self._frame += 1
         found = regularised.locate(self._model, self.target, image)
         if self._doubts(found):

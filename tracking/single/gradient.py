@@ -34,14 +34,12 @@ class MeanShift:
         self.adapts_size = adapts_size
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
-        """See `SingleTracker.start`."""
         self._box = np.asarray(box, dtype=np.float64)
         self._window: Sequence[int] = _whole_window(self._box, image)
         self._histogram = self._hues(image, self._window)
         self._scaled = self._histogram * np.float32(255 / max(float(self._histogram.max()), 1e-9))
 
     def follow(self, image: ImageArray) -> TargetState:
-        """See `SingleTracker.follow`."""
         colours = cv2.cvtColor(image, cv2.COLOR_RGB2HSV)
         likely = cv2.calcBackProject([colours], [0], self._scaled, [0, 180], 1)
         likely = cv2.bitwise_and(likely, _coloured(colours))
@@ -98,12 +96,10 @@ class MedianFlow:
     """
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
-        """See `SingleTracker.start`."""
         self._box = np.asarray(box, dtype=np.float64)
         self._grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
 
     def follow(self, image: ImageArray) -> TargetState:
-        """See `SingleTracker.follow`."""
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         before = self._points()
         after, there = _flow(self._grey, grey, before)
@@ -160,7 +156,6 @@ class Mil:
         self._rng = np.random.default_rng(seed)
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
-        """See `SingleTracker.start`."""
         _seed_opencv(self._rng)
         self._tracker = cv2.TrackerMIL.create()
         self._box = np.asarray(box, dtype=np.float64)
@@ -180,7 +175,6 @@ class Mil:
             ) from error
 
     def follow(self, image: ImageArray) -> TargetState:
-        """See `SingleTracker.follow`."""
         _seed_opencv(self._rng)
         try:
             found, (x, y, w, h) = self._tracker.update(np.ascontiguousarray(image[..., ::-1]))

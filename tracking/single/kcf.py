@@ -166,7 +166,7 @@ class Kcf:
         return blend(bank, self.learn(image, centres, sizes), self.settings.learning_rate)
 
     def box(self, centre: FloatArray, size: float) -> FloatArray:
-        """``(4,)`` corners."""
+        """``(4,)`` corners of the target at a centre ``(2,)``, pixels, and a scale."""
         return box_about(centre, self.target * size)
 
 
@@ -229,13 +229,11 @@ class KcfTracker:
         self.settings = settings
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
-        """See `SingleTracker.start`."""
         width, height = (box[2:] - box[:2]).tolist()
         self._model = Kcf.of(self.settings, width, height)
         self.state = start(self._model, image, box_centre(np.asarray(box)))
 
     def follow(self, image: ImageArray) -> TargetState:
-        """See `SingleTracker.follow`."""
         self.state = step(self._model, self.state, image)
         box = self._model.box(self.state.centre, self.state.size)
         return TargetState(box, self.state.peak, "tracking" if self.state.peak > LOST_BELOW else "lost")

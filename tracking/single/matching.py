@@ -82,7 +82,6 @@ class TemplateMatching(RegionSearch):
         self.smoothed = smoothed
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
-        """See `SingleTracker.start`."""
         self._template = cv2.cvtColor(self._learn(image, box), cv2.COLOR_RGB2GRAY)
         self._motion = Gaussians(
             np.concatenate([box_centre(box), np.zeros(2)])[None],
@@ -90,7 +89,6 @@ class TemplateMatching(RegionSearch):
         )
 
     def follow(self, image: ImageArray) -> TargetState:
-        """See `SingleTracker.follow`."""
         if self.smoothed:
             # Velocities wander by a tenth of a side a frame.
             square = float(self._size.mean() ** 2)
@@ -137,12 +135,10 @@ class HistogramMatching(RegionSearch):
     """
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
-        """See `SingleTracker.start`."""
         bins = colour_bins(self._learn(image, box))
         self._reference = np.bincount(bins.ravel(), minlength=64) / bins.size
 
     def follow(self, image: ImageArray) -> TargetState:
-        """See `SingleTracker.follow`."""
         width, height = self._sides.tolist()
         place, score = self._best(intersections(colour_bins(self._area(image)), self._reference, height, width))
         self._centre = np.clip(place, 0, [image.shape[1], image.shape[0]])
@@ -163,7 +159,6 @@ class ColourParticle:
         self._rng = np.random.default_rng(seed)
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
-        """See `SingleTracker.start`."""
         self._size = np.asarray(box[2:] - box[:2], dtype=np.float64)
         first = np.concatenate([box_centre(box), [0.0]])
         self._reference = self._histograms(image, first[None])[0]
@@ -171,7 +166,6 @@ class ColourParticle:
         self._state = self._filter.init(np.repeat(first[None], PARTICLES, axis=0))
 
     def follow(self, image: ImageArray) -> TargetState:
-        """See `SingleTracker.follow`."""
         self._state, _ = self._filter.step(self._state, image, self._rng)
         weights = probabilities(self._state.log_weights)
         mean = weights @ self._state.particles
@@ -180,7 +174,6 @@ class ColourParticle:
         return TargetState(box, score, "tracking" if score >= SAME_COLOURS else "lost")
 
     def _move(self, states: FloatArray, seconds: float, rng: np.random.Generator) -> FloatArray:
-        """A `Motion`."""
         walk = PlaneWalk(np.concatenate([POSITION * self._size, [SCALE]]))
         moved = walk(states, seconds, rng)
         moved[:, 2] = np.clip(moved[:, 2], -1.5, 1.5)

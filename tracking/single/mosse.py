@@ -33,7 +33,6 @@ class Mosse:
         self._rng = np.random.default_rng(seed)
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
-        """See `SingleTracker.start`."""
         self._size = np.asarray(box[2:] - box[:2], dtype=np.float64)
         self._centre = box_centre(box)
         self._scale = PADDING * float(self._size.max()) / LONGEST
@@ -47,7 +46,6 @@ class Mosse:
         self._denominator = sum((s * s.conj()).real for s in spectra)
 
     def follow(self, image: ImageArray) -> TargetState:
-        """See `SingleTracker.follow`."""
         spectrum = self._spectrum(self._patch(image))
         response = scipy.fft.irfft2(spectrum * self._numerator / (self._denominator + REGULARISATION), s=self._shape)
         shift, value = peak(response)

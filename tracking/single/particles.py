@@ -71,7 +71,7 @@ class RunningMean:
     count: int = 0
 
     def add(self, value: float) -> RunningMean:
-        """With one more value."""
+        """The mean with one more value: of all until the rate is reached, then weighted towards the recent."""
         share = max(self.rate, 1 / (self.count + 1))
         mean = value if self.mean is None else self.mean + share * (value - self.mean)
         return RunningMean(self.rate, mean, self.count + 1)

@@ -149,7 +149,7 @@ class Model:
         return CELL * self.scale * size
 
     def box(self, centre: FloatArray, size: float) -> FloatArray:
-        """``(4,)`` corners."""
+        """``(4,)`` corners of the target at a centre ``(2,)``, pixels, and a scale."""
         return box_about(centre, self.target * size)
 
     def patch(self, image: ImageArray, centre: FloatArray, size: float) -> ImageArray:
@@ -332,13 +332,11 @@ class RegularisedTracker:
         self.settings = settings or RegularisedSettings()
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
-        """See `SingleTracker.start`."""
         width, height = (box[2:] - box[:2]).tolist()
         self._model = Model.of(self.settings, width, height)
         self.target = start(self._model, image, box_centre(np.asarray(box)))
 
     def follow(self, image: ImageArray) -> TargetState:
-        """See `SingleTracker.follow`."""
         self.target = update(self._model, locate(self._model, self.target, image), image)
         box = self._model.box(self.target.centre, self.target.size)
         return TargetState(box, self.target.peak, "tracking" if self.target.peak > LOST_BELOW else "lost")

@@ -1,12 +1,11 @@
-"""What correlation filters see: windows cut from the image at a fixed template size, and boxes of several sizes.
+"""What correlation filters see and answer: windows and boxes of several sizes in, maps of responses out.
+
+Windows are cut from the image at a fixed template size. A map's ``[0, 0]`` is no shift; its maxima lie between cells,
+by parabolas.
 
 A filter over sizes sees gradients of boxes on a fixed ladder of sizes (`SizeLadder`). It takes a frame twice, to
 find the size and to learn it. The sizes of both are rungs of one ladder, so what was cut out for the first is mostly
 there for the second; how far the target is off a rung goes into what is learnt.
-
-Response maps of correlation filters over cyclic shifts, ``map[0, 0]`` being no shift.
-
-Their maxima lie between cells, by parabolas.
 """
 
 from __future__ import annotations

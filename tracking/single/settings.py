@@ -87,7 +87,6 @@ class SingleChoice(Shared):
     objectness: Path | None = None
 
     def check(self) -> None:
-        """See `Shared.check`."""
         method, preset = self.method, self.preset
         if method not in METHODS:
             raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")

@@ -41,12 +41,11 @@ class SingleTracker(Protocol):
         ...
 
     def follow(self, image: ImageArray) -> TargetState:
-        """The target in the next image."""
+        """Where the target stands in the next image ``(H, W, 3)``, and how sure that is."""
         ...
 
 
 def box_centre(box: FloatArray) -> FloatArray:
-    """``(2,)`` centre of ``(4,)``."""
     return np.asarray((box[:2] + box[2:]) / 2)
 
 

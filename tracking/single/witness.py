@@ -161,7 +161,6 @@ class Recognised:
         self.settings = getattr(tracker, "settings", None)
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
-        """See `SingleTracker.start`."""
         self._tracker.start(image, box)
         width, height = (np.asarray(box)[2:] - np.asarray(box)[:2]).tolist()
         self.asked = height >= UPRIGHT * width
@@ -171,7 +170,6 @@ class Recognised:
         self._frame = self._lost = 0
 
     def follow(self, image: ImageArray) -> TargetState:
-        """See `SingleTracker.follow`."""
         there = self._tracker.follow(image)
         if not self.asked:
             return there

@@ -196,7 +196,6 @@ def _likelihood(
     radius: float,
     backgrounds: Sequence[Path] | None,
 ) -> ViewLikelihood:
-    """The likelihood that the settings name."""
     cameras = [p.camera for p in placed]
     if settings.likelihood == "contour":
         if backgrounds is not None:

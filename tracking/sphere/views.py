@@ -232,7 +232,6 @@ class SphereContourLikelihood(ViewLikelihood):
     faint: bool | None = None
 
     def weigh(self, k: int, positions: FloatArray, view: ImageArray) -> FloatArray:
-        """See `ViewLikelihood.weigh`."""
         maps = polar_maps(self.cameras[k], positions, self.radius, self.settings)
         support, share = outline_support(view, maps, self.settings).T
         clutter = self._clutter(self.cameras[k], view, np.median(positions, axis=0)) if len(positions) else 0.0
@@ -261,7 +260,6 @@ class BackgroundLikelihood(ViewLikelihood):
     backgrounds: Sequence[ImageArray]
 
     def weigh(self, k: int, positions: FloatArray, view: ImageArray) -> FloatArray:
-        """See `ViewLikelihood.weigh`."""
         difference, inside = colour_difference(self.cameras[k], view, self.backgrounds[k], positions)
         return np.asarray(np.where(inside, np.log(difference + NOISE), np.log(NOISE)))
 
@@ -277,7 +275,6 @@ class PointLikelihood(ViewLikelihood):
     sigma: FloatArray
 
     def weigh(self, k: int, positions: FloatArray, view: FloatArray) -> FloatArray:
-        """See `ViewLikelihood.weigh`."""
         camera, variance = self.cameras[k], self.sigma[k] ** 2
         square = np.square(camera.project(positions)[0] - view).sum(axis=1) / variance
         density = camera.width * camera.height / (2 * np.pi * variance)
@@ -299,7 +296,6 @@ class PrintedContourLikelihood(ViewLikelihood):
     power: float = 1.0
 
     def weigh(self, k: int, positions: FloatArray, view: ImageArray) -> FloatArray:
-        """See `ViewLikelihood.weigh`."""
         maps = polar_maps(self.cameras[k], positions, self.radius, self.settings, sphere_circles)
         total = np.where(maps.inside, outline_sums(view, maps, self.settings)[0], 0.0).sum(axis=1, dtype=np.float64)
         return np.asarray(self.power * logarithms(total))

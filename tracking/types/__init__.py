@@ -160,7 +160,6 @@ class Detections(Columns, ComparedByValue):
 
     @classmethod
     def empty(cls) -> Detections:
-        """No detection at all."""
         return cls(np.empty((0, 4)), np.empty(0))
 
     def select(self, which: BoolArray | IntArray | slice) -> Self:
@@ -241,7 +240,6 @@ class Targets(FromDetections, Columns, ComparedByValue):
 
     @classmethod
     def empty(cls, frame: int) -> Targets:
-        """No target in ``frame``."""
         return cls(frame, np.empty(0, np.int64), np.empty((0, 4)), np.empty(0), np.empty(0, dtype="U9"))
 
 

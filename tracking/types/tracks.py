@@ -29,7 +29,6 @@ class ActingTrack:
 
     @property
     def id(self) -> int:
-        """Of the track."""
         return self.track.id
 
 
@@ -125,7 +124,6 @@ class FloorTrack:
 
     @property
     def id(self) -> int:
-        """Of the track."""
         return self.track.id
 
 

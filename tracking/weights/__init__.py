@@ -63,5 +63,5 @@ def shipped_or_file(kind: str, given: str | Path) -> Path:
 
 
 def shipped_names() -> list[str]:
-    """The names of all shipped models."""
+    """Of the files beside this one, without their endings, sorted."""
     return sorted(path.stem for path in FOLDER.iterdir() if path.suffix in (".onnx", ".json"))

@@ -203,7 +203,7 @@ class TorchDetector:
 
     @torch.no_grad()
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
-        """See `Detect.detect`; from `LOWEST_SCORE` on."""
+        """From `LOWEST_SCORE` on."""
         card = self.module.card
         fitted, scales = zip(*(fit_image(image, card) for image in images), strict=True)
         logits, offsets = self.module(torch.from_numpy(np.stack(fitted)))

@@ -296,7 +296,7 @@ class Adaptation:
     tell: Callable[[str], None] = print
 
     def folder(self, number: int) -> Path:
-        """Of a round."""
+        """Where the files of a round lie; made where it is not there."""
         path = self.work / ("default" if number == DEFAULT else f"round-{number}")
         path.mkdir(parents=True, exist_ok=True)
         return path

@@ -37,7 +37,6 @@ class AdaptSettings(Shared):
     fps: float | None = None
 
     def check(self) -> None:
-        """See `Shared.check`."""
         if min(self.rounds, self.steps) < 1 or self.pictures < 20 or self.threads < 0:
             raise RequestError(
                 "expected `rounds` and `steps` from 1, `pictures` from 20 and `threads` from 0, "

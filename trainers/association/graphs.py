@@ -446,7 +446,7 @@ class FlowCounts:
 
     @classmethod
     def together(cls, parts: Sequence[FlowCounts]) -> FlowCounts:
-        """The sum of counts."""
+        """The counts of some sequences added up."""
         return cls(*(sum(getattr(counts, x.name) for counts in parts) for x in fields(cls)))
 
     @property

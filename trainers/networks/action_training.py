@@ -74,7 +74,7 @@ class ActionTraining(Tested):
         self.network.to(memory_format=torch.channels_last)
 
     def card(self, stream: StreamName) -> ModelCard:
-        """The contract of one stream."""
+        """What the exported network of ``stream`` says of itself."""
         return self.inputs[stream].card(self.trunk, self.names)
 
     def forward(self, crops: dict[StreamName, Tensor]) -> dict[StreamName, Tensor]:

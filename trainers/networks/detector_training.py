@@ -159,7 +159,6 @@ class DetectorTraining(Tested):
         self.network.train()
 
     def training_step(self, batch: DetectionBatch, batch_index: int) -> Tensor:
-        """The loss of a batch."""
         del batch_index
         images = normalised(batch.images, self.card)
         logits, offsets = self.network(images)

@@ -315,12 +315,10 @@ class EpochLines(Callback):
         self._trained = 0.0
 
     def on_train_epoch_start(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
-        """Start the clock."""
         del trainer, pl_module
         self._start, self._trained = time.perf_counter(), 0.0
 
     def on_validation_start(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
-        """Stop the clock of training."""
         del trainer, pl_module
         self._trained = time.perf_counter() - self._start
 

@@ -144,11 +144,9 @@ class Tested(LightningModule):
         self.validated = []
 
     def test_step(self, batch: Any, batch_index: int) -> None:
-        """As in validation."""
         self.validation_step(batch, batch_index)
 
     def on_test_epoch_end(self) -> None:
-        """As in validation."""
         self.on_validation_epoch_end()
 
     def parameter_groups(self) -> list[dict[str, Any]]:

@@ -84,7 +84,7 @@ class SpriteLibrary:
 
     @lru_cache(maxsize=4096)  # noqa: B019
     def sprite(self, number: int) -> Sprite:
-        """The sprite of this number, from 0."""
+        """The picture, normals, labels and joints of a row of the index; ``number`` counts from 0."""
         row = self._rows[number]
         name = str(self.folder / row["file"])
         colours = cv2.imread(f"{name}.png", cv2.IMREAD_UNCHANGED)

@@ -97,7 +97,6 @@ class Standing(Thing):
         return np.asarray(away / max(float(np.linalg.norm(away)), 1e-6))
 
     def shade(self, layer: Layer, visible: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
-        """See `composing.Thing.shade`."""
         del samples
         away, sprite = self._away(camera), layer.picture
         axes = np.array([[away[0], -away[1], 0], [away[1], away[0], 0], [0, 0, 1]], dtype=np.float32)

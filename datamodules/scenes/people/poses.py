@@ -26,13 +26,13 @@ _ARMS = (
 
 
 def random_name(rng: np.random.Generator) -> str:
-    """One of the poses."""
+    """Drawn by how often people in view take each pose."""
     names, shares = list(_DRAWN), np.array([share for share, _ in _DRAWN.values()])
     return names[int(rng.choice(len(names), p=shares / shares.sum()))]
 
 
 def draw_pose(seed: int, build: Build, name: str) -> Pose:
-    """The pose of this name and seed."""
+    """A pose of the kind ``name``, with a twist and a turn of the head of its own."""
     rng = np.random.default_rng(seed)
     pose = _DRAWN[name][1](rng, build)
     look, nod = float(rng.normal(0, 0.4)), pose.nod + float(rng.normal(0, 0.2))

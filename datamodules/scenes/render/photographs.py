@@ -155,7 +155,6 @@ class Facade(Thing):
         self.place, self.angle, self.size, self.picture = place, angle, size, picture
 
     def trace(self, camera: RayCamera, samples: int) -> Layer | None:
-        """See `composing.Thing.trace`."""
         foot, aside, up = np.array([*self.place, 0.0]), along(self.angle), np.array([0.0, 0.0, self.size[1]])
         left, right = (foot + side * self.size[0] / 2 * aside for side in (-1, 1))
         corners, depth = camera.project(np.stack([left + up, right + up, right, left]))
@@ -183,7 +182,6 @@ class Facade(Thing):
         return Layer(x1, y1, distance, np.zeros(distance.shape, np.int16), turned)
 
     def shade(self, layer: Layer, visible: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
-        """See `composing.Thing.shade`."""
         del samples
         normal = across(self.angle)[:2]
         if normal @ (camera.position[:2] - self.place) < 0:

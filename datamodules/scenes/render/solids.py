@@ -44,7 +44,7 @@ def pair(values: FloatArray | Float32) -> Pair:
 
 
 def pattern_of(rng: np.random.Generator, *among: int) -> int:
-    """One of several patterns."""
+    """A pattern of ``among``, each as likely."""
     return int(rng.choice(among))
 
 
@@ -90,7 +90,7 @@ class Solids(Columns):
 
 
 def join(groups: list[Solids]) -> Solids:
-    """All solids of several groups."""
+    """The solids of ``groups`` one after the other."""
     return Solids(*(np.concatenate([getattr(g, f.name) for g in groups]) for f in fields(Solids)))
 
 

@@ -80,7 +80,6 @@ class WithoutOthers(EachAlone):
     """
 
     def __call__(self, state: LabelledParticles, image: ColourImage) -> FloatArray:
-        """See `EachAlone`."""
         if len(state) == 0:
             return np.empty(0)
         _, masses, means = cluster_means(state)

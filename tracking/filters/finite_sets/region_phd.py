@@ -81,7 +81,7 @@ class AnywhereBirths:
     size: tuple[float, float]
 
     def draw(self, observation: ExplainedImage, rng: np.random.Generator) -> BornParticles:
-        """See `Births`; each particle is a group of its own."""
+        """Each particle is a group of its own."""
         centres = rng.random((self.count, 2)) * observation.image.size
         sizes = np.asarray(self.size) * np.exp(0.2 * rng.standard_normal((self.count, 2)))
         log_weights = logarithms(np.full(self.count, self.mass / max(self.count, 1)))
@@ -103,7 +103,7 @@ class PatchBirths:
     limit: int = 20
 
     def draw(self, observation: ExplainedImage, rng: np.random.Generator) -> BornParticles:
-        """See `Births`; a group of particles for each patch."""
+        """A group of particles for each patch."""
         boxes = self.patches(observation.image, observation.explained)
         groups = np.repeat(np.arange(len(boxes)), self.count)
         centres = (boxes[:, :2] + boxes[:, 2:])[groups] / 2
