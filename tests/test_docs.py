@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 import yaml
 
+from benchmarks.papers import __main__ as papers
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.types import Frame, Targets
 from tsuiseki.tracking.video.source import LiveSource, open_source
@@ -93,7 +94,7 @@ def test_equations_are_numbered(page: Path) -> None:
 
 @pytest.mark.parametrize("page", RESULTS, ids=name_of)
 def test_a_results_page_names_command_and_versions(page: Path) -> None:
-    assert re.search(r"^ {4}tsuiseki ", text_of(page), re.MULTILINE)
+    assert re.search(r"^ {4}(tsuiseki|python -m benchmarks.papers) ", text_of(page), re.MULTILINE)
     assert "(index.md#how-to-read-them)" in text_of(page)
 
 
@@ -130,7 +131,8 @@ def test_files_that_a_page_names_exist(page: Path) -> None:
         r"(?<![\w/.-])((?:configs|benchmarks|tracking|trainers|models|datamodules|tests)/[\w./]*)(?=`)", text
     )
     named += re.findall(r"\b((?:configs|benchmarks)/[\w./]+\.(?:yaml|py))", text)
-    named += [module.replace(".", "/") + ".py" for module in re.findall(r"python -m (benchmarks(?:\.\w+)+)", text)]
+    modules = [module.replace(".", "/") for module in re.findall(r"python -m (benchmarks(?:\.\w+)+)", text)]
+    named += [module if (REPOSITORY / module).is_dir() else f"{module}.py" for module in modules]
     assert [name for name in named if not (REPOSITORY / name).exists()] == []
 
 
@@ -201,9 +203,26 @@ def test_commands_that_pages_name_exist_with_their_options(command: tuple[str, .
             assert set(options) <= help_of(command), f"{page}: {line}"
 
 
+@cache
+def help_of_paper(name: str) -> frozenset[str]:
+    """The options of ``python -m benchmarks.papers NAME``."""
+    output = io.StringIO()
+    with contextlib.redirect_stdout(output):
+        assert papers.main([name, "--help"]) == 0
+    return frozenset(re.findall(r"(?<![\w-])--[a-z][\w-]*", output.getvalue()))
+
+
+@pytest.mark.slow
+def test_experiments_that_pages_name_exist_with_their_options() -> None:
+    for page in PAGES:
+        for line in re.findall(r"^ *python -m benchmarks\.papers ([^\n#]*)", text_of(page), re.MULTILINE):
+            name, *words = line.split()
+            assert {word for word in words if word.startswith("--")} <= help_of_paper(name), f"{name_of(page)}: {line}"
+
+
 @pytest.mark.slow
 def test_options_that_pages_name_alone_exist() -> None:
-    known = frozenset().union(*(help_of(command) for command in COMMANDS))
+    known = frozenset().union(*map(help_of, COMMANDS), *map(help_of_paper, papers.EXPERIMENTS))
     text = "\n".join(FENCE.sub("", text_of(page)) for page in EVERY_PAGE)
     named = {option.replace("_", "-") for option in re.findall(r"`(--[a-z][\w.-]*[\w])[^`]*`", text)}
     assert sorted(named - known - OF_OTHERS) == []

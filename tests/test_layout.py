@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 TESTS = Path(__file__).resolve().parent
-MIRRORED = ("datamodules", "models", "tracking", "trainers")
+MIRRORED = ("benchmarks", "datamodules", "models", "tracking", "trainers")
 
 
 @pytest.mark.parametrize("name", MIRRORED)

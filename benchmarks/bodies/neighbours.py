@@ -16,13 +16,13 @@ from pathlib import Path
 
 import numpy as np
 
+from benchmarks.papers.goldfish import BODY, TRACKER, FishClip, prepare_clip
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishClip, GoldfishSettings
 from tsuiseki.tracking.bodies.contour import wide_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.filters.body_motion import BodyMotion, RandomWalk
 from tsuiseki.tracking.formats.body_states import centre_inside
-from tsuiseki.trainers.experiments.goldfish import BODY, TRACKER, FishClip, prepare_clip
 from tsuiseki.trainers.learn_motion import learn_motion
 
 FISH, FIRST_SEED = 5, 8_000_000

@@ -20,18 +20,18 @@ from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.filters.base import TargetEstimates
-from tsuiseki.tracking.filters.finite_sets.clusters import Clusters, PhdState
-from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
-from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
-from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor
-from tsuiseki.trainers.experiments.finite_sets import (
+from benchmarks.papers.finite_sets import (
     PointScenario,
     read_scenario,
     scenario_births,
     scenario_model,
     start_filter,
 )
+from tsuiseki.tracking.filters.base import TargetEstimates
+from tsuiseki.tracking.filters.finite_sets.clusters import Clusters, PhdState
+from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
+from tsuiseki.tracking.filters.finite_sets.phd_identity import TrackIdentity
+from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor
 
 SURVIVING, BORN = 10_000, 4_000
 # Scans in a row by one filter before the next has its turn: none runs on the caches that another has just filled.

@@ -1,4 +1,4 @@
-"""AP50 and time of the detector in the rooms on which the settings of `reproduce omnidirectional` were chosen.
+"""AP50 and time of the detector in the rooms on which the settings of `benchmarks.papers omnidirectional` were chosen.
 
 Upright boxes of the people of whom three tenths or more are visible, in every fifth second of both cameras:
 
@@ -14,6 +14,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
+from benchmarks.papers.fisheye import ROOMS, VALIDATION_SEEDS, CeilingClip
 from tsuiseki.datamodules.scenes.room_clip import Room
 from tsuiseki.tracking.evaluation.detection import evaluate_rotated
 from tsuiseki.tracking.features.exported import Detect, Detector
@@ -22,7 +23,6 @@ from tsuiseki.tracking.formats.rotated import RotatedBoxes, about_bodies
 from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.experiments.fisheye import ROOMS, VALIDATION_SEEDS, CeilingClip
 
 VISIBLE, EVERY, LEAST_SCORE = 0.3, 5, 0.05
 

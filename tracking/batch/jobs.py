@@ -85,7 +85,7 @@ def function_of(words: tuple[str, ...]) -> Callable[..., Any]:
         entry = entry.commands.get(word) if isinstance(entry, Group) else None
     if not isinstance(entry, Command):
         raise RequestError(f"expected a command such as `track people` for a batch, got `{' '.join(words)}`")
-    return entry.load(words)
+    return entry.load()
 
 
 def content_of(source: str) -> str:

@@ -53,7 +53,7 @@ def _run(command: Command, typed: list[str], words: list[str]) -> int:
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     # Training writes its last checkpoint.
     DEADLINE.keeps = command.forwarded
-    function = command.load(typed)
+    function = command.load()
     from tsuiseki.tracking.cli.parser import call
 
     status = function(words) if command.forwarded else call(" ".join([PROGRAM, *typed]), function, words)

@@ -7,7 +7,7 @@ commands that track never import torch.
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, TypeAlias
 
@@ -29,15 +29,11 @@ class Command:
         """Whether the function takes the words as they are, for a parser of its own."""
         return self.place.startswith(("trainers.networks.fit:", "tracking.batch.run:"))
 
-    def load(self, words: Sequence[str]) -> Callable[..., Any]:
-        """The function of the command that is called ``words``, such as track and people."""
+    def load(self) -> Callable[..., Any]:
+        """The function of the command."""
         module, _, function = self.place.partition(":")
         found: Callable[..., Any] = getattr(importlib.import_module(f"tsuiseki.{module}"), function)
-        if words[0] != "reproduce":
-            return found
-        from tsuiseki.trainers.experiments.study import command
-
-        return command(words[-1], found)
+        return found
 
 
 class Group:
@@ -127,25 +123,7 @@ BATCH = {
     "evaluate": (".run:evaluate", "scores of many results"),
     "status": (".schedule:status", "how far a batch is"),
 }
-REPRODUCE = {
-    "multi-correlation-filter": (".single_target:reproduce", "correlation filters selected by a particle filter"),
-    "phd": (".finite_sets:reproduce", "finite-set filters on the standard scenarios"),
-    "pca-particle-filter": (".goldfish:reproduce", "how many particles a goldfish needs"),
-    "drone-action-features": (".drone_actions:reproduce", "tracks and actions from a drone improve each other"),
-    "phd-unseen": (".finite_sets:unseen", "a sensor's measurements on new scenarios, with peers"),
-    "blobs": (".finite_sets:blobs", "coloured objects, beside components and SORT"),
-    "phd-equalisation": (".finite_sets:equalisation", "equal likelihoods keep the weak target"),
-    "association": (".association:reproduce", "people and cars linked on given detections, with peers"),
-    "end-to-end": (".end_to_end:reproduce", "costs learnt through the flow"),
-    "corrections": (".corrections:reproduce", "a simulated annotator who reviews results"),
-    "omnidirectional": (".fisheye:reproduce", "people under ceiling fisheye cameras"),
-    "stereo-sphere": (".sphere:reproduce", "a ball in space from two cameras"),
-    "answers": (".answers:reproduce", "counts and stays on generated streets and labelled video, with peers"),
-    "one-floor": (".one_floor:reproduce", "people on one floor through several cameras, on WILDTRACK and Shelf"),
-    "sphere-points": (".sphere:points", "a thrown ball from its measured pixels"),
-}
 FIT = "fit a model to labelled video (all but body and motion need the train extra)"
-PAPER = "a paper's table or figure: paper and here, plus the plot"
 EXTRA = "(needs the train extra)"
 COMMANDS: Tree = {
     "demo": Command("tracking.demo.run:demo", "run the whole path on a generated labelled clip and write a report"),
@@ -165,5 +143,4 @@ COMMANDS: Tree = {
     "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),
     "batch": Group("a command on many videos, on all cores or on Ray", "tracking.batch", BATCH),
     "convert": Command("tracking.cli.convert:convert", "write a result into the file of another program"),
-    "reproduce": Group(f"{PAPER} {EXTRA}", "trainers.experiments", REPRODUCE),
 }

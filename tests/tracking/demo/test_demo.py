@@ -68,7 +68,7 @@ def test_the_commands_that_make_the_shipped_models_are_sound(tmp_path: Path, ren
             assert option != "--config" or Path(value).is_file()
             made |= {Path(value).name} if option == "--out" else set()
         if not command.forwarded:
-            parse(f"tsuiseki {kind} {what}", command.load([kind, what]), words)
+            parse(f"tsuiseki {kind} {what}", command.load(), words)
     assert set((SHIPPED if rendered else DRAWN).values()) <= made
     assert "detector_street.onnx" in made
     assert ("detector_figures.onnx" in made) == rendered

@@ -105,11 +105,6 @@ def test_points_need_truth_and_single_ids(tmp_path, capsys):
     assert "twice in frame 1" in capsys.readouterr().err
 
 
-def test_reproduce_says_where_its_data_should_be(tmp_path, capsys):
-    assert main(["reproduce", "phd", "--out", str(tmp_path / "out"), "--data", str(tmp_path)]) == 2
-    assert "expected phd/phd_scenario_*.json" in capsys.readouterr().err
-
-
 @pytest.mark.parametrize("bad", [{"method": "jpda"}, {"detection": 2.0}, {"particles": 0}, {"clutter": -1.0}])
 def test_point_settings_out_of_range_are_refused(bad):
     with pytest.raises(ValueError, match="expected"):

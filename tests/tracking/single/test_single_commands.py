@@ -1,7 +1,6 @@
 """`tsuiseki track single` and `tsuiseki evaluate single` as a user types them."""
 
 import json
-import re
 import signal
 
 import cv2
@@ -144,40 +143,6 @@ def test_a_result_of_another_length_is_said(labelled, tmp_path, capsys):
     (tmp_path / "r.txt").write_text("21,31,30,35\n" * 3)
     assert main(["evaluate", "single", str(labelled), str(tmp_path / "r.txt")]) == 0
     assert "3 results for 8 boxes: the frames without one are misses" in capsys.readouterr().err
-
-
-@pytest.mark.slow
-def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(labelled, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr("tsuiseki.trainers.experiments.single_target.GENERATED", ((0, 1),))
-    out, cache = tmp_path / "out", tmp_path / "cache"
-    words = ["reproduce", "multi-correlation-filter", "--data", str(labelled), "--cache", str(cache)]
-    words += ["--seeds", "1", "--sweep_seeds", "1"]
-    assert main([*words, "--out", str(out)]) == 0
-    made = {p.name for p in out.iterdir()}
-    assert {"results.json", "sweeps.png", "comparison.png", "intervals-printed.png", "intervals-robust.png"} <= made
-    values = json.loads((out / "results.json").read_text())
-    assert values["sweeps"]["alpha"]["0.3"]["paper"] == 38.60
-    said = capsys.readouterr().out
-    assert re.search(r"\n *combined, printed( +\d+\.\d\d ± \d\.\d\d) +40\.64", said)
-    assert {"combined, printed", "combined, robust, fixed size", "combined, robust"} <= set(values["comparison"])
-    before = sorted(p.stat().st_mtime_ns for p in cache.rglob("*.pickle"))
-    assert main([*words, "--out", str(tmp_path / "again")]) == 0
-    assert sorted(p.stat().st_mtime_ns for p in cache.rglob("*.pickle")) == before
-    assert json.loads((tmp_path / "again" / "results.json").read_text()) == values
-
-
-@pytest.mark.parametrize(
-    ("options", "said"),
-    [
-        (["--parts", "sweep"], "--parts: expected some of unseen, status"),
-        (["--seeds", "0"], "--seeds: expected at least 1"),
-        (["--data", "nowhere"], "expected a folder of sequences or a label file at nowhere"),
-    ],
-)
-def test_wrong_experiments_are_refused(tmp_path, capsys, options, said):
-    assert main(["reproduce", "multi-correlation-filter", "--out", str(tmp_path / "o"), *options]) == 2
-    assert said in capsys.readouterr().err
-    assert not (tmp_path / "o").exists()
 
 
 @pytest.mark.slow

@@ -1,0 +1,102 @@
+"""Tables of the result pages: the data file of a run, and its Markdown between two marks of a page.
+
+    <!-- table phd: Standard scenarios -->
+    <!-- end of table -->
+
+``docs/results/tables/phd.json`` holds what `python -m benchmarks.papers phd --record phd` found. With that option a
+command writes its data file and renews the pages; `python -m benchmarks.papers.records` renews the pages alone.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+import shlex
+import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from benchmarks.papers.tables import Table
+from tsuiseki.tracking.output import versions
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+DOCS = REPOSITORY / "docs"
+RECORDS = DOCS / "results" / "tables"
+MARK = re.compile(r"^<!-- table ([\w-]+): (.+) -->\n(.*?)^<!-- end of table -->$", re.MULTILINE | re.DOTALL)
+EARLIER = "*Numbers of an earlier run of the command, which did not write this table.*"
+
+
+def record(words: Sequence[str], options: Mapping[str, Any], tables: Sequence[Table], notes: Sequence[str]) -> str:
+    """The data file of a run: its command, all options with their values, versions, and its tables by title.
+
+    Args:
+        words: name and options of the experiment.
+        options: by name, defaults included.
+        tables: that it wrote.
+        notes: that stand below them.
+    """
+    content = {
+        "command": shlex.join(["python", "-m", "benchmarks.papers", *words]),
+        "options": options,
+        "versions": versions(),
+        "tables": {
+            table.title: {"digest": digest(table), "columns": table.columns, "rows": table.rows} for table in tables
+        },
+        "notes": notes,
+    }
+    return json.dumps(content, indent=1, ensure_ascii=False, default=str) + "\n"
+
+
+def digest(table: Table) -> str:
+    """Twelve hexadecimal digits for what stands in a table."""
+    content = json.dumps([list(table.columns), [list(row) for row in table.rows]])
+    return hashlib.sha256(content.encode()).hexdigest()[:12]
+
+
+def recorded_table(name: str, title: str) -> tuple[Table, Mapping[str, Any]]:
+    """A table of the data file ``name``, and all of that file.
+
+    Raises:
+        ValueError: the file has no such table, or its rows were changed by hand.
+    """
+    content = json.loads((RECORDS / f"{name}.json").read_text(encoding="utf-8"))
+    if title not in content["tables"]:
+        raise ValueError(f"{name}.json: expected the table {title!r}, found {', '.join(content['tables'])}")
+    fields = content["tables"][title]
+    table = Table(title, fields["columns"], fields["rows"])
+    if digest(table) != fields["digest"]:
+        raise ValueError(f"{name}.json: the rows of {title!r} are not those that the digest was made of")
+    return table, content
+
+
+def refreshed(page: str) -> str:
+    """The text of a page with its tables as their data files have them."""
+    return MARK.sub(_block, page)
+
+
+def _block(mark: re.Match[str]) -> str:
+    name, title, _ = mark.groups()
+    table, content = recorded_table(name, title)
+    seeds = {key: value for key, value in content["options"].items() if "seed" in key or key == "runs"}
+    inputs = "; ".join([content["command"], *(f"{key} {value}" for key, value in seeds.items()), digest(table)])
+    lines = [f"<!-- table {name}: {title} -->", f"<!-- {inputs} -->", "", table.markdown(), ""]
+    return "\n".join([*lines, *([EARLIER, ""] if content.get("earlier") else []), "<!-- end of table -->"])
+
+
+def refresh_pages() -> list[Path]:
+    """Write the tables of all data files into the pages; the pages that changed."""
+    changed = []
+    for path in sorted(DOCS.rglob("*.md")):
+        before = path.read_text(encoding="utf-8")
+        after = refreshed(before)
+        if after != before:
+            path.write_text(after, encoding="utf-8")
+            changed.append(path)
+    return changed
+
+
+if __name__ == "__main__":
+    for page in refresh_pages():
+        print(page.relative_to(REPOSITORY), file=sys.stderr)
