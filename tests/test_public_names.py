@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 import tsuiseki
-from tsuiseki.tracking.people.api import PeopleKeywords, _opened
+from tsuiseki.tracking.bodies.run import BodyKeywords
 
 STUB = Path(tsuiseki.__file__).with_suffix(".pyi")
 
@@ -32,9 +32,9 @@ def test_every_tracker_and_every_function_that_tracks_takes_a_seed() -> None:
     assert len(functions) >= 10
     for each in (*trackers, *functions):
         parameters = inspect.signature(each).parameters
-        if "keywords" in parameters:  # `Unpack[PeopleKeywords]`, whose defaults stand where the call is opened
-            assert "seed" in PeopleKeywords.__annotations__
-            parameters = inspect.signature(_opened).parameters
+        if "keywords" in parameters:  # `Unpack[BodyKeywords]`
+            assert "seed" in BodyKeywords.__annotations__
+            continue
         assert parameters["seed"].default == 0, each
 
 

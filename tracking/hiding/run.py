@@ -188,7 +188,7 @@ def hide(
         out: the file to write, ``.webm`` or ``.mp4``.
         hide: ``people``, ``heads``, or ``all-but 3,5``: everybody but the tracks of these ids.
         style: ``pixelated`` or ``filled``.
-        detector: the second one, see `PeopleKeywords`.
+        detector: the second one, as of `track_people`.
         score_threshold: the second detector keeps boxes of at least this score.
         threads: CPU threads of the detector; 0 takes all.
         device: of the detector.

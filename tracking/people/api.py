@@ -7,88 +7,56 @@
 from __future__ import annotations
 
 import warnings
-from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
-
-import numpy as np
+from typing import Any
 
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.options import Seed
-from tsuiseki.tracking.people.by_class import ByClass
-from tsuiseki.tracking.people.contract import PeopleTracker, skipped
-from tsuiseki.tracking.people.detections import PeopleInputs
+from tsuiseki.tracking.people.contract import PeopleTracker
+from tsuiseki.tracking.people.following import answers_while_it_runs, followed
 from tsuiseki.tracking.people.given_detections import GivenDetections
-from tsuiseki.tracking.people.motion_compensated import inner_tracker
 from tsuiseki.tracking.people.opening import OpenedPeople, open_people
 from tsuiseki.tracking.people.people_result import people_result
 from tsuiseki.tracking.people.settings import Ground, Linking, PeopleFinding, PeopleMethod, PeoplePreset
 from tsuiseki.tracking.people.tracker_choice import LearntCosts
 from tsuiseki.tracking.result import Result
-from tsuiseki.tracking.runs.progress import progress
+from tsuiseki.tracking.runs.progress import progress as watched
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, Targets, Track
 from tsuiseki.tracking.types.frame_range import parse_frames
-from tsuiseki.tracking.types.tracks import targets_at
 from tsuiseki.tracking.video.source import SourceLike, named, open_source
 
 
-class PeopleKeywords(TypedDict, total=False):
-    """What `track_people` and `follow_people` take beside the source and the method.
-
-    Where the command takes a file, networks, functions and arrays do as well. What is not listed here is as in
-    `PeopleFinding` and `Linking`, the options of the command.
-
-    Attributes:
-        detections: use these instead of a detector: a file, or one entry a frame of whatever `as_detections` takes.
-        detector: an exported detector's file, a `Detector`, or a function from an image to detections.
-        appearance: an exported network's file, an `Appearance`, or a function from crops to rows; ``"none"`` for none.
-        affinity: exported link costs for ``flow``, or the costs themselves; ``"none"`` takes hand-set costs.
-        detector_options: what the file of another project's detector leaves open.
-        appearance_options: likewise for an appearance network.
-        frames: only these frames, such as ``"301-400"``, counted from 1 with both ends as on the command line; all
-            other numbers of frames in Python count from 0.
-        frame_rate: frames a second, where the source does not say it, as images do not, or is wrong.
-        progress: show on the terminal how far the run is.
-        inference_frames: numbers, counted from 0, of the frames with inference of ``detections``, such as
-            ``range(0, 300, 10)``; by default the stride of the detections. No person is missed in other frames.
-        seed: of the tracker's random numbers.
-        delay: seconds after which ``flow`` decides on a frame for good; with `follow_people` each frame comes so much
-            later.
-        classes: numbers or names, such as ``["person", "car"]``. Each track has its ``class_id``, and each target its
-            ``detection``.
-    """
-
-    detections: GivenDetections | None
-    detector: DetectorLike | None
-    appearance: AppearanceLike | None
-    affinity: str | Path | LearntCosts | None
-    detector_options: DetectorOptions
-    appearance_options: AppearanceOptions
-    score_threshold: float | None
-    view: str | int
-    frames: str | None
-    frame_rate: float | None
-    progress: bool
-    inference_frames: Iterable[int] | None
-    moving_camera: bool
-    threads: int
-    device: Device
-    seed: int
-    delay: float | None
-    preset: PeoplePreset
-    ground: Ground
-    classes: Sequence[int | str] | None
-    across_classes: bool
-
-
 def track_people(
-    source: SourceLike, method: PeopleMethod | PeopleTracker = "flow", **keywords: Unpack[PeopleKeywords]
+    source: SourceLike,
+    method: PeopleMethod | PeopleTracker = "flow",
+    *,
+    detections: GivenDetections | None = None,
+    detector: DetectorLike | None = None,
+    appearance: AppearanceLike | None = None,
+    affinity: str | Path | LearntCosts | None = None,
+    detector_options: DetectorOptions | None = None,
+    appearance_options: AppearanceOptions | None = None,
+    score_threshold: float | None = None,
+    view: str | int = "auto",
+    frames: str | None = None,
+    frame_rate: float | None = None,
+    inference_frames: Iterable[int] | None = None,
+    moving_camera: bool = False,
+    threads: int = 0,
+    device: Device = "auto",
+    delay: float | None = None,
+    preset: PeoplePreset = "default",
+    ground: Ground = "auto",
+    classes: Sequence[int | str] | None = None,
+    across_classes: bool = False,
+    seed: int = 0,
+    progress: bool = False,
 ) -> Result[Track]:
     """Everyone in a video, each with an id.
 
@@ -99,7 +67,33 @@ def track_people(
         method: ``flow`` links the whole video at once, which is the most accurate; ``deepsort``, ``sort``,
             ``bytetrack`` and ``ocsort`` go frame by frame; or a tracker with settings of one's own, such as
             ``Sort(max_age=30)``.
-        keywords: see `PeopleKeywords`.
+        detections: use these instead of a detector: a file, or one entry a frame of whatever `as_detections` takes.
+        detector: an exported detector's file, a `Detector`, or a function from an image to detections; by default the
+            shipped one.
+        appearance: an exported network's file, an `Appearance`, or a function from crops to rows; by default the
+            shipped one, ``"none"`` for none.
+        affinity: exported link costs for ``flow``, or the costs themselves; ``"none"`` takes hand-set costs.
+        detector_options: what the file of another project's detector leaves open.
+        appearance_options: likewise for an appearance network.
+        score_threshold: least score of a detection, from 0 to 1; by default the beginning of the video tells it.
+        view: overlapping tiles of a frame for the detector: ``"auto"``, as many as detect more people; tiles across
+            such as 2; across and down such as ``"3x2"``.
+        frames: only these frames, such as ``"301-400"``, counted from 1 with both ends as on the command line; all
+            other numbers of frames in Python count from 0.
+        frame_rate: frames a second, where the source does not say it, as images do not, or is wrong.
+        inference_frames: numbers, counted from 0, of the frames with inference of ``detections``, such as
+            ``range(0, 300, 10)``; by default the stride of the detections. No person is missed in other frames.
+        moving_camera: estimate how the camera moves and link people as if it stood still; ``flow`` needs it rarely.
+        threads: CPU cores of the networks; 0 takes all.
+        device: what the networks run on: ``"cpu"``, ``"cuda"``, or ``"auto"``.
+        delay: seconds after which ``flow`` decides on a frame for good.
+        preset: ``"printed"`` makes of ``flow`` the thesis's, see `PrintedFlow`.
+        ground: ``"auto"`` lowers the scores of boxes that are not as high as people on one ground; ``"off"`` none.
+        classes: numbers or names, such as ``["person", "car"]``. Each track has its ``class_id``, and each target its
+            ``detection``.
+        across_classes: one track may go through several ``classes``; by default each is tracked apart.
+        seed: of the tracker's random numbers.
+        progress: show on the terminal how far the run is.
 
     Returns:
         The tracks by id, whose frames count from 0 at the beginning of the video, with what is known of the run.
@@ -108,24 +102,45 @@ def track_people(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    shown = keywords.pop("progress", False)
-    opened = _opened(source, method, **keywords)
+    keywords = locals()
+    opened = _opened(keywords)
     video = opened.inputs.source
     if video.endless:
         raise RequestError(f"{video.name} does not end by itself; give frames, or use follow_people")
-    name, times = method if isinstance(method, str) else type(method).__name__, StageTimes()
-    plain = {key: value for key, value in keywords.items() if isinstance(value, str | int | float | Path)}
-    made = {"method": name, "source": named(source), "seed": 0, **plain}
+    times = StageTimes()
     steps = opened.inputs.detections(times=times)
-    steps = progress(steps, "tracking", video.frames_expected) if shown else steps
-    result, _ = people_result(opened, steps, times, made)
+    steps = watched(steps, "tracking", video.frames_expected) if progress else steps
+    result, _ = people_result(opened, steps, times, _recorded(keywords))
     if why := result.facts.get("detections_without_track"):
         warnings.warn(why, InputWarning, stacklevel=2)
     return result
 
 
 def follow_people(
-    source: SourceLike, method: PeopleMethod | PeopleTracker = "sort", **keywords: Unpack[PeopleKeywords]
+    source: SourceLike,
+    method: PeopleMethod | PeopleTracker = "sort",
+    *,
+    detections: GivenDetections | None = None,
+    detector: DetectorLike | None = None,
+    appearance: AppearanceLike | None = None,
+    affinity: str | Path | LearntCosts | None = None,
+    detector_options: DetectorOptions | None = None,
+    appearance_options: AppearanceOptions | None = None,
+    score_threshold: float | None = None,
+    view: str | int = "auto",
+    frames: str | None = None,
+    frame_rate: float | None = None,
+    inference_frames: Iterable[int] | None = None,
+    moving_camera: bool = False,
+    threads: int = 0,
+    device: Device = "auto",
+    delay: float | None = None,
+    preset: PeoplePreset = "default",
+    ground: Ground = "auto",
+    classes: Sequence[int | str] | None = None,
+    across_classes: bool = False,
+    seed: int = 0,
+    progress: bool = False,
 ) -> Iterator[tuple[Frame, Targets]]:
     """Each frame with the people in it, while the video comes.
 
@@ -133,17 +148,42 @@ def follow_people(
         source: as in `track_people`; a webcam is followed until the loop ends.
         method: any, ``flow`` with a ``delay``; or a tracker that answers while it runs, also one with a delay, whose
             frames come as late as it answers.
-        keywords: see `PeopleKeywords`.
+        detections: use these instead of a detector: a file, or one entry a frame of whatever `as_detections` takes.
+        detector: an exported detector's file, a `Detector`, or a function from an image to detections; by default the
+            shipped one.
+        appearance: an exported network's file, an `Appearance`, or a function from crops to rows; by default the
+            shipped one, ``"none"`` for none.
+        affinity: exported link costs for ``flow``, or the costs themselves; ``"none"`` takes hand-set costs.
+        detector_options: what the file of another project's detector leaves open.
+        appearance_options: likewise for an appearance network.
+        score_threshold: least score of a detection, from 0 to 1; by default the beginning of the video tells it.
+        view: overlapping tiles of a frame for the detector: ``"auto"``, as many as detect more people; tiles across
+            such as 2; across and down such as ``"3x2"``.
+        frames: only these frames, such as ``"301-400"``, counted from 1 with both ends as on the command line; all
+            other numbers of frames in Python count from 0.
+        frame_rate: frames a second, where the source does not say it, as images do not, or is wrong.
+        inference_frames: numbers, counted from 0, of the frames with inference of ``detections``, such as
+            ``range(0, 300, 10)``; by default the stride of the detections. No person is missed in other frames.
+        moving_camera: estimate how the camera moves and link people as if it stood still; ``flow`` needs it rarely.
+        threads: CPU cores of the networks; 0 takes all.
+        device: what the networks run on: ``"cpu"``, ``"cuda"``, or ``"auto"``.
+        delay: seconds after which ``flow`` decides on a frame for good; each frame comes so much later.
+        preset: ``"printed"`` makes of ``flow`` the thesis's, see `PrintedFlow`.
+        ground: ``"auto"`` lowers the scores of boxes that are not as high as people on one ground; ``"off"`` none.
+        classes: numbers or names, such as ``["person", "car"]``. Each track has its ``class_id``, and each target its
+            ``detection``.
+        across_classes: one track may go through several ``classes``; by default each is tracked apart.
+        seed: of the tracker's random numbers.
+        progress: show on the terminal how far the run is.
 
     Returns:
         An iterator over all frames in order, each with its image and the people in it.
 
     Raises:
-        RequestError: see `track_people`; or the method answers at the end only.
+        RequestError: as of `track_people`; or the method answers at the end only.
         RunError: the video breaks off.
     """
-    shown = keywords.pop("progress", False)
-    opened = _opened(source, method, **keywords)
+    opened = _opened(locals())
     inputs = opened.inputs
     if not inputs.source.has_images:
         raise RequestError(f"{inputs.source.name} has no images to follow people in; use track_people")
@@ -152,68 +192,32 @@ def follow_people(
             "expected a method that answers while it runs, such as sort, or flow with a `delay`, got one that decides "
             "at the end; use track_people"
         )
-    shown_frames = followed(replace(inputs, batch_size=1 if inputs.source.live else inputs.batch_size), opened.tracker)
-    return progress(shown_frames, "following", inputs.source.frames_expected) if shown else shown_frames
+    people = followed(replace(inputs, batch_size=1 if inputs.source.live else inputs.batch_size), opened.tracker)
+    return watched(people, "following", inputs.source.frames_expected) if progress else people
 
 
-def _opened(
-    source: SourceLike,
-    method: Any,
-    *,
-    frames: str | None = None,
-    frame_rate: float | None = None,
-    inference_frames: Iterable[int] | None = None,
-    seed: int = 0,
-    **given: Any,
-) -> OpenedPeople:
-    """`open_people` by the keywords of a call, whose others are those of `Linking` and `PeopleFinding`."""
-    if unknown := [name for name in given if name not in PeopleKeywords.__annotations__]:
-        raise RequestError(f"expected the keywords of `PeopleKeywords`, got {unknown[0]!r}")
-    own = {one.name for one in fields(Linking)}
-    linking = Linking(method=method, **{name: value for name, value in given.items() if name in own})
+def _opened(keywords: Mapping[str, Any]) -> OpenedPeople:
+    """`open_people` by the arguments of a call, most of which are those of `Linking` and `PeopleFinding`."""
+    there = {name: value for name, value in keywords.items() if value is not None}
+    linking = Linking(**{option.name: there[option.name] for option in fields(Linking) if option.name in there})
+    options = [option.name for option in fields(PeopleFinding) if option.name in there]
+    finding = PeopleFinding(**{name: there[name] for name in options})
     linking.check()
-    Seed(seed).check()
-    video = open_source(source, parse_frames(frames), frame_rate)
-    finding = PeopleFinding(**{name: value for name, value in given.items() if name not in own})
+    Seed(keywords["seed"]).check()
+    video = open_source(keywords["source"], parse_frames(keywords["frames"]), keywords["frame_rate"])
     finding.check()
-    return open_people(video, finding, linking, seed, inference_frames)
+    return open_people(video, finding, linking, keywords["seed"], keywords["inference_frames"])
 
 
-def answers_while_it_runs(tracker: PeopleTracker) -> bool:
-    """One that may have a delay has one, or else it can forget; see `people.contract`."""
-    inner = inner_tracker(tracker)
-    if isinstance(inner, ByClass):
-        return all(map(answers_while_it_runs, inner.trackers.values()))
-    return inner.delay is not None if hasattr(inner, "delay") else hasattr(inner, "forget")
-
-
-def followed(inputs: PeopleInputs, tracker: PeopleTracker) -> Iterator[tuple[Frame, Targets]]:
-    """Each frame with the people in it, as late as the tracker answers."""
-    forget = getattr(inner_tracker(tracker), "forget", None)
-    waiting: deque[Frame] = deque()
-    first, inferred = 0, inputs.inferred
-    last = Targets.empty(0)
-    for number, (frame, detections) in enumerate(inputs.with_frames()):
-        first = frame.index - number
-        waiting.append(frame)
-        detects = inferred is None or inferred[frame.index : frame.index + 1].any()
-        targets = tracker.update(detections) if detects else skipped(tracker)
-        if targets is not None:
-            while waiting[0].index - first < targets.frame:
-                # With a delay, frames without inference are not answered by themselves.
-                yield waiting[0], expected(last, waiting.popleft().index)
-            last = replace(targets, frame=waiting[0].index)
-            yield waiting.popleft(), last
-        if forget is not None:
-            forget()
-    if waiting:
-        tracks = tracker.tracks()
-        yield from ((frame, targets_at(tracks, frame.index - first, frame.index)) for frame in waiting)
-
-
-def expected(targets: Targets, frame: int) -> Targets:
-    """The same people in a frame that nothing is known of."""
-    people = targets.select(targets.status != "lost")
-    nothing = np.column_stack([np.full(len(people), -1), people.classes])
-    status = np.full(len(people), "searching")
-    return replace(people, frame=frame, scores=np.zeros(len(people)), status=status, origin=nothing)
+def _recorded(keywords: Mapping[str, Any]) -> dict[str, Any]:
+    """What ``run.json`` keeps of a call: the source, the method, the seed, and what is plain and not as usual."""
+    usual = {option.name: option.default for kind in (Linking, PeopleFinding) for option in fields(kind)}
+    plain = {
+        name: value
+        for name, value in keywords.items()
+        if name in {*usual, "frames", "frame_rate"} and isinstance(value, str | int | float | Path)
+        if value != usual.get(name)
+    }
+    method = keywords["method"]
+    made = {"source": named(keywords["source"]), "seed": keywords["seed"]}
+    return {**made, **plain, "method": method if isinstance(method, str) else type(method).__name__}

@@ -68,7 +68,7 @@ def open_people(
 
     Args:
         source: the video.
-        finding: the options; in Python also what `PeopleKeywords` allow instead of files.
+        finding: the options; in Python also what `track_people` takes instead of files.
         linking: likewise; its method may be a tracker.
         seed: of the tracker's random numbers.
         inferred: numbers from 0 of the frames with inference of given detections; by default measured.

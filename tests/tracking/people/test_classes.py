@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tsuiseki.tracking.counts.page import with_page
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import as_detector
 from tsuiseki.tracking.formats.mot import read_tracks
@@ -98,7 +99,7 @@ def test_classes_apart_or_together(given: dict[str, Any], wanted: list[Any], tmp
     assert max(len(track) for track in apart if track.class_name == "car") < 20
     together = track_people(**given, classes=wanted, across_classes=True)
     assert {track.class_name for track in together} == {"person", "car"}
-    written = read_tracks(together.save(tmp_path / "out") / "tracks.txt")
+    written = read_tracks(with_page(together).save(tmp_path / "out") / "tracks.txt")
     assert [track.class_name for track in written] == [track.class_name for track in together]
     assert "car 1" in (tmp_path / "out" / "report.html").read_text()
 

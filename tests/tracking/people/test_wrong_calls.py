@@ -60,7 +60,6 @@ def source(tmp_path: Path) -> Path:
         ({"detections": {0: ROWS[0]}}, "expected a file, or boxes of each frame in a list, got dict"),
         ({"view": 0}, "view"),
         ({"detections": None}, "no images"),
-        ({"thread": 1}, "expected the keywords detections, "),
         ({"method": Sort}, "a tracker"),
         ({"method": SortSettings()}, "or PeopleTracker, got SortSettings"),
     ],
@@ -68,6 +67,12 @@ def source(tmp_path: Path) -> Path:
 def test_wrong_keywords_are_refused(source: Path, keywords: dict[str, Any], message: str) -> None:
     with pytest.raises(RequestError, match=message):
         track_people(source, **{"method": "sort", "detections": ROWS, **keywords})
+
+
+def test_an_unknown_keyword_is_a_type_error_as_everywhere_in_python(source: Path) -> None:
+    more: dict[str, Any] = {"thread": 1}
+    with pytest.raises(TypeError, match="thread"):
+        track_people(source, "sort", detections=ROWS, **more)
 
 
 @pytest.mark.parametrize("wrong", [IMAGE, ["a.png"], None, 1.5])
