@@ -85,7 +85,7 @@ def reviewed(given: GivenSequence, answers: int) -> dict[str, Any]:
     network = tracker.network()
     assert network is not None
     flow, reporter = CorrectedFlow(network), Reporter(tracks)
-    ids = track_ids(network.track, flow.labels(), reporter.most)
+    ids = track_ids(network.track, flow.labels(), reporter.highest)
     owners = owners_of(network.frames, network.boxes, association.given_labels(given), OVERLAP)
     wrong, by_hand = _errors(flow, ids, owners)
     ranked = _rankings(flow, ids)
@@ -99,8 +99,8 @@ def reviewed(given: GivenSequence, answers: int) -> dict[str, Any]:
     allowed = combined_scores(track_sums(given, reporter.tracks(flow.network, right, {}))[None])["idf1"]
     idf1, hota, accepted, asked = list[float](), list[float](), list[Correction](), set[str]()
     for _ in range(answers + 1):
-        ids = track_ids(flow.network.track, flow.labels(), reporter.most)
-        now = combined_scores(track_sums(given, reporter.tracks(flow.network, ids, flow.demands.shown))[None])
+        ids = track_ids(flow.network.track, flow.labels(), reporter.highest)
+        now = combined_scores(track_sums(given, reporter.tracks(flow.network, ids, flow.demands.drawn_boxes))[None])
         idf1.append(now["idf1"])
         hota.append(now["hota"])
         questions = Questioner(flow.network, flow.settled(), ids, flow.parted()).ranked(1, asked)

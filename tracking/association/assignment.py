@@ -7,6 +7,7 @@ import scipy
 
 from tsuiseki.tracking.types import FloatArray, IntArray
 
+# Indices of an empty matching.
 NOTHING = np.empty(0, dtype=np.int64)
 
 
@@ -57,5 +58,5 @@ def assign_overlaps(overlaps: FloatArray, least: float) -> tuple[IntArray, IntAr
     """
     valid = overlaps >= least
     rows, columns = scipy.optimize.linear_sum_assignment(np.where(valid, overlaps, 0), maximize=True)
-    kept = valid[rows, columns]
-    return rows[kept], columns[kept]
+    matched = valid[rows, columns]
+    return rows[matched], columns[matched]

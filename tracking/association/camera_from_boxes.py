@@ -30,12 +30,15 @@ from tsuiseki.tracking.types import FloatArray, IntArray
 
 # How far a box moves between two frames at most, heights.
 REACH = 1.0
-# Width of the kernel that the first shift is found with, and by how much a pair may differ from the camera's motion,
-# heights a second.
-MODE, TOLERANCE = 1.5, 0.45
-# Rounds of the reweighted least squares, and how strongly turning and scaling are held back in it.
-ROUNDS, RIDGE = 8, 0.5
-# Pairs that must agree.
+# Width of the kernel that votes for the first shift, heights a second.
+MODE = 1.5
+# k: how far people move by themselves, heights a second.
+TOLERANCE = 0.45
+# Rounds of the reweighted least squares.
+ROUNDS = 8
+# Weight of the ridge penalty on rotation and scale, over the spread of the boxes.
+RIDGE = 0.5
+# Weighted number of pairs that must agree: one person who walks looks like a camera that turns.
 LEAST = 4.0
 # Shift a second, in heights, from which the camera counts as moving.
 MOVING = 0.3
@@ -78,8 +81,8 @@ def steps_from_boxes(frames: IntArray, boxes: FloatArray, count: int, rate: Floa
     reach = np.repeat(REACH * size.max(axis=1)[:, None], 2, axis=1)
     i, j = near_pairs(frames, centre, reach, 1)
     change = np.log(size[j] / size[i])
-    alike = np.abs(change[:, 1]) < 0.5
-    i, j, change = i[alike], j[alike], change[alike]
+    similar = np.abs(change[:, 1]) < 0.5
+    i, j, change = i[similar], j[similar], change[similar]
     if len(i) == 0:
         return steps
     time, height = frames[j], (size[i].max(axis=1) + size[j].max(axis=1)) / 2

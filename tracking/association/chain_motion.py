@@ -29,8 +29,10 @@ from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 
 # Which covariance belongs to x, y, log width and log height.
 GROUPS = np.array([0, 0, 1, 2])
-# Detections of a block, and before it; after so many the start of the filter no longer changes a cost.
-BLOCK, RUN_UP = 64, 48
+# Detections of a block, filtered side by side with others.
+BLOCK = 64
+# Detections that are filtered before a block; after so many the start of the filter no longer changes a cost.
+RUN_UP = 48
 
 
 @dataclass(frozen=True)
@@ -67,10 +69,10 @@ class Beliefs(Columns):
     velocity: FloatArray
     covariance: FloatArray
 
-    def replaced(self, which: IntArray, other: Beliefs) -> Beliefs:
+    def replaced(self, which: IntArray, new: Beliefs) -> Beliefs:
         """These, with others at ``(K,)`` indices."""
         both = Beliefs(self.place.copy(), self.velocity.copy(), self.covariance.copy())
-        both.place[which], both.velocity[which], both.covariance[which] = other.place, other.velocity, other.covariance
+        both.place[which], both.velocity[which], both.covariance[which] = new.place, new.velocity, new.covariance
         return both
 
 
@@ -92,9 +94,9 @@ def beliefs_along(labels: IntArray, measured: Measurements, noise: MotionNoise) 
         noise: of the filter.
     """
     count = len(labels)
-    own = np.where(labels < 0, labels.max(initial=-1) + 1 + np.arange(count), labels)
-    order = np.argsort(own, kind="stable")
-    change = own[order[1:]] != own[order[:-1]]
+    chain = np.where(labels < 0, labels.max(initial=-1) + 1 + np.arange(count), labels)
+    order = np.argsort(chain, kind="stable")
+    change = chain[order[1:]] != chain[order[:-1]]
     ends = np.ones(count, dtype=np.bool_)
     ends[:-1] = change
     starts = np.ones(count, dtype=np.bool_)
@@ -164,10 +166,10 @@ def _filtered(
         b = np.where(new, 0, b - gain_x * b)
         a = np.where(new, r, a - gain_x * a)
         if step >= RUN_UP:
-            kept = inside[step]
-            rows = rows[kept]
-            place[:, rows], velocity[:, rows] = x[:, kept], v[:, kept]
-            covariance[:, :, rows] = np.stack([a, b, c])[:, :, kept]
+            counted = inside[step]
+            rows = rows[counted]
+            place[:, rows], velocity[:, rows] = x[:, counted], v[:, counted]
+            covariance[:, :, rows] = np.stack([a, b, c])[:, :, counted]
     return place, velocity, covariance
 
 
@@ -198,12 +200,12 @@ class TrackMotion(Columns):
 
 
 def followed(
-    known: TrackMotion, table: DetectionTable, labels: IntArray, follower: IntArray, motion: MotionNoise, reach: int
+    previous: TrackMotion, table: DetectionTable, labels: IntArray, follower: IntArray, motion: MotionNoise, reach: int
 ) -> tuple[TrackMotion, tuple[BoolArray, BoolArray]]:
     """The motion along the tracks of a new solution.
 
     Args:
-        known: motion along the tracks before.
+        previous: motion along the tracks of the solution before.
         table: the detections.
         labels: ``(N,)`` track of each now, -1 for none.
         follower: ``(N,)`` number of the next detection of the track now, -1 for none.
@@ -213,13 +215,13 @@ def followed(
     Returns:
         The motion, and ``(N,)`` whether the past, and whether the future of its track has changed at each detection.
     """
-    own = np.where(labels < 0, int(labels.max(initial=-1)) + 1 + np.arange(len(table)), labels)
-    order = np.argsort(own, kind="stable")
+    track = np.where(labels < 0, int(labels.max(initial=-1)) + 1 + np.arange(len(table)), labels)
+    order = np.argsort(track, kind="stable")
     # First and last row of the track of each: those of one track follow each other.
-    bounds = np.searchsorted(own[order], own[order]), np.searchsorted(own[order], own[order], side="right") - 1
-    before, after = table.rows(known.follower), table.rows(follower)
-    past = any_within((predecessors(before) != predecessors(after))[order], bounds, reach, 0)
-    future = any_within((before != after)[order], bounds, 0, reach)
+    bounds = np.searchsorted(track[order], track[order]), np.searchsorted(track[order], track[order], side="right") - 1
+    old_follower, new_follower = table.rows(previous.follower), table.rows(follower)
+    past = any_within((predecessors(old_follower) != predecessors(new_follower))[order], bounds, reach, 0)
+    future = any_within((old_follower != new_follower)[order], bounds, 0, reach)
     needed = any_within(past, bounds, 0, RUN_UP) | any_within(future, bounds, RUN_UP, 0)
     back, ahead = np.empty(len(table), np.bool_), np.empty(len(table), np.bool_)
     back[order], ahead[order] = past, future
@@ -231,16 +233,16 @@ def followed(
     pasts, futures = beliefs_along(label[again], table.measured.select(again), motion)
     now = TrackMotion(
         follower.copy(),
-        known.past.replaced(again[back[again]], pasts.select(back[again])),
-        known.future.replaced(again[ahead[again]], futures.select(ahead[again])),
-        known.ending,
-        known.beginning,
+        previous.past.replaced(again[back[again]], pasts.select(back[again])),
+        previous.future.replaced(again[ahead[again]], futures.select(ahead[again])),
+        previous.ending,
+        previous.beginning,
     )
     return now, (back, ahead)
 
 
-def any_within(flags: BoolArray, bounds: tuple[IntArray, IntArray], before: int, after: int) -> BoolArray:
+def any_within(flags: BoolArray, bounds: tuple[IntArray, IntArray], rows_back: int, rows_ahead: int) -> BoolArray:
     """``(N,)`` whether a flag is set from so many rows before each to so many after it, within bounds ``(N,)``."""
     row, total = np.arange(len(flags)), np.append(0, np.cumsum(flags))
-    first, last = np.maximum(row - before, bounds[0]), np.minimum(row + after, bounds[1])
+    first, last = np.maximum(row - rows_back, bounds[0]), np.minimum(row + rows_ahead, bounds[1])
     return np.asarray(total[last + 1] > total[first])

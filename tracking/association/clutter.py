@@ -32,18 +32,32 @@ from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.video.source import Source
 
-# Scores that are tried, and the share of the detections that the highest of them keeps.
-LEVELS, HIGHEST = 24, 0.03
-# Frames from one box of a chain to the next: at most this many seconds, and at most so many frames.
-LONGEST_GAP, MOST_GAP = 0.4, 10
-# Intersection over union of neighbours on a chain.
+# Number of thresholds that are tried.
+LEVELS = 24
+# Share of the detections above the highest of them.
+HIGHEST = 0.03
+# Longest time from one box of a chain to the next, seconds.
+LONGEST_GAP = 0.4
+# Most frames from one box of a chain to the next, so that the search stays short at high frame rates.
+MOST_GAP = 10
+# Least intersection over union of neighbours on a chain.
 OVERLAP = 0.3
-# A chain moves that covers a height and lasts half a second. A share below a fifth on such chains is no evidence.
-MOVED, LASTED, ENOUGH = 1.0, 0.5, 0.2
+# A chain moves that covers more than this, heights.
+MOVED = 1.0
+# A chain moves that lasts at least this long, seconds.
+LASTED = 0.5
+# Least share of the detections on chains that move; below it what moves is no evidence.
+ENOUGH = 0.2
 # Probability from which a detection is kept.
 KEPT = 0.1
-# A track stands that stays within half a height. It is clutter if 95 % of at least four moving ones score more.
-STANDING, QUANTILE, FEWEST, MOVING_SECONDS = 0.5, 0.05, 4, 1.0
+# A track stands that stays within this, heights.
+STANDING = 0.5
+# Quantile of the scores of moving tracks below which a standing one is clutter.
+QUANTILE = 0.05
+# Tracks that must move before any is taken for clutter.
+FEWEST = 4
+# A track moves that lasts at least this long, seconds.
+MOVING_SECONDS = 1.0
 
 
 def score_floor(frames: IntArray, boxes: FloatArray, scores: FloatArray, frame_rate: float) -> float | None:
@@ -57,8 +71,8 @@ def score_floor(frames: IntArray, boxes: FloatArray, scores: FloatArray, frame_r
     """
     if len(frames) == 0:
         return None
-    kept = 1 - np.geomspace(1, HIGHEST, LEVELS)
-    levels = np.unique(np.quantile(scores, kept, method="lower"))[::-1]
+    quantiles = 1 - np.geomspace(1, HIGHEST, LEVELS)
+    levels = np.unique(np.quantile(scores, quantiles, method="lower"))[::-1]
     links = _links(frames, boxes, frame_rate)
     moving = np.array([_moving(links, level, frames, boxes, scores, frame_rate) for level in levels], dtype=np.float64)
     above = np.array([np.count_nonzero(scores >= level) for level in levels], dtype=np.float64)
@@ -121,11 +135,11 @@ def _moving(
     """How many detections from a score upwards lie on chains that cover a height and last half a second."""
     i, j = links
     good = (scores[i] >= level) & (scores[j] >= level)
-    kept = np.flatnonzero(scores >= level)
-    _, label = np.unique(_chains(i[good], j[good], len(frames))[kept], return_inverse=True)
+    above = np.flatnonzero(scores >= level)
+    _, label = np.unique(_chains(i[good], j[good], len(frames))[above], return_inverse=True)
     order = np.argsort(label, kind="stable")
     start = np.flatnonzero(np.diff(label[order], prepend=-1))
-    rows = kept[order]
+    rows = above[order]
     centre, when = centres(boxes[rows]), frames[rows]
     span = np.maximum.reduceat(centre, start) - np.minimum.reduceat(centre, start)
     height = np.add.reduceat(sizes(boxes[rows])[:, 1], start) / np.bincount(label)
@@ -144,8 +158,12 @@ def _chains(i: IntArray, j: IntArray, count: int) -> IntArray:
     return np.asarray(scipy.sparse.csgraph.connected_components(chains, directed=False)[1])
 
 
-# Least score of the boxes that count, seconds at the beginning of the video, and most detections that are taken.
-LOWEST, SECONDS, MOST = 0.05, 20.0, 60_000
+# Threshold at which a network first runs: least score of the boxes that count.
+LOWEST = 0.05
+# Length of the beginning of the video that gives the threshold, seconds.
+SECONDS = 20.0
+# Most detections that the threshold is taken from.
+MOST = 60_000
 # Given detections are cut where no more than this share of them is worth keeping.
 MOSTLY = 0.25
 
@@ -158,7 +176,7 @@ def floor_of(detections: Sequence[Detections], frame_rate: float) -> float | Non
 
 def _beginning(detections: Sequence[Detections]) -> tuple[IntArray, FloatArray, FloatArray]:
     """Frames, boxes and scores of the first detections, at most `MOST`."""
-    counts = np.array([len(each) for each in detections], dtype=np.int64)
+    counts = np.array([len(frame) for frame in detections], dtype=np.int64)
     return boxes_of_frames(detections[: int(np.searchsorted(np.cumsum(counts), MOST, side="right"))])
 
 
@@ -175,12 +193,12 @@ def _flickers(detections: Sequence[Detections], floor: float, frame_rate: float)
 
 def above_floor(detections: Sequence[Detections], frame_rate: float) -> tuple[list[Detections], float | None]:
     """The given detections that are worth keeping, an entry a frame, and their least score; None where all are kept."""
-    floor, every = floor_of(detections, frame_rate), [*detections]
+    floor, unchanged = floor_of(detections, frame_rate), [*detections]
     if floor is not None:
-        kept = [each.select(each.scores >= floor) for each in detections]
-        if sum(map(len, kept)) <= MOSTLY * sum(map(len, detections)) and _flickers(detections, floor, frame_rate):
-            return kept, floor
-    return every, None
+        above = [frame.select(frame.scores >= floor) for frame in detections]
+        if sum(map(len, above)) <= MOSTLY * sum(map(len, detections)) and _flickers(detections, floor, frame_rate):
+            return above, floor
+    return unchanged, None
 
 
 class ScoreChoice:
@@ -205,16 +223,16 @@ class ScoreChoice:
         last = source.frames_wanted.first + round(SECONDS * source.frame_rate)
         beginning: dict[int, Detections] = {}
         frames = source.frames()
-        for frame, each in stream(frames, self._detect, None, batch_size, times, workers):
+        for frame, detections in stream(frames, self._detect, None, batch_size, times, workers):
             if frame.index >= last:
                 break
-            beginning[frame.index] = each
+            beginning[frame.index] = detections
         self.floor = floor_of([*beginning.values()], source.frame_rate)
         threshold = usual if self.floor is None else self.floor
         self._network.score_threshold = threshold
         if self._ground is not None:
             self._ground.score_threshold = threshold
-        return {number: each.select(each.scores >= threshold) for number, each in beginning.items()}
+        return {number: detections.select(detections.scores >= threshold) for number, detections in beginning.items()}
 
     @property
     def threshold(self) -> float:

@@ -21,13 +21,28 @@ from tsuiseki.tracking.formats.correction_log import Box, Correction
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# Deviation of the place of a box that a person drew from where its track leads, heights: at once, and a frame.
-DRAWN, DRIFT = 0.1, 0.03
-# Links over up to so many seconds cost more than two people by so much, less where a person parted them, and more with
-# each second.
-LONGEST, RETURN, PARTED, WAITING = 30.0, 2.5, 0.5, 0.15
-# How far people get, heights and heights a second, for how long, by how much they look larger, and what is too much.
-NEAR, WALK, SETTLED, RESIZED, LEAST_LIKELY = 0.5, 0.5, 4.0, 0.3, 4.0
+# Deviation of the place of a box that a person drew from its neighbours on the track, heights; also of its log height.
+DRAWN = 0.1
+# By how much that deviation grows, heights a frame.
+DRIFT = 0.03
+# Longest gap of a link of `returns`, seconds.
+LONGEST = 30.0
+# What such a link costs more than the end of one track and the start of another, nats.
+RETURN = 2.5
+# The same where a person parted two tracks, nats: their ends look for other partners.
+PARTED = 0.5
+# What each second of the gap adds to it, nats.
+WAITING = 0.15
+# Deviation of the place at once, heights.
+NEAR = 0.5
+# By how much that deviation grows, heights a second.
+WALK = 0.5
+# Seconds after which it grows no more: people arrive somewhere.
+SETTLED = 4.0
+# Deviation of the log height of one person over such a gap.
+RESIZED = 0.3
+# Links whose extra cost reaches this are left out, nats.
+LEAST_LIKELY = 4.0
 # How often pairs are handled, since one way may break another.
 MOST_ROUNDS = 50
 
@@ -66,33 +81,33 @@ class CorrectedFlow:
         network = self.network
         self._grow_detections(unmet_boxes(corrections, network.frames, network.boxes))
         demands = demands_of(corrections, self.network.frames, self.network.boxes)
-        self._grow_links([(i, j) for i, j in demands.after.items() if j != NOTHING])
-        kept = self._ways, self.flow, self.network
+        self._grow_links([(i, j) for i, j in demands.followers.items() if j != NOTHING])
+        previous = self._ways, self.flow, self.network
         try:
             notes = self._solve(demands)
         except InfeasibleError:
-            self._ways, self.flow, self.network = kept
+            self._ways, self.flow, self.network = previous
             raise RequestError(f"{self._refused(corrections)}; take one back") from None
         self.demands, self.notes = demands, notes + demands.left_out
         self._grow_returns()
 
     def _refused(self, corrections: Sequence[Correction]) -> str:
         """The last correction, and the first one with which, and those before, it cannot hold."""
-        *before, last = corrections
-        kept, many = (self._ways, self.flow, self.network), len(before)
+        *earlier, last = corrections
+        previous, many = (self._ways, self.flow, self.network), len(earlier)
 
         def fails(count: int) -> bool:
             try:
-                self._solve(demands_of([*before[:count], last], self.network.frames, self.network.boxes))
+                self._solve(demands_of([*earlier[:count], last], self.network.frames, self.network.boxes))
             except InfeasibleError:
                 return True
             finally:
-                self._ways, self.flow, self.network = kept
+                self._ways, self.flow, self.network = previous
             return False
 
         count = bisect.bisect_left(range(many), True, key=fails)
-        other = f" together with {before[count - 1]}, and what was decided before that" if count else ""
-        return f"this cannot hold{other}: {last}"
+        conflict = f" together with {earlier[count - 1]}, and what was decided before that" if count else ""
+        return f"this cannot hold{conflict}: {last}"
 
     def labels(self) -> IntArray:
         """``(N,)`` number of the track of each detection, -1 for none; what is taken for clutter counts as none."""
@@ -102,10 +117,10 @@ class CorrectedFlow:
         length = np.bincount(labels[used], minlength=count)
         dropped = np.bincount(labels[used & self._dropped], minlength=count)
         certain = np.zeros(count, dtype=np.bool_)
-        given = [i for i, wanted in self.demands.used.items() if wanted]
-        certain[labels[given]] = True
-        kept = certain | ((length >= self.network.fewest) & (2 * dropped <= length))
-        return np.where(np.append(kept, False)[labels], labels, -1)
+        confirmed = [i for i, is_person in self.demands.used.items() if is_person]
+        certain[labels[confirmed]] = True
+        reported = certain | ((length >= self.network.fewest) & (2 * dropped <= length))
+        return np.where(np.append(reported, False)[labels], labels, -1)
 
     def settled(self) -> ResidualFlow:
         """The flow in which all that was answered is excluded: no question is asked twice."""
@@ -120,11 +135,11 @@ class CorrectedFlow:
 
     def _solve(self, demands: Demands) -> list[str]:
         """Solve, and note how pairs were handled."""
-        pairs, before, network = demands.wanted_pairs(), self.flow, self.network
+        pairs, unconstrained, network = demands.wanted_pairs(), self.flow, self.network
         ways = {pair: way for pair, way in self._ways.items() if pair in pairs}
         # Ways that were found before may not suit any more, and exact ones may not suit each other.
         for self._ways, exact in [(ways, True), ({}, True), ({}, False)]:
-            self.flow, self.network = before.copy(), network
+            self.flow, self.network = unconstrained.copy(), network
             try:
                 self.flow.constrain(self._status(demands))
                 return self._see_to(demands, pairs, exact=exact)
@@ -170,12 +185,12 @@ class CorrectedFlow:
         status = np.zeros(3 * count + len(graph.tail), dtype=np.int64)
         drawn = np.arange(count) >= self._detected
         status[np.flatnonzero(drawn)] = FORBIDDEN
-        for i, wanted in demands.used.items():
-            status[i] = FORCED if wanted else FORBIDDEN
+        for i, is_person in demands.used.items():
+            status[i] = FORCED if is_person else FORBIDDEN
         link = self.flow.link
-        for i, j in demands.after.items():
+        for i, j in demands.followers.items():
             status[2 * count + i if j == NOTHING else link(i, j)] = FORCED
-        for j, i in demands.before.items():
+        for j, i in demands.predecessors.items():
             if i == NOTHING:
                 status[count + j] = FORCED
         for (i, j), same in demands.pairs.items():
@@ -192,10 +207,10 @@ class CorrectedFlow:
             return
         old, graph = self.network, self.network.graph
         frames = np.append(old.frames, [box.frame for box in boxes])
-        every = np.concatenate([old.boxes, [corners(box) for box in boxes]])
-        place, height = centres(every), every[:, 3] - every[:, 1]
+        all_boxes = np.concatenate([old.boxes, [corners(box) for box in boxes]])
+        place, height = centres(all_boxes), all_boxes[:, 3] - all_boxes[:, 1]
         # A pair of drawn boxes stands once, with the later number.
-        n, others = np.nonzero(np.tri(len(boxes), len(every), len(old) - 1, dtype=np.bool_))
+        n, others = np.nonzero(np.tri(len(boxes), len(all_boxes), len(old) - 1, dtype=np.bool_))
         n += len(old)
         gap = np.abs(frames[others] - frames[n])
         near = (gap > 0) & (gap <= max(old.fill, 1) + 1)
@@ -220,11 +235,11 @@ class CorrectedFlow:
         """Add links, and before them detections for boxes."""
         if not len(tail) and not boxes:
             return
-        network, graph, more = self.network, self.network.graph, len(boxes)
+        network, graph, added = self.network, self.network.graph, len(boxes)
         graph = FlowGraph(
-            np.append(graph.observation, np.zeros(more)),
-            np.append(graph.entry, np.full(more, _usual(graph.entry))),
-            np.append(graph.exit, np.full(more, _usual(graph.exit))),
+            np.append(graph.observation, np.zeros(added)),
+            np.append(graph.entry, np.full(added, _usual(graph.entry))),
+            np.append(graph.exit, np.full(added, _usual(graph.exit))),
             np.append(graph.tail, tail),
             np.append(graph.head, head),
             np.append(graph.transition, cost),
@@ -233,29 +248,29 @@ class CorrectedFlow:
             network,
             frames=np.append(network.frames, np.array([box.frame for box in boxes], dtype=np.int64)),
             boxes=np.concatenate([network.boxes, np.array([corners(box) for box in boxes]).reshape(-1, 4)]),
-            scores=np.append(network.scores, np.ones(more)),
-            origin=np.concatenate([network.origin, np.full((more, 2), -1)]),
+            scores=np.append(network.scores, np.ones(added)),
+            origin=np.concatenate([network.origin, np.full((added, 2), -1)]),
             graph=graph,
-            track=np.append(network.track, np.zeros(more, np.int64)),
+            track=np.append(network.track, np.zeros(added, np.int64)),
         )
         # The arcs of each kind move by as many as there are new ones of the kinds before.
         count = max(self.flow.count, 1)
         self._ways = {
-            pair: (arcs + np.minimum(arcs // count, 3) * more, status) for pair, (arcs, status) in self._ways.items()
+            pair: (arcs + np.minimum(arcs // count, 3) * added, status) for pair, (arcs, status) in self._ways.items()
         }
-        self._dropped = np.append(self._dropped, np.zeros(more, np.bool_))
+        self._dropped = np.append(self._dropped, np.zeros(added, np.bool_))
         self.flow = self.flow.grown(graph)
 
     def parted(self) -> set[int]:
         """Ends and starts of tracks at which a person parted one from another."""
         labels, pairs = track_labels(self.flow.solution()), self.demands.pairs.items()
-        found = set[int]()
+        ends = set[int]()
         for (i, j), same in pairs:
             if not same and labels[i] >= 0 and labels[j] >= 0:
                 frames = self.network.frames
-                one, other = np.flatnonzero(labels == labels[i]), np.flatnonzero(labels == labels[j])
-                found |= {int(one[frames[one].argmax()]), int(other[frames[other].argmin()])}
-        return found
+                left, right = np.flatnonzero(labels == labels[i]), np.flatnonzero(labels == labels[j])
+                ends |= {int(left[frames[left].argmax()]), int(right[frames[right].argmin()])}
+        return ends
 
 
 def _usual(cost: FloatArray) -> float:
@@ -286,21 +301,24 @@ def returns(network: SolvedNetwork, labels: IntArray, parted: IntArray) -> tuple
     waited = (frames[j] - frames[i]) / network.rate
     seconds = np.minimum(waited, SETTLED)
     far = np.hypot(*(place[j] - place[i]).T) / ((height[i] + height[j]) / 2 * (NEAR + WALK * seconds))
-    more = np.where(np.isin(i, parted) | np.isin(j, parted), PARTED, RETURN)
-    more = more + WAITING * waited + (far**2 + (np.log(height[j] / height[i]) / RESIZED) ** 2) / 2
-    likely = more < LEAST_LIKELY
+    extra_cost = np.where(np.isin(i, parted) | np.isin(j, parted), PARTED, RETURN)
+    extra_cost = extra_cost + WAITING * waited + (far**2 + (np.log(height[j] / height[i]) / RESIZED) ** 2) / 2
+    likely = extra_cost < LEAST_LIKELY
     i, j = i[likely], j[likely]
-    return i, j, graph.exit[i] + graph.entry[j] + more[likely]
+    return i, j, graph.exit[i] + graph.entry[j] + extra_cost[likely]
 
 
 # After so many corrections, and every time as many more, costs are fitted anew.
 EVERY = 20
-# Parts of the answers that are held out in turn, how strongly the fit holds to the costs as they were, and how likely
-# chance alone may decide so many more of the held-out answers better than worse (sign test).
-PARTS, PRIOR, CHANCE = 4, 2.0, 0.01
+# Parts of the answers that are held out in turn; also the fewest right, and the fewest wrong links to fit to.
+PARTS = 4
+# How strongly the fit holds to the costs as they were: precision of the weights about 0.
+PRIOR = 2.0
+# Highest probability that chance alone decides so many more of the held-out answers better than worse (sign test).
+CHANCE = 0.01
 
 
-def refitted(network: SolvedNetwork, given: Sequence[Correction]) -> SolvedNetwork:
+def refitted(network: SolvedNetwork, corrections: Sequence[Correction]) -> SolvedNetwork:
     """The network with costs fitted to corrections; the same one where held-out corrections do not agree.
 
     That two detections follow each other has the logit of what ending one track and starting another costs more than
@@ -308,9 +326,9 @@ def refitted(network: SolvedNetwork, given: Sequence[Correction]) -> SolvedNetwo
 
     Args:
         network: as it was solved.
-        given: corrections.
+        corrections: whose answers the costs are fitted to.
     """
-    arcs, right, answer = _answers(network, given)
+    arcs, right, answer = _answers(network, corrections)
     if min(right.sum(), (~right).sum()) < PARTS:
         return network
     graph = network.graph
@@ -321,8 +339,8 @@ def refitted(network: SolvedNetwork, given: Sequence[Correction]) -> SolvedNetwo
     for held in (part == number for number in range(PARTS)):
         logit[held] += evidence[arcs[held]] @ _fit(evidence[arcs[~held]], usual[arcs[~held]], right[~held])
     # An answer about several links is right where all are.
-    before, after = (np.bincount(answer, (some > 0) != right) > 0 for some in (usual[arcs], logit))
-    better, worse = int((before & ~after).sum()), int((after & ~before).sum())
+    usual_wrong, fitted_wrong = (np.bincount(answer, (logits > 0) != right) > 0 for logits in (usual[arcs], logit))
+    better, worse = int((usual_wrong & ~fitted_wrong).sum()), int((fitted_wrong & ~usual_wrong).sum())
     if better == 0 or scipy.special.bdtrc(better - 1, better + worse, 0.5) > CHANCE:
         return network
     # No question was asked about links that are surer than these.
@@ -330,21 +348,22 @@ def refitted(network: SolvedNetwork, given: Sequence[Correction]) -> SolvedNetwo
     return replace(network, graph=replace(graph, transition=graph.transition - change))
 
 
-def _answers(network: SolvedNetwork, given: Sequence[Correction]) -> tuple[IntArray, BoolArray, IntArray]:
+def _answers(network: SolvedNetwork, corrections: Sequence[Correction]) -> tuple[IntArray, BoolArray, IntArray]:
     """Links that corrections decide, whether they are right, and the number of the correction of each."""
     find, rows = Finder(network.frames, network.boxes), list[tuple[int, int, bool, int]]()
-    for number, one in ((number, part) for number, each in enumerate(given) for part in each.parts or (each,)):
-        nodes = [find(box) for box in one.there]
-        if NOTHING not in nodes and one.kind in ("next", "right"):
+    numbered = ((n, part) for n, correction in enumerate(corrections) for part in correction.parts or (correction,))
+    for number, single in numbered:
+        nodes = [find(box) for box in single.there]
+        if NOTHING not in nodes and single.kind in ("next", "right"):
             rows += [(a, b, True, number) for a, b in itertools.pairwise(nodes)]
-        elif NOTHING not in nodes and one.kind == "not_same":
+        elif NOTHING not in nodes and single.kind == "not_same":
             rows.append((min(nodes), max(nodes), False, number))
     tail, head, right, answer = np.array(rows, dtype=np.int64).reshape(-1, 4).T
     links, count = network.graph.tail * len(network) + network.graph.head, len(network.graph.tail)
-    order, wanted = np.argsort(links), tail * len(network) + head
-    place = np.append(order, count)[np.searchsorted(links, wanted, sorter=order)]
-    known = np.append(links, -1)[place] == wanted
-    return place[known], right[known].astype(np.bool_), answer[known]
+    order, links_asked = np.argsort(links), tail * len(network) + head
+    place = np.append(order, count)[np.searchsorted(links, links_asked, sorter=order)]
+    existing = np.append(links, -1)[place] == links_asked
+    return place[existing], right[existing].astype(np.bool_), answer[existing]
 
 
 def _fit(evidence: FloatArray, usual: FloatArray, right: BoolArray) -> FloatArray:

@@ -17,16 +17,17 @@ from tsuiseki.tracking.types import FloatArray, IntArray
 
 # Of a box that was spoken of, the detection of its frame is meant that overlaps it most, and by as much.
 SAME_BOX = 0.5
+# Stands for no detection: nothing follows, nothing precedes, or none was found.
 NOTHING = -1
-# A detection that was deleted later.
+# Stands for a detection that was deleted later.
 GONE = -2
 
 
 class ContradictionError(RequestError):
     """Two corrections cannot both hold."""
 
-    def __init__(self, one: str, other: str) -> None:
-        super().__init__(f"these two cannot both be right: {one}; {other}; take one back")
+    def __init__(self, first: str, second: str) -> None:
+        super().__init__(f"these two cannot both be right: {first}; {second}; take one back")
 
 
 @dataclass
@@ -44,34 +45,34 @@ class Demands:
     Attributes:
         frames: ``(N,)`` of the detections.
         used: whether detections are in tracks.
-        after: what follows a detection; -1 for nothing.
-        before: what precedes it; -1 for nothing.
+        followers: what follows a detection; -1 for nothing.
+        predecessors: what precedes it; -1 for nothing.
         pairs: whether two, the earlier one first, are of one track.
-        shown: boxes that take the place of the detections', ``(4,)`` pixels.
+        drawn_boxes: that take the place of the detections', ``(4,)`` pixels.
         names: of the tracks that detections are in.
         left_out: sentences that do not apply.
     """
 
     frames: IntArray
     used: dict[int, bool] = field(default_factory=dict)
-    after: dict[int, int] = field(default_factory=dict)
-    before: dict[int, int] = field(default_factory=dict)
+    followers: dict[int, int] = field(default_factory=dict)
+    predecessors: dict[int, int] = field(default_factory=dict)
     pairs: dict[tuple[int, int], bool] = field(default_factory=dict)
-    shown: dict[int, FloatArray] = field(default_factory=dict)
+    drawn_boxes: dict[int, FloatArray] = field(default_factory=dict)
     names: dict[int, str] = field(default_factory=dict)
     left_out: list[str] = field(default_factory=list)
     _sentences: dict[tuple[int, Any], str] = field(default_factory=dict)
     _groups: dict[int, _Group] = field(default_factory=dict)
 
-    def use(self, i: int, wanted: bool, sentence: str) -> None:
+    def use(self, i: int, is_person: bool, sentence: str) -> None:
         """A detection is a person, or none."""
-        self._note(self.used, i, wanted, sentence)
+        self._note(self.used, i, is_person, sentence)
 
     def link(self, i: int, j: int, sentence: str) -> None:
         """One detection follows another; -1 stands for none, at the start or the end of a track."""
         if GONE in (i, j):
             return
-        for table, key, value in ((self.after, i, j), (self.before, j, i)):
+        for table, key, value in ((self.followers, i, j), (self.predecessors, j, i)):
             if key != NOTHING:
                 self.use(key, True, sentence)
                 self._note(table, key, value, sentence)
@@ -89,7 +90,7 @@ class Demands:
         """What `pairs` come to that links do not make sure of: of one person, neighbours in time."""
         groups = {id(group): sorted(group.members.items()) for group in self._groups.values()}.values()
         same = [pair for group in groups for pair in itertools.pairwise(n for _, (n, _) in group)]
-        together = [Pair(i, j, same=True) for i, j in same if self.after.get(i) != j]
+        together = [Pair(i, j, same=True) for i, j in same if self.followers.get(i) != j]
         return together + [Pair(i, j, same=False) for (i, j), same in self.pairs.items() if not same]
 
     def check(self) -> None:
@@ -104,22 +105,22 @@ class Demands:
                 raise ContradictionError(self._sentences[id(self.pairs), (i, j)], group.sentence)
 
     def _note(self, table: dict[Any, Any], key: Any, value: Any, sentence: str) -> None:
-        known = self._sentences.setdefault((id(table), key), sentence)
+        earlier = self._sentences.setdefault((id(table), key), sentence)
         if table.setdefault(key, value) != value:
-            raise ContradictionError(known, sentence)
+            raise ContradictionError(earlier, sentence)
 
     def _join(self, i: int, j: int, sentence: str) -> None:
         """Put two detections into one group, in which each frame stands once."""
-        one, other = (
+        group, joining = (
             self._groups.setdefault(n, _Group({int(self.frames[n]): (n, sentence)}, sentence)) for n in (i, j)
         )
-        if one is not other:
-            for frame, (n, _) in other.members.items():
-                known, before = one.members.setdefault(frame, (n, sentence))
-                if known != n:
-                    raise ContradictionError(before, sentence)
-                self._groups[n] = one
-        one.sentence = sentence
+        if group is not joining:
+            for frame, (n, _) in joining.members.items():
+                member, reason = group.members.setdefault(frame, (n, sentence))
+                if member != n:
+                    raise ContradictionError(reason, sentence)
+                self._groups[n] = group
+        group.sentence = sentence
 
 
 def demands_of(corrections: Sequence[Correction], frames: IntArray, boxes: FloatArray) -> Demands:
@@ -130,46 +131,51 @@ def demands_of(corrections: Sequence[Correction], frames: IntArray, boxes: Float
     """
     demands, find = Demands(frames), Finder(frames, boxes)
     sentences = [
-        (one, sentence, [NOTHING if box is None else find(box) for box in one.boxes])
-        for one, sentence in _single(corrections)
+        (correction, sentence, [NOTHING if box is None else find(box) for box in correction.boxes])
+        for correction, sentence in _single(corrections)
     ]
-    deleted = {n: place for place, (one, _, found) in enumerate(sentences) if one.kind == "delete" for n in found}
-    for place, (one, sentence, found) in enumerate(sentences):
-        lost = [n == NOTHING and box is not None for n, box in zip(found, one.boxes, strict=True)]
-        if all(lost) if one.kind in ("delete", "right", "box") else any(lost):
+    deleted = {
+        n: place
+        for place, (correction, _, numbers) in enumerate(sentences)
+        if correction.kind == "delete"
+        for n in numbers
+    }
+    for place, (correction, sentence, numbers) in enumerate(sentences):
+        lost = [n == NOTHING and box is not None for n, box in zip(numbers, correction.boxes, strict=True)]
+        if all(lost) if correction.kind in ("delete", "right", "box") else any(lost):
             demands.left_out.append(f"{sentence} (no detection is there)")
             continue
         # Who deletes a track takes back what was decided of it before.
-        found = [GONE if deleted.get(n, -1) > place else n for n in found]
-        if GONE not in found or one.kind in ("switch", "right"):
-            _ask(demands, one, found, sentence)
+        numbers = [GONE if deleted.get(n, -1) > place else n for n in numbers]
+        if GONE not in numbers or correction.kind in ("switch", "right"):
+            _ask(demands, correction, numbers, sentence)
     demands.check()
     return demands
 
 
 def _single(corrections: Sequence[Correction]) -> Iterator[tuple[Correction, str]]:
     """Corrections that say one thing, with the sentences that they came in."""
-    return ((part, str(one)) for one in corrections for part in one.parts or (one,))
+    return ((part, str(correction)) for correction in corrections for part in correction.parts or (correction,))
 
 
-def _ask(demands: Demands, one: Correction, numbers: list[int], sentence: str) -> None:
-    known = [n for n in numbers if n != NOTHING]
-    if one.kind == "switch":
+def _ask(demands: Demands, correction: Correction, numbers: list[int], sentence: str) -> None:
+    present = [n for n in numbers if n != NOTHING]
+    if correction.kind == "switch":
         a, b, a_after, b_after = numbers
         demands.link(a, b_after, sentence)
         demands.link(b, a_after, sentence)
-    elif one.kind in ("next", "right"):
-        for i, j in itertools.pairwise(known):
+    elif correction.kind in ("next", "right"):
+        for i, j in itertools.pairwise(present):
             demands.link(i, j, sentence)
-    elif one.kind == "name":
-        demands.names[known[0]] = one.name
+    elif correction.kind == "name":
+        demands.names[present[0]] = correction.name
     else:
-        if one.kind in ("same", "not_same"):
-            demands.pair(numbers[0], numbers[1], one.kind == "same", sentence)
-        elif one.kind == "box":
-            demands.shown[known[0]] = corners(one.there[-1])
-        for n in known[:1] if one.kind == "box" else known:
-            demands.use(n, one.kind not in ("delete", "not_person"), sentence)
+        if correction.kind in ("same", "not_same"):
+            demands.pair(numbers[0], numbers[1], correction.kind == "same", sentence)
+        elif correction.kind == "box":
+            demands.drawn_boxes[present[0]] = corners(correction.there[-1])
+        for n in present[:1] if correction.kind == "box" else present:
+            demands.use(n, correction.kind not in ("delete", "not_person"), sentence)
 
 
 def corners(box: Box) -> FloatArray:
@@ -197,5 +203,6 @@ class Finder:
 
 def unmet_boxes(corrections: Sequence[Correction], frames: IntArray, boxes: FloatArray) -> list[Box]:
     """Boxes of people where no detection is: they become detections."""
-    find, people = Finder(frames, boxes), [one for one, _ in _single(corrections) if one.kind in ("real", "box")]
-    return [*dict.fromkeys(one.there[-1] for one in people if all(find(box) == NOTHING for box in one.there))]
+    find = Finder(frames, boxes)
+    people = (correction.there for correction, _ in _single(corrections) if correction.kind in ("real", "box"))
+    return [*dict.fromkeys(there[-1] for there in people if all(find(box) == NOTHING for box in there))]

@@ -191,8 +191,8 @@ def window_means(
     key = key[order]
     sums = np.zeros((len(key) + 1, actions.shape[1]))
     np.cumsum(actions[used[order]], axis=0, out=sums[1:])
-    wanted = at_labels * span + (at_frames - first)
-    low, high = np.searchsorted(key, wanted - back), np.searchsorted(key, wanted + ahead, side="right")
+    target = at_labels * span + (at_frames - first)
+    low, high = np.searchsorted(key, target - back), np.searchsorted(key, target + ahead, side="right")
     count = np.where(at_labels >= 0, high - low, 0)
     means = (sums[high] - sums[low]) / np.maximum(count, 1)[:, None]
     return np.where(count[:, None] > 0, means, fallback)
@@ -249,8 +249,8 @@ class ActionCost:
         if self.features == "centred":
             both = window_means(frames, labels, actions, frames, labels, (half, half))
             return both, both
-        before, after = (window_means(frames, labels, actions, frames, labels, r) for r in ((half, 0), (0, half)))
-        return before, after
+        earlier, later = (window_means(frames, labels, actions, frames, labels, r) for r in ((half, 0), (0, half)))
+        return earlier, later
 
     def __call__(
         self,

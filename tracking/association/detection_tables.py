@@ -39,32 +39,32 @@ def rows_of(detections: Sequence[Detections], first_frame: int, first_number: in
         ValueError: features are of different lengths, or there are actions for some frames only.
     """
     frames, boxes, scores = boxes_of_frames(detections)
-    given = [one.actions for one in detections if one.actions is not None]
-    if given and any(one.actions is None and len(one) for one in detections):
+    parts = [frame.actions for frame in detections if frame.actions is not None]
+    if parts and any(frame.actions is None and len(frame) for frame in detections):
         raise ValueError("expected action features for all frames or for none")
-    actions = np.concatenate(given) if given else None
+    actions = np.concatenate(parts) if parts else None
     numbers = first_number + np.arange(len(boxes))
     return DetectionRows(numbers, first_frame + frames, boxes, scores, _features_of(detections), actions)
 
 
 def boxes_of_frames(detections: Sequence[Detections]) -> tuple[IntArray, FloatArray, FloatArray]:
     """``(N,)`` frames from 0, ``(N, 4)`` boxes and ``(N,)`` scores of the detections of consecutive frames."""
-    frames = np.repeat(np.arange(len(detections)), [len(one) for one in detections])
-    boxes = np.concatenate([np.empty((0, 4)), *(one.boxes for one in detections)])
-    return frames, boxes, np.concatenate([np.empty(0), *(one.scores for one in detections)])
+    frames = np.repeat(np.arange(len(detections)), [len(frame) for frame in detections])
+    boxes = np.concatenate([np.empty((0, 4)), *(frame.boxes for frame in detections)])
+    return frames, boxes, np.concatenate([np.empty(0), *(frame.scores for frame in detections)])
 
 
 def _features_of(detections: Sequence[Detections]) -> FloatArray | None:
     """Features one below the other, NaN for those that are not known."""
-    known = {one.features.shape[1] for one in detections if one.features is not None and len(one.features)}
-    if not known:
+    lengths = {frame.features.shape[1] for frame in detections if frame.features is not None and len(frame.features)}
+    if not lengths:
         return None
-    if len(known) > 1:
-        raise ValueError(f"expected features of one length, got lengths {sorted(known)}")
+    if len(lengths) > 1:
+        raise ValueError(f"expected features of one length, got lengths {sorted(lengths)}")
     parts = []
-    for one in detections:
-        shape = (len(one), *known)
-        parts.append(np.full(shape, np.nan) if one.features is None else one.features.reshape(shape))
+    for frame in detections:
+        shape = (len(frame), *lengths)
+        parts.append(np.full(shape, np.nan) if frame.features is None else frame.features.reshape(shape))
     return np.concatenate(parts)
 
 
@@ -129,18 +129,18 @@ class DetectionTable(Columns):
             return np.asarray((self.frames[j] - self.frames[i]) * (1 / self.frame_rate), dtype=np.float64)
         return np.asarray(self.measured.times[j] - self.measured.times[i])
 
-    def and_then(self, other: Self) -> Self:
+    def and_then(self, later: Self) -> Self:
         """These detections, and after them those of another table."""
-        return replace(super().and_then(other), even=self.even and other.even)
+        return replace(super().and_then(later), even=self.even and later.even)
 
 
-def rows_of_numbers(known: IntArray, numbers: IntArray) -> IntArray:
+def rows_of_numbers(increasing: IntArray, numbers: IntArray) -> IntArray:
     """``(K,)`` indices of ``(K,)`` numbers in ``(N,)`` increasing ones, -1 for those that are not there."""
-    if len(known) == 0:
+    if len(increasing) == 0:
         return np.full(len(numbers), -1)
     # Numbers of a window are nearly without gaps, and looking up is faster than searching. The last place stands for
     # numbers that are not there.
-    first, last = int(known[0]), int(known[-1])
+    first, last = int(increasing[0]), int(increasing[-1])
     places = np.full(last - first + 2, -1)
-    places[known - first] = np.arange(len(known))
+    places[increasing - first] = np.arange(len(increasing))
     return np.asarray(places[np.where((numbers >= first) & (numbers <= last), numbers - first, -1)])

@@ -110,16 +110,16 @@ class LinkWeigher:
         i, j = pairs
         # Learnt changes compare links with each other.
         step = PAIRS_AT_ONCE if changes is None else max(len(i), 1)
-        every = []
+        blocks = []
         for start in range(0, max(len(i), 1), step):
-            some = slice(start, start + step)
-            kept, parts = self.parts((i[some], j[some]), dearest, None if hidden is None else hidden[some])
+            block = slice(start, start + step)
+            chosen, parts = self.parts((i[block], j[block]), dearest, None if hidden is None else hidden[block])
             cost = parts.cost
             if changes is not None:
                 cost = np.maximum(cost + changes(link_evidence(self.table, parts, self.cost.motion)), -MOST_WORTH)
-            every.append((kept + start, cost, parts.hidden))
-        kept, costs, covered = (np.concatenate(column) for column in zip(*every, strict=True))
-        return kept, costs, covered
+            blocks.append((chosen + start, cost, parts.hidden))
+        chosen, costs, covered = (np.concatenate(column) for column in zip(*blocks, strict=True))
+        return chosen, costs, covered
 
     def parts(self, pairs: Pairs, dearest: float, hidden: FloatArray | None = None) -> tuple[IntArray, LinkParts]:
         """``(K,)`` indices of those of P links that are kept, and the parts of their costs; arguments as of `costs`."""
@@ -144,14 +144,14 @@ class LinkWeigher:
             action = cost.action(*self._actions, i, j, seconds, averaged=averaged)
             total += action
         # Occlusion is computed only where it matters.
-        kept = np.flatnonzero(total + cost.waiting(seconds, one_frame, np.ones(len(i))) < dearest)
-        covered = np.full(len(kept), np.nan) if hidden is None else hidden[kept]
-        asked = np.flatnonzero(np.isnan(covered))
-        covered[asked] = self._hiding.between(i[kept[asked]], j[kept[asked]])
-        i, j, seconds = i[kept], j[kept], seconds[kept]
-        total = total[kept] + cost.waiting(seconds, one_frame, covered)
-        return kept, LinkParts(
-            i, j, self._past, self._future, seconds, distance[kept], motion[kept], covered, total, action[kept]
+        chosen = np.flatnonzero(total + cost.waiting(seconds, one_frame, np.ones(len(i))) < dearest)
+        covered = np.full(len(chosen), np.nan) if hidden is None else hidden[chosen]
+        unknown = np.flatnonzero(np.isnan(covered))
+        covered[unknown] = self._hiding.between(i[chosen[unknown]], j[chosen[unknown]])
+        i, j, seconds = i[chosen], j[chosen], seconds[chosen]
+        total = total[chosen] + cost.waiting(seconds, one_frame, covered)
+        return chosen, LinkParts(
+            i, j, self._past, self._future, seconds, distance[chosen], motion[chosen], covered, total, action[chosen]
         )
 
 
@@ -165,7 +165,10 @@ LINK_FEATURES = (
     "turn", "above_tail", "above_head", "interval", "action", "action_known",
 )  # fmt: skip
 JOIN_FEATURES = (*LINK_FEATURES, "detections_before", "detections_after", "seconds_before", "seconds_after")
-FARTHEST, DEAREST = 2.0, 12.0
+# Largest distance from the image's border that a feature tells, heights.
+FARTHEST = 2.0
+# Bound of costs among the features, nats.
+DEAREST = 12.0
 
 
 def detection_evidence(table: DetectionTable, cost: FloatArray, logit: FloatArray) -> FloatArray:
@@ -181,9 +184,9 @@ def detection_evidence(table: DetectionTable, cost: FloatArray, logit: FloatArra
         return np.empty((0, len(DETECTION_FEATURES)))
     size = sizes(table.image)
     log_height = np.log(size[:, 1])
-    before, after, _ = _overlaps(table, table.boxes, 1)
+    overlap_before, overlap_after, _ = _overlaps(table, table.boxes, 1)
     # Of two boxes of a frame only the larger may reach the other's centre.
-    one, other, neighbours = _overlaps(table, table.image, 0)
+    overlap_as_head, overlap_as_tail, neighbours = _overlaps(table, table.image, 0)
     # How far each box lies from the image's borders, heights; far where the size of the image is not known.
     away = {name: np.full(count, FARTHEST) for name in ("left", "right", "top", "bottom")}
     if table.size is not None:
@@ -197,9 +200,9 @@ def detection_evidence(table: DetectionTable, cost: FloatArray, logit: FloatArra
         "size": log_height - np.median(log_height),
         "aspect": np.log(size[:, 0]) - log_height,
         **away,
-        "overlap_before": before,
-        "overlap_after": after,
-        "overlap_now": np.maximum(one, other),
+        "overlap_before": overlap_before,
+        "overlap_after": overlap_after,
+        "overlap_now": np.maximum(overlap_as_head, overlap_as_tail),
         "neighbours": np.log1p(neighbours),
         "interval": np.full(count, np.log(30 / table.frame_rate)),
         "since_start": np.minimum(table.frames / table.frame_rate, 1.0),
@@ -214,15 +217,15 @@ def link_evidence(table: DetectionTable, parts: LinkParts, motion: MotionNoise) 
     i, j = parts.i, parts.j
     ahead, back, speed, turn = _errors(parts, motion)
     change = table.measured.places[j, 2:] - table.measured.places[i, 2:]
-    known, acting = ~np.isnan(parts.distance), ~np.isnan(parts.action)
+    described, acting = ~np.isnan(parts.distance), ~np.isnan(parts.action)
     columns = {
         "cost": parts.cost.clip(-DEAREST, 2 * DEAREST),
         "mismatch": parts.mismatch.clip(-DEAREST, 2 * DEAREST),
         "seconds": parts.seconds,
         "gap": np.log(np.maximum(parts.seconds * table.frame_rate, 1.0)),
         "hidden": parts.hidden,
-        "appearance": np.where(known, parts.distance, 0.25),
-        "appearance_known": known.astype(np.float64),
+        "appearance": np.where(described, parts.distance, 0.25),
+        "appearance_known": described.astype(np.float64),
         "noise_tail": table.measured.noise[i],
         "noise_head": table.measured.noise[j],
         "ahead_x": ahead[:, 0],
@@ -253,11 +256,11 @@ def _errors(parts: LinkParts, motion: MotionNoise) -> tuple[FloatArray, FloatArr
     i, j, seconds = parts.i, parts.j, parts.seconds[:, None]
     side = np.exp((parts.past.place[i, 3] + parts.future.place[j, 3]) / 2)[:, None]
     off = (parts.future.place[j, :2] - parts.past.place[i, :2]) / side
-    before, after = parts.past.velocity[i, :2] / side, parts.future.velocity[j, :2] / side
-    ahead = np.abs(off - before * seconds) / _deviation(parts.past, i, parts.seconds, 1.0, motion)
-    back = np.abs(off - after * seconds) / _deviation(parts.future, j, parts.seconds, -1.0, motion)
-    speed = (np.linalg.norm(before, axis=1) + np.linalg.norm(after, axis=1)) / 2
-    return np.log1p(ahead), np.log1p(back), speed, np.linalg.norm(after - before, axis=1)
+    past_velocity, future_velocity = parts.past.velocity[i, :2] / side, parts.future.velocity[j, :2] / side
+    ahead = np.abs(off - past_velocity * seconds) / _deviation(parts.past, i, parts.seconds, 1.0, motion)
+    back = np.abs(off - future_velocity * seconds) / _deviation(parts.future, j, parts.seconds, -1.0, motion)
+    speed = (np.linalg.norm(past_velocity, axis=1) + np.linalg.norm(future_velocity, axis=1)) / 2
+    return np.log1p(ahead), np.log1p(back), speed, np.linalg.norm(future_velocity - past_velocity, axis=1)
 
 
 def _deviation(
@@ -288,10 +291,10 @@ def _above_rivals(cost: FloatArray, end: IntArray, count: int) -> FloatArray:
 def _overlaps(table: DetectionTable, boxes: FloatArray, gap: int) -> tuple[FloatArray, FloatArray, FloatArray]:
     """``(N,)`` largest intersection over union with another box ``gap`` frames before, and after; how many overlap."""
     i, j = near_pairs(table.frames, centres(boxes), sizes(boxes), gap)
-    other = i != j
-    i, j = i[other], j[other]
+    distinct = i != j
+    i, j = i[distinct], j[distinct]
     overlap = iou_pairs(boxes[i], boxes[j])
-    before, after = np.zeros(len(table)), np.zeros(len(table))
-    np.maximum.at(after, i, overlap)
-    np.maximum.at(before, j, overlap)
-    return before, after, np.bincount(i[overlap > 0], minlength=len(table)).astype(np.float64)
+    overlap_before, overlap_after = np.zeros(len(table)), np.zeros(len(table))
+    np.maximum.at(overlap_after, i, overlap)
+    np.maximum.at(overlap_before, j, overlap)
+    return overlap_before, overlap_after, np.bincount(i[overlap > 0], minlength=len(table)).astype(np.float64)

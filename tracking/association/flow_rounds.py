@@ -68,8 +68,10 @@ DEAREST = 14.0
 AVERAGED = 0.7
 
 
-# Longest gap of a link, seconds; those above `NEAR` are linked only near the ends of tracks.
-WINDOW, NEAR = 1.3, 0.6
+# Longest gap of a link, seconds.
+WINDOW = 1.3
+# Longest gap, seconds, over which all detections are linked; longer links are added only near the ends of tracks.
+NEAR = 0.6
 
 
 def candidates(
@@ -95,8 +97,8 @@ def candidates(
         if dense is not None:
             reach = np.minimum(reach, dense)
         i, j = near_places(strips, places, tail, table.frames[tail] + gap, reach)
-        alike = np.flatnonzero(np.abs(log_height[j] - log_height[i]) < cost.size)
-        i, j = i[alike], j[alike]
+        similar = np.flatnonzero(np.abs(log_height[j] - log_height[i]) < cost.size)
+        i, j = i[similar], j[similar]
         pairs.append((i, j) if dense is None else nearest(i, j, table.frames, places))
     return joined(pairs)
 
@@ -141,8 +143,8 @@ def mean_features(
         features: ``(N, D)``, NaN where not known; so are the means, which are of unit length.
         seconds: length of the windows.
     """
-    known = np.asarray(~np.isnan(features).any(axis=1))
-    counted = np.concatenate([np.where(known[:, None], features, 0), known[:, None]], axis=1)
+    described = np.asarray(~np.isnan(features).any(axis=1))
+    counted = np.concatenate([np.where(described[:, None], features, 0), described[:, None]], axis=1)
     reach = gaps(seconds, table.frame_rate)
     past, future = (
         unit_means(window_means(table.frames, labels, counted, table.frames, labels, window)[:, :-1])
@@ -155,7 +157,7 @@ def with_new_costs(
     links: Links,
     weigher: LinkWeigher,
     labels: IntArray,
-    known: TrackMotion,
+    motion: TrackMotion,
     changed: tuple[BoolArray, BoolArray],
     free: BoolArray,
     changes: CostNetwork | None,
@@ -168,13 +170,13 @@ def with_new_costs(
         links: as they were.
         weigher: along the tracks.
         labels: ``(N,)`` track of each detection, -1 for none.
-        known: what is known along the tracks.
+        motion: along the tracks.
         changed: ``(N,)`` where the past, and where the future is known anew.
         free: ``(N,)`` detections that are not decided yet.
         changes: learnt ones of the costs; None for none.
 
     Returns:
-        The links, and what is known, with the ends that have links over long gaps.
+        The links, and the motion, with the ends that have links over long gaps.
     """
     table = weigher.table
     tail, head = table.rows(links.tail), table.rows(links.head)
@@ -183,30 +185,30 @@ def with_new_costs(
         again[:] = True
     ending, beginning = (near & free for near in _near_ends(table, labels))
     # Links over all gaps from and to ends of tracks, of which one end at least is fresh.
-    from_fresh, to_fresh = ending & (changed[0] | ~known.ending), beginning & (changed[1] | ~known.beginning)
-    longest, more = gaps(WINDOW, table.frame_rate), list[Pairs]()
+    from_fresh, to_fresh = ending & (changed[0] | ~motion.ending), beginning & (changed[1] | ~motion.beginning)
+    longest, added = gaps(WINDOW, table.frame_rate), list[Pairs]()
     for tails, heads in ((from_fresh, beginning), (ending & ~from_fresh, to_fresh)):
-        more.append(candidates(table, np.flatnonzero(tails), np.flatnonzero(heads), 1, longest, weigher.cost))
-    fresh = _without(joined(more), tail, head, len(table))
+        added.append(candidates(table, np.flatnonzero(tails), np.flatnonzero(heads), 1, longest, weigher.cost))
+    fresh = _without(joined(added), tail, head, len(table))
     unknown = np.full(len(fresh[0]), np.nan)
     i, j = np.append(tail[again], fresh[0]), np.append(head[again], fresh[1])
     hidden = np.append(links.hidden[again], unknown)
-    kept, track_cost, hidden = weigher.costs((i, j), DEAREST, hidden, None if changes is None else changes.links)
+    chosen, track_cost, hidden = weigher.costs((i, j), DEAREST, hidden, None if changes is None else changes.links)
     old = links.select(~again)
     old.cost[:] += (1 - KEEP) * (old.track_cost - old.cost)
     # Costs of pairs are no costs along tracks, and new links have none.
-    before = np.where(np.isnan(links.track_cost[again]), np.nan, links.cost[again])
-    before = np.append(before, unknown)[kept]
-    near = track_cost + np.where(np.isnan(before), 0.0, KEEP * (before - track_cost))
-    new = Links(table.numbers[i[kept]], table.numbers[j[kept]], near, track_cost, hidden)
-    return old.and_then(new), replace(known, ending=ending, beginning=beginning)
+    old_cost = np.where(np.isnan(links.track_cost[again]), np.nan, links.cost[again])
+    old_cost = np.append(old_cost, unknown)[chosen]
+    near = track_cost + np.where(np.isnan(old_cost), 0.0, KEEP * (old_cost - track_cost))
+    new = Links(table.numbers[i[chosen]], table.numbers[j[chosen]], near, track_cost, hidden)
+    return old.and_then(new), replace(motion, ending=ending, beginning=beginning)
 
 
 def _without(pairs: Pairs, tails: IntArray, heads: IntArray, count: int) -> Pairs:
     """The pairs that are not among others of ``count`` detections."""
-    asked = _mask(pairs[0], count)[tails] & _mask(pairs[1], count)[heads]
+    possible = _mask(pairs[0], count)[tails] & _mask(pairs[1], count)[heads]
     # No pair stands twice among either.
-    new = ~np.isin(pairs[0] * count + pairs[1], tails[asked] * count + heads[asked], assume_unique=True)
+    new = ~np.isin(pairs[0] * count + pairs[1], tails[possible] * count + heads[possible], assume_unique=True)
     return pairs[0][new], pairs[1][new]
 
 
@@ -216,9 +218,16 @@ def _mask(which: IntArray, count: int) -> BoolArray:
     return mask
 
 
-# A detection counts as right from this probability on, and fewer right ones are no evidence. They are left out if no
-# more than a share of them is in tracks. Lower costs are taken if most of what they add is right, or hardly any was in.
-RIGHT, FEWEST, USED, HARDLY, MOST = 0.7, 10, 0.8, 0.2, 2 / 3
+# Probability from which a detection counts as right.
+RIGHT = 0.7
+# Fewer right detections are no evidence.
+FEWEST = 10
+# Right detections are left out if no more than this share of them is in tracks.
+USED = 0.8
+# Lower costs are taken where no more than this share of the right detections was in tracks,
+HARDLY = 0.2
+# or where at least this share of what they add is right.
+MOST = 2 / 3
 
 
 @dataclass(frozen=True)
@@ -238,15 +247,15 @@ class FirstCosts:
         right = self.probability >= RIGHT
         return bool(right.sum() >= FEWEST and used[right].mean() <= USED)
 
-    def adds_right(self, used: BoolArray, more: BoolArray) -> bool:
+    def adds_right(self, used: BoolArray, used_at_lower: BoolArray) -> bool:
         """Whether to take lower costs, with which ``(U,)`` others are in tracks."""
         right = self.probability >= RIGHT
-        added = more & ~used
+        added = used_at_lower & ~used
         return bool(used[right].mean() <= HARDLY or right[added].sum() >= MOST * added.sum() > 0)
 
 
 def with_known_velocity(links: Links, cost: LinkCost, frame_rate: float) -> Links:
     """Links, of which those without a cost along tracks cost as much as with `LinkCost.velocity_confidence` = 1."""
     less = (1 - cost.velocity_confidence) * cost.room(1 / frame_rate)
-    known = np.maximum(links.cost - less, -MOST_WORTH)
-    return replace(links, cost=np.where(np.isnan(links.track_cost), known, links.cost))
+    lower_cost = np.maximum(links.cost - less, -MOST_WORTH)
+    return replace(links, cost=np.where(np.isnan(links.track_cost), lower_cost, links.cost))

@@ -97,9 +97,9 @@ class FlowWindow:
     ) -> None:
         self.costs = costs
         self.overlap = gaps(WINDOW, frame_rate) + 1
-        most = costs.entry + MOST_WORTH + (0.0 if changes is None else LARGEST)
-        most += MOST_BY_PLACE if costs.places else 0.0
-        self.flow = SlidingFlow(self.overlap, most)
+        most_saving = costs.entry + MOST_WORTH + (0.0 if changes is None else LARGEST)
+        most_saving += MOST_BY_PLACE if costs.places else 0.0
+        self.flow = SlidingFlow(self.overlap, most_saving)
         self._transition = transition
         self.changes = changes
         self.table = DetectionTable.empty(frame_rate, size)
@@ -126,9 +126,9 @@ class FlowWindow:
         self._known = self._known.and_then(alone.select(fresh))
         mismatch = link.mismatch_alone(table.measured, 1 / table.frame_rate)
         weigher = LinkWeigher(table, link, (alone.past, alone.future), self._transition, mismatch=mismatch)
-        kept, cost, hidden = weigher.costs(pairs, DEAREST, None, None if self.changes is None else self.changes.links)
-        tail, head = (table.numbers[ends[kept]] for ends in pairs)
-        self.links = self.links.and_then(Links(tail, head, cost, np.full(len(kept), np.nan), hidden))
+        chosen, cost, hidden = weigher.costs(pairs, DEAREST, None, None if self.changes is None else self.changes.links)
+        tail, head = (table.numbers[ends[chosen]] for ends in pairs)
+        self.links = self.links.and_then(Links(tail, head, cost, np.full(len(chosen), np.nan), hidden))
 
     def _lowered(
         self, observation: FloatArray, ends: tuple[FloatArray, FloatArray], first_costs: FirstCosts
@@ -166,7 +166,7 @@ class FlowWindow:
             change = self.changes.detections(detection_evidence(table, observation, logit)[free])
         observation, start, end = observation[free] + change[:, 0], change[:, 1], change[:, 2]
         by_place = place_costs(self._counts, table.image[free], table.size)
-        before: set[bytes] = set()
+        past_keys: set[bytes] = set()
         rounds = self.costs.rounds if rounds is None else rounds
         for number in range(rounds + 1):
             ends = start + by_place[0], end + by_place[1]
@@ -176,9 +176,9 @@ class FlowWindow:
             # Index -1, a track's end, picks the appended -1.
             self.follower[free] = np.append(self.flow.undecided, -1)[self.flow.solution().follower]
             key = self.follower.tobytes()
-            if number == rounds or key in before:
+            if number == rounds or key in past_keys:
                 return
-            before.add(key)
+            past_keys.add(key)
             by_place = self.place_costs(table.image[free])
             self._weigh_along_tracks(free)
 
@@ -186,10 +186,10 @@ class FlowWindow:
         """Give the links their costs along the tracks of the last solution."""
         labels, table, link = self.labels(), self.table, self.costs.link
         reach = max(RUN_UP, gaps(AVERAGED, table.frame_rate))
-        known, changed = followed(self._known, table, labels, self.follower, link.motion, reach)
+        motion, changed = followed(self._known, table, labels, self.follower, link.motion, reach)
         means = None if table.features is None else mean_features(table, labels, table.features, AVERAGED)
-        weigher = LinkWeigher(table, link, (known.past, known.future), self._transition, means, labels)
-        self.links, self._known = with_new_costs(self.links, weigher, labels, known, changed, free, self.changes)
+        weigher = LinkWeigher(table, link, (motion.past, motion.future), self._transition, means, labels)
+        self.links, self._known = with_new_costs(self.links, weigher, labels, motion, changed, free, self.changes)
 
     def place_costs(self, boxes: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``(N,)`` changes of entry and of exit costs at ``(N, 4)`` boxes in the image, by the tracks so far."""
@@ -202,13 +202,13 @@ class FlowWindow:
         """What the last solution says of where tracks begin and end, of the detections that are kept."""
         table = self.table
         margin = UNKNOWN * table.frame_rate
-        known = (margin, float(table.frames.max(initial=0)) - margin)
-        return EntryCounts(table.image, *starts_and_ends(self.labels(), table.frames, known))
+        bounds = (margin, float(table.frames.max(initial=0)) - margin)
+        return EntryCounts(table.image, *starts_and_ends(self.labels(), table.frames, bounds))
 
-    def decide(self, last_frame: int, before: int) -> Decision:
-        """Decide what lies before a frame and no frame after ``last_frame`` can change."""
+    def decide(self, last_frame: int, end: int) -> Decision:
+        """Decide what lies before the frame ``end`` and no frame after ``last_frame`` can change."""
         counts = self._starts_and_ends()
-        decision = self.flow.decide(last_frame, before)
+        decision = self.flow.decide(last_frame, end)
         if self.costs.places:
             counts = counts.select(np.isin(self.table.numbers, decision.numbers[decision.used]))
             self._counts = self._counts.and_then(counts).select(slice(-MEMORY, None))
@@ -219,28 +219,28 @@ class FlowWindow:
         self._keep(oldest - self.overlap - round(CONTEXT * self.table.frame_rate))
         return decision
 
-    def settle(self, settled: IntArray, before: int, last_frame: int, joins: Pairs, kept: int) -> None:
+    def settle(self, settled: IntArray, end: int, last_frame: int, joins: Pairs, context_start: int) -> None:
         """Settle detections; see `SlidingFlow.settle`.
 
         Args:
             settled: their numbers.
-            before: nothing from this frame on is forgotten.
+            end: nothing from this frame on is forgotten.
             last_frame: the last frame that has come.
             joins: numbers of last detections of tracks, and of what follows them, beyond what the flow says.
-            kept: of the forgotten detections those from this frame on are kept for what is known of their tracks.
+            context_start: of the forgotten detections those from this frame on are kept for the motion of their tracks.
         """
         tails, heads = joins
-        self.flow.settle(settled, before, last_frame, tails)
+        self.flow.settle(settled, end, last_frame, tails)
         self.follower[np.searchsorted(self.table.numbers, tails)] = heads
         # What leads to a settled detection is settled, too.
         self.links = self.links.select(~np.isin(self.links.head, settled))
-        self._keep(kept)
+        self._keep(context_start)
 
     def copy(self) -> FlowWindow:
         """A copy that goes on by itself."""
-        other = copy(self)
-        other.flow, other.follower = copy(self.flow), self.follower.copy()
-        return other
+        clone = copy(self)
+        clone.flow, clone.follower = copy(self.flow), self.follower.copy()
+        return clone
 
     def free(self) -> BoolArray:
         """``(N,)`` which of the detections that are kept are not decided."""

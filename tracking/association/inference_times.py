@@ -17,15 +17,20 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# Inferences that show a pattern, twice as many where it is not exact; least share of them that has detections.
-FEWEST, OCCUPIED = 5, 0.5
+# Inferences that show a pattern, twice as many where it is not exact.
+FEWEST = 5
+# Least share of the frames of a pattern that have detections.
+OCCUPIED = 0.5
 # Deviation of the interval between inferences, over its mean, up to which it is a stride.
 JITTER = 0.5
-# A detector with so many detections in the frames around one hardly misses all of them. Least share of frames that are
-# empty all the same.
-CROWD, DROPPED = 4, 0.1
-# Intervals that the usual one is taken from, and how much longer than their median one is that does not count.
-MEMORY, PAUSE = 30, 5.0
+# A detector with so many detections in the frames before and after one hardly misses all of them.
+CROWD = 4
+# Least share of frames that are empty all the same, from which on such frames count as dropped.
+DROPPED = 0.1
+# Latest intervals that the usual one is taken from.
+MEMORY = 30
+# An interval longer than this many medians is a pause, and does not count.
+PAUSE = 5.0
 # Share of an interval by which inferences may be off and still are even.
 EVEN = 0.01
 # Steps of an average interval to which times are rounded where a grid is needed.
@@ -68,20 +73,20 @@ def named_frames(frames: Iterable[int], length: int) -> BoolArray:
     Raises:
         RequestError: they are no 0-based numbers of frames, or there is none.
     """
-    given = np.asarray(list(frames) if isinstance(frames, Iterable) and not isinstance(frames, str) else frames)
-    if given.ndim != 1 or not len(given) or given.dtype.kind not in "iu" or given.min() < 0:
+    numbers = np.asarray(list(frames) if isinstance(frames, Iterable) and not isinstance(frames, str) else frames)
+    if numbers.ndim != 1 or not len(numbers) or numbers.dtype.kind not in "iu" or numbers.min() < 0:
         raise RequestError(
             f"`inference_frames`: expected numbers of frames from 0, such as range(0, 300, 10), got {frames!r:.80}"
         )
-    inferred = np.zeros(max(length, int(given.max()) + 1), dtype=np.bool_)
-    inferred[given] = True
+    inferred = np.zeros(max(length, int(numbers.max()) + 1), dtype=np.bool_)
+    inferred[numbers] = True
     return inferred
 
 
 def usual(intervals: Sequence[float] | FloatArray | IntArray) -> float:
     """The mean of the intervals between inferences, but for pauses."""
-    known = np.asarray(intervals, dtype=np.float64)
-    return float(known[known <= PAUSE * np.median(known)].mean())
+    values = np.asarray(intervals, dtype=np.float64)
+    return float(values[values <= PAUSE * np.median(values)].mean())
 
 
 def stride_of(inferred: BoolArray) -> float:
@@ -151,16 +156,16 @@ class Intervals(Clock):
             RequestError: see `Clock.now`.
         """
         last = self._last
-        interval, before = self.now(time) - last, self._usual
+        interval, previous = self.now(time) - last, self._usual
         if interval == math.inf:
             self.passed.append(1.0)
             return 1.0, 1.0
         if interval > 0:
             self._intervals.append(interval)
             self._usual = usual(self._intervals)
-        longer = round(self._usual / before, 9) if before else 1.0
+        longer = round(self._usual / previous, 9) if previous else 1.0
         passed = round(interval / self._usual, 9) if self._usual else 0.0
-        self.passed = deque([one / longer for one in self.passed], self.passed.maxlen)
+        self.passed = deque([span / longer for span in self.passed], self.passed.maxlen)
         self.passed.append(passed)
         return passed, longer
 
@@ -191,10 +196,10 @@ class InferenceTimes(Clock):
 
     def copy(self) -> InferenceTimes:
         """A copy that goes on by itself."""
-        other = InferenceTimes(self._frame_rate, self._frame_rate / self.rate)
-        other.__dict__.update(self.__dict__)
-        other._frames, other._seconds = self._frames[:], self._seconds[:]
-        return other
+        clone = InferenceTimes(self._frame_rate, self._frame_rate / self.rate)
+        clone.__dict__.update(self.__dict__)
+        clone._frames, clone._seconds = self._frames[:], self._seconds[:]
+        return clone
 
     def add(self, time: float | None) -> None:
         """Take the next inference; see `Clock.now`."""
@@ -206,9 +211,9 @@ class InferenceTimes(Clock):
         self.all &= frame == self._count
         if not (self.even and self.all):
             # Those before came at one interval, and are kept only now.
-            before = np.arange(len(self._frames), self._count)
-            self._frames.extend([*before.tolist(), frame])
-            self._seconds.extend([*(before / self.rate).tolist(), seconds])
+            earlier = np.arange(len(self._frames), self._count)
+            self._frames.extend([*earlier.tolist(), frame])
+            self._seconds.extend([*(earlier / self.rate).tolist(), seconds])
         self._count += 1
 
     def frames(self, inferences: IntArray) -> IntArray:
@@ -219,9 +224,9 @@ class InferenceTimes(Clock):
         """``(N,)`` whole numbers that grow as the times of ``(N,)`` inferences do, `TICKS` an inference on average."""
         if self.even:
             return inferences
-        every = np.arange(len(self._seconds))
+        numbers = np.arange(len(self._seconds))
         ticks = np.rint(np.array(self._seconds) * self.rate * TICKS).astype(np.int64)
-        return np.asarray((np.maximum.accumulate(ticks - every) + every)[inferences])
+        return np.asarray((np.maximum.accumulate(ticks - numbers) + numbers)[inferences])
 
     @property
     def ticks_per_inference(self) -> int:

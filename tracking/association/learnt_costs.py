@@ -31,6 +31,7 @@ FEATURE_SETS: dict[FeatureSet, tuple[str, ...]] = {
 }
 # No evidence makes a link certain, and the cost of an impossible one has to stay finite.
 LEAST_PROBABILITY = 1e-6
+# Rows that the trees get at a time: their buffers grow with the rows of a call.
 ROWS_A_CALL = 1 << 18
 
 
@@ -137,6 +138,7 @@ def _alike_together(rows: NDArray[np.float32]) -> IntArray:
     return np.argsort(iou << 12 | appearance << 6 | last, kind="stable")
 
 
+# Largest change of a cost that a network makes, nats.
 LARGEST = 8.0
 
 
@@ -168,18 +170,18 @@ class CostNetwork:
         self.model = OnnxModel(path, "association", threads)
         self.path, self.card = Path(path), self.model.card
         # A network that was trained before a feature was added does without it.
-        self._columns = {part: self._places(part, known) for part, known in asdict(FeatureNames()).items()}
+        self._columns = {part: self._places(part, computed) for part, computed in asdict(FeatureNames()).items()}
 
-    def _places(self, part: str, known: tuple[str, ...]) -> list[int]:
+    def _places(self, part: str, computed: tuple[str, ...]) -> list[int]:
         """Which of the columns known here the file wants, in its order."""
-        asked = tuple(self.card.settings.get(part, ()))
-        foreign = sorted(set(asked) - set(known))
-        if foreign or not asked:
+        inputs = tuple(self.card.settings.get(part, ()))
+        foreign = sorted(set(inputs) - set(computed))
+        if foreign or not inputs:
             raise RequestError(
-                f"{self.path}: expected some of the {len(known)} features of {part} computed here, got "
+                f"{self.path}: expected some of the {len(computed)} features of {part} computed here, got "
                 f"{', '.join(foreign) or 'none'}; train the network again"
             )
-        return [known.index(name) for name in asked]
+        return [computed.index(name) for name in inputs]
 
     def links(self, rows: FloatArray) -> FloatArray:
         """``(P,)`` changes of the costs of links with ``(P, 25)`` features."""
@@ -193,11 +195,11 @@ class CostNetwork:
         """``(P,)`` changes of the costs of joins with ``(P, 29)`` features."""
         return self._run("joins", rows)
 
-    def _run(self, part: str, given: FloatArray) -> FloatArray:
+    def _run(self, part: str, features: FloatArray) -> FloatArray:
         """The output of one part for its rows; the others get none."""
         rows = {
-            name: given[:, columns] if name == part else np.zeros((0, len(columns)))
+            name: features[:, columns] if name == part else np.zeros((0, len(columns)))
             for name, columns in self._columns.items()
         }
-        outputs = self.model.run(*(np.ascontiguousarray(one, dtype=np.float32) for one in rows.values()))
+        outputs = self.model.run(*(np.ascontiguousarray(values, dtype=np.float32) for values in rows.values()))
         return np.asarray(outputs[[*rows].index(part)], dtype=np.float64)

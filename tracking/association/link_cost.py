@@ -38,8 +38,10 @@ MOST_ALIKE = 3.0
 # Learnt costs count for no more than this, either way.
 MOST_LEARNT = 5.0
 # Deviation of the camera's motion, in heights, above which it makes links no dearer: where it is unknown how far the
-# camera jumped, all links over the jump are equally far. And its standard deviations by which links reach further.
-LOST, DOUBT = 0.5, 2.0
+# camera jumped, all links over the jump are equally far.
+LOST = 0.5
+# Standard deviations of the camera's motion by which links reach further.
+DOUBT = 2.0
 # Cost of a sudden change of motion; see `LinkCost.mismatch_along`.
 TURN = 3.0
 
@@ -141,14 +143,14 @@ class LinkCost:
         costs, since who stands may walk on.
         """
         times = speed / self.motion.velocity[0]
-        more = max(times, 1.0)
-        (vx, vw, vh), (qx, qw, qh), root = self.motion.velocity, self.motion.acceleration, float(np.sqrt(more))
+        growth = max(times, 1.0)
+        (vx, vw, vh), (qx, qw, qh), root = self.motion.velocity, self.motion.acceleration, float(np.sqrt(growth))
         motion = replace(
             self.motion,
             velocity=(vx * times, vw * times, vh * times),
             acceleration=(qx * root, qw * root, qh * root),
         )
-        return replace(self, motion=motion, speed=(self.speed[0] * more, self.speed[1] * more))
+        return replace(self, motion=motion, speed=(self.speed[0] * growth, self.speed[1] * growth))
 
     def limits(self, sides: FloatArray, seconds: float | FloatArray) -> FloatArray:
         """``(N, 2)`` largest differences of centres, pixels, for boxes of ``(N,)`` longer sides, over a gap in seconds,
@@ -173,18 +175,18 @@ class LinkCost:
 
     def mismatch(self, past: Beliefs, future: Beliefs) -> Mismatch:
         """How ill the past of one's chain and the future of the other's go together: the sum over the coordinates."""
-        before, after = _Columns(past), _Columns(future)
+        earlier, later = _Columns(past), _Columns(future)
         noise = self.motion.measurement, self.motion.acceleration, self.motion.velocity
         r2, q2, v2 = (np.square(values) for values in noise)
 
         def cost(i: IntArray, j: IntArray, seconds: FloatArray, wander: FloatArray) -> FloatArray:
-            per_side = np.exp(-(before.side[i] + after.side[j]))
+            per_side = np.exp(-(earlier.side[i] + later.side[j]))
             fit, volume = np.ones(len(i)), np.ones(len(i))
             for group, q in enumerate(q2):
-                b, c = before.b[group][i], before.c[group][i]
-                a = before.a[group][i] + after.a[group][j] + seconds * (2 * b + seconds * (c + seconds * (q / 3)))
-                b += after.b[group][j] + seconds * (c + seconds * (q / 2))
-                c += after.c[group][j] + q * seconds
+                b, c = earlier.b[group][i], earlier.c[group][i]
+                a = earlier.a[group][i] + later.a[group][j] + seconds * (2 * b + seconds * (c + seconds * (q / 3)))
+                b += later.b[group][j] + seconds * (c + seconds * (q / 2))
+                c += later.c[group][j] + q * seconds
                 if group == 0:
                     a += wander
                 determinant = a * c - b * b
@@ -195,9 +197,9 @@ class LinkCost:
                 determinant *= 1 / (4 * r2[group] * v2[group])
                 b *= 2
                 for k in np.flatnonzero(group == GROUPS):
-                    velocity = before.velocity[k][i]
-                    apart = before.place[k][i] - after.place[k][j] + velocity * seconds
-                    velocity -= after.velocity[k][j]
+                    velocity = earlier.velocity[k][i]
+                    apart = earlier.place[k][i] - later.place[k][j] + velocity * seconds
+                    velocity -= later.velocity[k][j]
                     fit *= 1 + scale * (apart * (c * apart - b * velocity) + a * (velocity * velocity))
                     volume *= determinant
             return np.maximum(_student_cost(fit, volume), -MOST_WORTH)

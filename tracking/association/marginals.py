@@ -21,8 +21,10 @@ from tsuiseki.tracking.association.network_flow import SCALE
 from tsuiseki.tracking.association.residual_flow import FREE, LARGEST, ResidualFlow
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# Numbers in a table of distances that are held at once, and rows of it.
-AT_ONCE, MOST_ROWS = 4_000_000, 4_000
+# Numbers in a table of distances that are held at once.
+AT_ONCE = 4_000_000
+# Ways that are searched together, rows of such a table at most.
+MOST_ROWS = 4_000
 
 
 class Marginals:
@@ -49,14 +51,14 @@ class Marginals:
         through = np.abs(flow.reduced) + into[first] + out[last]
         through[~free] = np.inf
         # Unreachable nodes keep a potential that is high or low enough.
-        most = max(self._limit, *(float(d[np.isfinite(d)].max(initial=0.0)) for d in (out, into)))
-        self._centred = flow.potential + (np.minimum(out, most) - np.minimum(into, most)) / 2
+        farthest = max(self._limit, *(float(d[np.isfinite(d)].max(initial=0.0)) for d in (out, into)))
+        self._centred = flow.potential + (np.minimum(out, farthest) - np.minimum(into, farthest)) / 2
         slack = np.abs(flow.cost + self._centred[flow.tail] - self._centred[flow.head])
         cost = np.minimum(through, self._limit)
-        asked = np.flatnonzero((slack < cost) & (first != ground) & (last != ground) & free)
-        asked = asked if which is None else asked[which[asked]]
-        if len(asked):
-            cost[asked] = np.minimum(cost[asked], slack[asked] + self._distances(first[asked], last[asked]))
+        ways = np.flatnonzero((slack < cost) & (first != ground) & (last != ground) & free)
+        ways = ways if which is None else ways[which[ways]]
+        if len(ways):
+            cost[ways] = np.minimum(cost[ways], slack[ways] + self._distances(first[ways], last[ways]))
         cost[~free] = np.inf
         self.cost, self.through = cost / SCALE, through / SCALE
 
@@ -71,10 +73,10 @@ class Marginals:
             nodes = _without_loops(nodes)
         else:
             circles, place = self._circles, self._circles.place
-            _, before = scipy.sparse.csgraph.dijkstra(
+            _, predecessor = scipy.sparse.csgraph.dijkstra(
                 circles.matrix, indices=place[first], return_predecessors=True, limit=self._limit
             )
-            nodes = [circles.nodes[n] for n in _up(before, int(place[last]), int(place[first]))[::-1]]
+            nodes = [circles.nodes[n] for n in _up(predecessor, int(place[last]), int(place[first]))[::-1]]
         arcs = [flow.arc_between(a, b) for a, b in itertools.pairwise(nodes)]
         return np.unique([arc, *arcs])
 
@@ -84,9 +86,9 @@ class Marginals:
         flow, ground = self._flow, 2 * self._flow.count
         reduced = np.abs(flow.cost + self._centred[flow.tail] - self._centred[flow.head])
         around = (flow.status == FREE) & (flow.tail != ground) & (flow.head != ground)
-        kept = np.flatnonzero(around & (reduced < self._limit))
-        used, costs = flow.used[kept], reduced[kept]
-        a, b = np.where(used, flow.head[kept], flow.tail[kept]), np.where(used, flow.tail[kept], flow.head[kept])
+        arcs = np.flatnonzero(around & (reduced < self._limit))
+        used, costs = flow.used[arcs], reduced[arcs]
+        a, b = np.where(used, flow.head[arcs], flow.tail[arcs]), np.where(used, flow.tail[arcs], flow.head[arcs])
         matrix = scipy.sparse.csr_array((costs, (a, b)), shape=(ground, ground))
         part = scipy.sparse.csgraph.connected_components(matrix, connection="strong")[1]
         # Parts one after the other; a node alone is in no circle.
@@ -102,16 +104,16 @@ class Marginals:
         """``(K,)`` shortest ways without G from ``(K,)`` nodes to others, inf from the limit on."""
         circles, distances = self._circles, np.full(len(first), np.inf)
         a, b = circles.place[first], circles.place[last]
-        asked = np.flatnonzero((a >= 0) & (b >= 0))
-        asked = asked[circles.part[a[asked]] == circles.part[b[asked]]]
-        asked = asked[np.argsort(a[asked], kind="stable")]
+        ways = np.flatnonzero((a >= 0) & (b >= 0))
+        ways = ways[circles.part[a[ways]] == circles.part[b[ways]]]
+        ways = ways[np.argsort(a[ways], kind="stable")]
         # Nodes of a part lie together, so that a few parts at a time are a slice.
         edges = np.append(np.flatnonzero(np.diff(circles.part, prepend=-1)), len(circles.part))
         start = 0
-        while start < len(asked):
-            low = int(edges[np.searchsorted(edges, a[asked[start]], side="right") - 1])
-            end = _slice_end(a[asked[start : start + MOST_ROWS]], edges, low) + start
-            rows = asked[start:end]
+        while start < len(ways):
+            low = int(edges[np.searchsorted(edges, a[ways[start]], side="right") - 1])
+            end = _slice_end(a[ways[start : start + MOST_ROWS]], edges, low) + start
+            rows = ways[start:end]
             high = int(edges[np.searchsorted(edges, a[rows[-1]], side="right")])
             sources, back = np.unique(a[rows], return_inverse=True)
             within = circles.matrix[low:high, low:high]
@@ -131,11 +133,11 @@ class _Circles:
     part: IntArray
 
 
-def _up(before: IntArray, node: int, root: int) -> list[int]:
+def _up(predecessor: IntArray, node: int, root: int) -> list[int]:
     """Nodes from one to the root of a tree of predecessors."""
     nodes = [node]
     while nodes[-1] != root:
-        nodes.append(int(before[nodes[-1]]))
+        nodes.append(int(predecessor[nodes[-1]]))
     return nodes
 
 

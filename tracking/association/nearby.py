@@ -14,7 +14,7 @@ from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 Pairs = tuple[IntArray, IntArray]
-# As many as the processor holds close by.
+# Boxes whose pairs are searched together: as many as the processor holds close by.
 BOXES_AT_ONCE = 4096
 # Pixels by which the ranges of what hides a box are widened, since the keys of long videos are rounded.
 ROUNDING = 1e-3
@@ -29,11 +29,11 @@ def near_pairs(frames: IntArray, centre: FloatArray, reach: FloatArray, gap: int
         reach: ``(N, 2)`` largest difference from each earlier box in x and in y, pixels.
         gap: frames between the two.
     """
-    every, places = np.arange(len(frames)), centre.T.copy()
-    strips = Strips.of(frames, places[0], every, None, float(reach[:, 0].max(initial=0.0)))
+    indices, places = np.arange(len(frames)), centre.T.copy()
+    strips = Strips.of(frames, places[0], indices, None, float(reach[:, 0].max(initial=0.0)))
     pairs = []
-    for start in range(0, len(every), BOXES_AT_ONCE):
-        part = every[start : start + BOXES_AT_ONCE]
+    for start in range(0, len(indices), BOXES_AT_ONCE):
+        part = indices[start : start + BOXES_AT_ONCE]
         pairs.append(near_places(strips, places, part, frames[part] + gap, reach[part]))
     return joined(pairs)
 
@@ -72,9 +72,9 @@ class Strips:
         if len(which) == 0:
             return cls(which, np.empty(0), 0, 0.0, 1.0)
         ordered = which[np.lexsort((x[which], frames[which]))]
-        every = x[ordered] if others is None else np.append(x[which], x[others])
-        left, frame = float(every.min()), int(frames[ordered[0]])
-        width = float(every.max()) - left + 2 * furthest + 1.0
+        all_x = x[ordered] if others is None else np.append(x[which], x[others])
+        left, frame = float(all_x.min()), int(frames[ordered[0]])
+        width = float(all_x.max()) - left + 2 * furthest + 1.0
         return cls(ordered, (frames[ordered] - frame) * width + (x[ordered] - left), frame, left, width)
 
     def keys(self, when: IntArray, x: FloatArray) -> FloatArray:
@@ -108,8 +108,8 @@ def near_places(strips: Strips, places: FloatArray, tails: IntArray, when: IntAr
     target, (reach_x, reach_y) = strips.keys(when, x[tails]), reach.T
     tail, place = ranges(*strips.between(target - reach_x, target + reach_x))
     head = strips.ordered[place]
-    kept = np.flatnonzero(np.abs(y[head] - y[tails][tail]) <= reach_y[tail])
-    return tails[tail[kept]], head[kept]
+    near = np.flatnonzero(np.abs(y[head] - y[tails][tail]) <= reach_y[tail])
+    return tails[tail[near]], head[near]
 
 
 def sizes(boxes: FloatArray) -> FloatArray:
@@ -128,17 +128,21 @@ def joined(pairs: list[Pairs]) -> Pairs:
     return np.concatenate([none, *(i for i, _ in pairs)]), np.concatenate([none, *(j for _, j in pairs)])
 
 
-# Boxes of a frame beyond which it is dense; of each as many others of a frame are compared there, and so many kept.
-DENSE, AROUND, NEAREST = 400, 64, 8
+# Boxes of a frame beyond which it is dense.
+DENSE = 400
+# Boxes of a dense frame that each box is compared with, on average.
+AROUND = 64
+# Nearest boxes of a dense frame that each box keeps.
+NEAREST = 8
 
 
 def dense_reach(frames: IntArray, boxes: FloatArray) -> float | None:
     """Half the side of a square that holds `AROUND` boxes ``(N, 4)`` where ``(N,)`` frames are dense; or None."""
-    most = int(np.bincount(frames - frames.min()).max()) if len(frames) else 0
-    if most <= DENSE:
+    crowd = int(np.bincount(frames - frames.min()).max()) if len(frames) else 0
+    if crowd <= DENSE:
         return None
     middle = centres(boxes)
-    return float(np.sqrt(AROUND * (middle.max(axis=0) - middle.min(axis=0)).prod() / (4 * most)))
+    return float(np.sqrt(AROUND * (middle.max(axis=0) - middle.min(axis=0)).prod() / (4 * crowd)))
 
 
 def nearest(i: IntArray, j: IntArray, frames: IntArray, places: FloatArray) -> Pairs:
@@ -154,8 +158,8 @@ def nearest(i: IntArray, j: IntArray, frames: IntArray, places: FloatArray) -> P
     group = np.repeat(np.arange(len(first)), np.diff(np.append(first, len(i))))
     (x, y) = places[:, j] - places[:, i]
     order = np.lexsort((np.square(x) + np.square(y), group))
-    kept = np.sort(order[np.arange(len(i)) - first[group] < NEAREST])
-    return i[kept], j[kept]
+    near = np.sort(order[np.arange(len(i)) - first[group] < NEAREST])
+    return i[near], j[near]
 
 
 def hidden_parts(frames: IntArray, boxes: FloatArray) -> FloatArray:
@@ -194,8 +198,8 @@ class Occluders:
         ``heads``.
         """
         hidden = np.zeros(len(tails))
-        asked = np.flatnonzero(self.frames[heads] - self.frames[tails] > 1)
-        tail, head = tails[asked], heads[asked]
+        apart = np.flatnonzero(self.frames[heads] - self.frames[tails] > 1)
+        tail, head = tails[apart], heads[apart]
         since, until = self.frames[tail], self.frames[head]
         middle = (since + until) // 2
         share = (middle - since) / (until - since)
@@ -206,7 +210,7 @@ class Occluders:
             width = np.minimum(x2, self.size[0]) - np.maximum(x1, 0)
             height = np.minimum(y2, self.size[1]) - np.maximum(y1, 0)
             lost += area - np.maximum(width, 0) * np.maximum(height, 0)
-        hidden[asked] = np.minimum(lost / area, 1)
+        hidden[apart] = np.minimum(lost / area, 1)
         return hidden
 
     def area(self, when: IntArray, x1: FloatArray, y1: FloatArray, x2: FloatArray, y2: FloatArray) -> FloatArray:
@@ -219,13 +223,13 @@ class Occluders:
         low = strips.keys(when, np.maximum(x1 - self.widest, strips.left)) - ROUNDING
         high = strips.keys(when, np.minimum(x2, strips.left + strips.width - 1)) + ROUNDING
         box, place = ranges(*strips.between(low, high))
-        other = self.strips.ordered[place]
+        occluder = self.strips.ordered[place]
         other_x1, other_y1, other_x2, other_y2 = self.columns
-        nearer = other_y2[other] > y2[box]
-        nearer &= other_x2[other] > x1[box]
-        nearer &= other_x1[other] < x2[box]
-        kept = np.flatnonzero(nearer)
-        box, other = box[kept], other[kept]
-        width = np.minimum(x2[box], other_x2[other]) - np.maximum(x1[box], other_x1[other])
-        height = y2[box] - np.maximum(y1[box], other_y1[other])
+        nearer = other_y2[occluder] > y2[box]
+        nearer &= other_x2[occluder] > x1[box]
+        nearer &= other_x1[occluder] < x2[box]
+        covering = np.flatnonzero(nearer)
+        box, occluder = box[covering], occluder[covering]
+        width = np.minimum(x2[box], other_x2[occluder]) - np.maximum(x1[box], other_x1[occluder])
+        height = y2[box] - np.maximum(y1[box], other_y1[occluder])
         return np.bincount(box, np.maximum(width, 0) * np.maximum(height, 0), len(when)).astype(np.float64)

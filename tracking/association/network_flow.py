@@ -26,6 +26,7 @@ import scipy
 
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
+# Steps of a cost of 1.
 SCALE = 1_000_000
 # The solver adds whole numbers up in double precision: a path of 90,000 arcs of SCALE * LARGEST_COST stays below 2**53.
 LARGEST_COST = 1e5
@@ -64,14 +65,14 @@ class FlowGraph:
     def __len__(self) -> int:
         return len(self.observation)
 
-    def with_transitions(self, kept: BoolArray) -> FlowGraph:
-        """The network with those transitions only that a mask ``(P,)`` keeps."""
-        return replace(self, tail=self.tail[kept], head=self.head[kept], transition=self.transition[kept])
+    def with_transitions(self, mask: BoolArray) -> FlowGraph:
+        """The network with those transitions only at a mask ``(P,)``."""
+        return replace(self, tail=self.tail[mask], head=self.head[mask], transition=self.transition[mask])
 
-    def part(self, kept: BoolArray) -> FlowGraph:
+    def part(self, mask: BoolArray) -> FlowGraph:
         """The network of the detections at a mask ``(N,)``, which are counted anew."""
-        within, place = self.with_transitions(kept[self.tail] & kept[self.head]), np.cumsum(kept) - 1
-        costs = self.observation[kept], self.entry[kept], self.exit[kept]
+        within, place = self.with_transitions(mask[self.tail] & mask[self.head]), np.cumsum(mask) - 1
+        costs = self.observation[mask], self.entry[mask], self.exit[mask]
         return FlowGraph(*costs, place[within.tail], place[within.head], within.transition)
 
 
@@ -136,14 +137,14 @@ def solve(graph: FlowGraph, inflow: BoolArray | None = None) -> FlowSolution:
     matrix = _matching(graph, fresh)
     rows, columns = scipy.sparse.csgraph.min_weight_full_bipartite_matching(matrix)
     # `_matching` numbers backwards.
-    before = np.empty(len(rows), dtype=np.int64)
-    before[len(rows) - 1 - rows] = len(rows) - 1 - columns
-    before = before[: len(fresh)]
-    linked = (before < count) & (before != fresh)
+    predecessor = np.empty(len(rows), dtype=np.int64)
+    predecessor[len(rows) - 1 - rows] = len(rows) - 1 - columns
+    predecessor = predecessor[: len(fresh)]
+    linked = (predecessor < count) & (predecessor != fresh)
     follower = np.full(count, -1, dtype=np.int64)
-    follower[before[linked]] = fresh[linked]
+    follower[predecessor[linked]] = fresh[linked]
     used = np.ones(count, dtype=np.bool_)
-    used[fresh[before == fresh]] = False
+    used[fresh[predecessor == fresh]] = False
     return solution_of(graph, continued, used, follower)
 
 
@@ -163,12 +164,12 @@ def _matching(graph: FlowGraph, fresh: IntArray) -> scipy.sparse.csr_array:
     place[fresh] = np.arange(born)
     open_link = place[graph.head] >= 0
     tail, head = graph.tail[open_link], place[graph.head[open_link]]
-    each, birth, ending = np.arange(count), count + np.arange(born), born + np.arange(count)
+    detections, birth, ending = np.arange(count), count + np.arange(born), born + np.arange(count)
     choices = (
         (head, tail, scaled(graph.transition[open_link])),
         (place[fresh], fresh, -scaled(graph.observation[fresh])),
         (place[fresh], birth, scaled(graph.entry[fresh])),
-        (ending, each, scaled(graph.exit)),
+        (ending, detections, scaled(graph.exit)),
         (ending[fresh], birth, np.zeros(born, dtype=np.int64)),
         (ending[tail], birth[head], np.zeros(len(tail), dtype=np.int64)),
     )
@@ -198,10 +199,10 @@ def solution_of(graph: FlowGraph, inflow: BoolArray, used: BoolArray, follower: 
 
 def predecessors(follower: IntArray) -> IntArray:
     """``(N,)`` index of what comes before each detection, -1 for nothing, by ``(N,)`` what follows each."""
-    before = np.full(len(follower), -1)
+    predecessor = np.full(len(follower), -1)
     linked = np.flatnonzero(follower >= 0)
-    before[follower[linked]] = linked
-    return before
+    predecessor[follower[linked]] = linked
+    return predecessor
 
 
 def track_labels(solution: FlowSolution) -> IntArray:

@@ -16,8 +16,12 @@ from tsuiseki.tracking.association.network_flow import SCALE, track_labels
 from tsuiseki.tracking.association.residual_flow import FORBIDDEN, FORCED, FREE, LARGEST, InfeasibleError, ResidualFlow
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# Bounds of a program. Arcs and branches are the same on a slow machine; seconds are the bound of the wait.
-MOST_ARCS, MOST_BRANCHES, TIME_LIMIT = 20_000, 100, 10.0
+# Arcs of a program at most. Unlike seconds, they bound it alike on fast and slow machines.
+MOST_ARCS = 20_000
+# Branches of its search at most, likewise.
+MOST_BRANCHES = 100
+# Longest wait for it, seconds.
+TIME_LIMIT = 10.0
 
 
 @dataclass(frozen=True)
@@ -93,13 +97,13 @@ def _way(flow: ResidualFlow, pair: Pair, frames: IntArray) -> IntArray:
     size = 2 * flow.count + 1
     ways = scipy.sparse.csr_array((cost, (flow.tail[arcs], flow.head[arcs])), shape=(size, size))
     start, node = 2 * pair.first + 1, 2 * pair.last
-    distance, before = scipy.sparse.csgraph.dijkstra(ways, indices=start, return_predecessors=True, limit=LARGEST)
+    distance, predecessor = scipy.sparse.csgraph.dijkstra(ways, indices=start, return_predecessors=True, limit=LARGEST)
     if not np.isfinite(distance[node]):
         raise InfeasibleError
     way = [pair.first, pair.last]
     while node != start:
-        way.append(flow.arc_between(int(before[node]), node))
-        node = int(before[node])
+        way.append(flow.arc_between(int(predecessor[node]), node))
+        node = int(predecessor[node])
     return np.array(way, dtype=np.int64)
 
 
@@ -114,8 +118,8 @@ def _weakest(flow: ResidualFlow, pair: Pair) -> int:
 
 def _links(flow: ResidualFlow, used: BoolArray, first: int, last: int) -> list[int]:
     """Links of a track from one detection to another, or to its end."""
-    taken = 3 * flow.count + np.flatnonzero(used[3 * flow.count :])
-    following = dict(zip((flow.tail[taken] // 2).tolist(), taken.tolist(), strict=True))
+    arcs = 3 * flow.count + np.flatnonzero(used[3 * flow.count :])
+    following = dict(zip((flow.tail[arcs] // 2).tolist(), arcs.tolist(), strict=True))
     links = []
     while first != last and first in following:
         links.append(following[first])
@@ -153,28 +157,28 @@ def _cheapest(flow: ResidualFlow, pair: Pair, frames: IntArray, free: IntArray, 
     start, end = (np.searchsorted(nodes, node) for node in (2 * pair.first + 1, 2 * pair.last))
     if not (len(nodes) > max(start, end) and nodes[start] == 2 * pair.first + 1 and nodes[end] == 2 * pair.last):
         return None
-    each, movable = np.arange(len(inner)), place[inner] >= 0
-    least, most = np.zeros(len(free) + len(mine)), np.ones(len(free) + len(mine))
+    index, movable = np.arange(len(inner)), place[inner] >= 0
+    lower, upper = np.zeros(len(free) + len(mine)), np.ones(len(free) + len(mine))
     if pair.same:
         # The way leaves one node more often than it comes there, at its start, and ends at the other.
         balance = np.zeros(len(nodes))
         balance[start], balance[end] = 1, -1
-        rows = [*rows, count + a, count + b, count + len(nodes) + each[movable], count + len(nodes) + each[movable]]
+        rows = [*rows, count + a, count + b, count + len(nodes) + index[movable], count + len(nodes) + index[movable]]
         columns = [*columns, mine, mine, mine[movable], place[inner[movable]]]
         ones = np.ones(len(inner))
         values = [*values, ones, -ones, ones[movable], -ones[movable]]
         low = np.concatenate([low, balance, np.full(len(inner), -np.inf)])
         high = np.concatenate([high, balance, np.zeros(len(inner))])
     else:
-        least[mine[start]], most[mine[end]] = 1, 0
-        rows = [*rows, count + each, count + each, count + each[movable]]
+        lower[mine[start]], upper[mine[end]] = 1, 0
+        rows = [*rows, count + index, count + index, count + index[movable]]
         columns = [*columns, mine[b], mine[a], place[inner[movable]]]
         values = [*values, np.ones(len(inner)), -np.ones(len(inner)), -np.ones(int(movable.sum()))]
         low, high = np.append(low, np.where(movable, -1.0, 0.0)), np.append(high, np.full(len(inner), np.inf))
     matrix = scipy.sparse.csr_array(
-        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(len(low), len(least))
+        (np.concatenate(values), (np.concatenate(rows), np.concatenate(columns))), shape=(len(low), len(lower))
     )
-    return _solved(flow, free, (matrix, low, high), (least, most), gap)
+    return _solved(flow, free, (matrix, low, high), (lower, upper), gap)
 
 
 def _conservation(
@@ -189,11 +193,11 @@ def _conservation(
     touched = touched[touched != ground]
     row = np.full(ground + 1, -1)
     row[touched] = np.arange(len(touched))
-    each = np.arange(len(free))
+    index = np.arange(len(free))
     out, into = row[flow.tail[free]] >= 0, row[flow.head[free]] >= 0
     rows = [row[flow.tail[free[out]]], row[flow.head[free[into]]]]
     values = [np.ones(int(out.sum())), -np.ones(int(into.sum()))]
-    return rows, [each[out], each[into]], values, balance[touched], balance[touched]
+    return rows, [index[out], index[into]], values, balance[touched], balance[touched]
 
 
 def _solved(
@@ -205,10 +209,10 @@ def _solved(
 ) -> BoolArray | None:
     """The arcs of the solution; None where its bounds were too narrow."""
     costs = np.append(flow.reduced[free] / SCALE, np.zeros(len(bounds[0]) - len(free)))
-    whole = np.append(np.ones(len(free)), np.zeros(len(bounds[0]) - len(free)))
+    integral = np.append(np.ones(len(free)), np.zeros(len(bounds[0]) - len(free)))
     solved = scipy.optimize.milp(
         costs,
-        integrality=whole,
+        integrality=integral,
         bounds=scipy.optimize.Bounds(*bounds),
         constraints=scipy.optimize.LinearConstraint(*rows),
         options={"time_limit": TIME_LIMIT, "node_limit": MOST_BRANCHES, "mip_rel_gap": 0.0},

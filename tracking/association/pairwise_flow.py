@@ -86,8 +86,8 @@ def pairs_by_gap(
         i, j = near_pairs(frames, centre, np.column_stack([reach, reach]), gap)
         ratio = height[j] / height[i]
         near = np.square(centre[j] - centre[i]).sum(axis=1) <= reach[i] ** 2
-        kept = near & (ratio <= settings.size_ratio) & (ratio >= 1 / settings.size_ratio)
-        yield i[kept], j[kept], gap
+        plausible = near & (ratio <= settings.size_ratio) & (ratio >= 1 / settings.size_ratio)
+        yield i[plausible], j[plausible], gap
 
 
 def pairs_with_costs(
@@ -108,9 +108,10 @@ def pairs_with_costs(
             yield tail, head, transition(pairs) + miss * (gap - 1)
 
 
-SIZE, TAILS = 0.09, 5.0
-"""Scale of the log ratio of two detected heights of one person; degrees of freedom of the differences, the fewer, the
-less a large one counts."""
+# Scale of the log ratio of two detected heights of one person.
+SIZE = 0.09
+# Degrees of freedom of the differences; the fewer, the less a large one counts.
+TAILS = 5.0
 
 
 @dataclass(frozen=True)
@@ -144,8 +145,8 @@ class HandSetCost:
         q = np.log(variance / (noise + self.speed**2)) + self.bias
         q += _surprise(pairs.dx**2 / variance + pairs.dy**2 / variance, 2)
         q += _surprise((pairs.dh / SIZE) ** 2, 1)
-        known = ~np.isnan(pairs.appearance)
-        q[known] += self.appearance * (pairs.appearance[known] - self.neutral)
+        described = ~np.isnan(pairs.appearance)
+        q[described] += self.appearance * (pairs.appearance[described] - self.neutral)
         return np.logaddexp(0, q)
 
 

@@ -25,16 +25,20 @@ from tsuiseki.tracking.association.network_flow import Ends
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 
-# Cells along the longer side of what the boxes cover, and detections that are remembered, the latest.
-CELLS, MEMORY = 64, 30_000
+# Cells along the longer side of what the boxes cover.
+CELLS = 64
+# Latest detections of decided tracks that are remembered.
+MEMORY = 30_000
 # Seconds at the beginning and at the end of the video in which starts and ends tell nothing.
 UNKNOWN = 0.5
-# Detections of the tracks that tell.
+# Fewest detections of the tracks that tell.
 SHORTEST = 5
-
-
-# Largest change of a cost; width of the kernel, mean heights of boxes; and κ, detections.
-MOST_BY_PLACE, WIDTH, PRIOR = 2.0, 1.0, 1000.0
+# Largest change of a cost, nats.
+MOST_BY_PLACE = 2.0
+# Deviation of the kernel K, mean heights of boxes.
+WIDTH = 1.0
+# κ: how many detections the average over the video weighs as much as.
+PRIOR = 1000.0
 
 
 @dataclass(frozen=True)
@@ -52,25 +56,26 @@ class EntryCounts(Columns):
     ends: BoolArray
 
 
+# Before any track is decided.
 NO_COUNTS = EntryCounts(np.empty((0, 4)), np.empty(0, dtype=np.bool_), np.empty(0, dtype=np.bool_))
 
 
 def starts_and_ends(
-    labels: IntArray, frames: IntArray, known: tuple[float, float], shortest: int = SHORTEST
+    labels: IntArray, frames: IntArray, bounds: tuple[float, float], shortest: int = SHORTEST
 ) -> tuple[BoolArray, BoolArray]:
     """``(N,)`` detections with which tracks begin, and ``(N,)`` those with which they end.
 
     Args:
         labels: ``(N,)`` track of each detection, -1 for none.
         frames: ``(N,)`` increasing.
-        known: the frames from which on starts, and up to which ends tell something.
+        bounds: the frames from which on starts, and up to which ends tell something.
         shortest: detections of the tracks that tell.
     """
-    every, counts = Ends.of(labels), np.bincount(labels[labels >= 0])
-    long = counts[every.track] >= shortest
+    tracks, counts = Ends.of(labels), np.bincount(labels[labels >= 0])
+    long = counts[tracks.track] >= shortest
     starts, ends = np.zeros(len(labels), dtype=np.bool_), np.zeros(len(labels), dtype=np.bool_)
-    starts[every.first[long]], ends[every.last[long]] = True, True
-    return starts & (frames >= known[0]), ends & (frames <= known[1])
+    starts[tracks.first[long]], ends[tracks.last[long]] = True, True
+    return starts & (frames >= bounds[0]), ends & (frames <= bounds[1])
 
 
 def place_costs(counts: EntryCounts, boxes: FloatArray, size: tuple[int, int] | None) -> tuple[FloatArray, FloatArray]:
@@ -99,11 +104,11 @@ def place_costs(counts: EntryCounts, boxes: FloatArray, size: tuple[int, int] | 
         smooth = cv2.GaussianBlur(table, (reach, reach), sigma, borderType=cv2.BORDER_CONSTANT)
         return np.asarray(smooth * max(2 * np.pi * sigma**2, 1.0))
 
-    every, at = density(counts.boxes), _cells(boxes, low, cell, shape)
+    detected, at = density(counts.boxes), _cells(boxes, low, cell, shape)
     changes = []
     for chosen in (counts.starts, counts.ends):
         mean = max(float(chosen.mean()), 1 / len(chosen))
-        begun, around = density(counts.boxes[chosen]).ravel()[at], every.ravel()[at]
+        begun, around = density(counts.boxes[chosen]).ravel()[at], detected.ravel()[at]
         ratio = (begun / mean + PRIOR) / (around + PRIOR)
         changes.append(np.clip(-np.log(ratio), -MOST_BY_PLACE, MOST_BY_PLACE))
     return changes[0], changes[1]

@@ -18,8 +18,13 @@ import scipy
 from tsuiseki.tracking.association.network_flow import SCALE, FlowGraph, FlowSolution, predecessors, scaled, solution_of
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-FREE, FORBIDDEN, FORCED = 0, -1, 1
-# No way through a network costs as much.
+# Status of an arc that the flow may use or not.
+FREE = 0
+# Status of an arc that the flow must not use.
+FORBIDDEN = -1
+# Status of an arc that the flow must use.
+FORCED = 1
+# No way through a network costs as much, multiples of ``1 / SCALE``.
 LARGEST = 1e15
 
 
@@ -60,8 +65,8 @@ class ResidualFlow:
 
     def _number_arcs(self) -> None:
         """Ends and costs of all arcs, and rows and columns of both directions, so that only the weights change."""
-        graph, count, each = self.graph, self.count, np.arange(self.count)
-        u, v, ground = 2 * each, 2 * each + 1, np.full(count, 2 * count)
+        graph, count, indices = self.graph, self.count, np.arange(self.count)
+        u, v, ground = 2 * indices, 2 * indices + 1, np.full(count, 2 * count)
         self.tail = np.concatenate([u, ground, v, 2 * graph.tail + 1])
         self.head = np.concatenate([v, u, ground, 2 * graph.head])
         costs = graph.observation, graph.entry, graph.exit, graph.transition
@@ -75,42 +80,42 @@ class ResidualFlow:
 
     def copy(self) -> ResidualFlow:
         """A copy that can be changed by itself."""
-        other = copy(self)
-        other.used, other.status, other.potential = self.used.copy(), self.status.copy(), self.potential.copy()
-        return other
+        clone = copy(self)
+        clone.used, clone.status, clone.potential = self.used.copy(), self.status.copy(), self.potential.copy()
+        return clone
 
     def grown(self, graph: FlowGraph) -> ResidualFlow:
         """The same flow in a network that begins with this one's detections and transitions, and has more.
 
         New detections are forbidden, as in this flow.
         """
-        other, before, count = copy(self), self.count, len(graph)
-        other.graph, other.count = graph, count
-        other._number_arcs()
+        larger, old_count, count = copy(self), self.count, len(graph)
+        larger.graph, larger.count = graph, count
+        larger._number_arcs()
         # Where this flow's arcs stand among the others.
-        old = [k * count + np.arange(before) for k in range(3)]
+        old = [k * count + np.arange(old_count) for k in range(3)]
         arcs = np.concatenate([*old, 3 * count + np.arange(len(self.graph.tail))])
-        other.used, other.status = np.zeros(len(other.cost), np.bool_), np.zeros(len(other.cost), np.int64)
-        other.used[arcs], other.status[arcs] = self.used, self.status
-        other.status[before:count] = FORBIDDEN
+        larger.used, larger.status = np.zeros(len(larger.cost), np.bool_), np.zeros(len(larger.cost), np.int64)
+        larger.used[arcs], larger.status[arcs] = self.used, self.status
+        larger.status[old_count:count] = FORBIDDEN
         ground = self.potential[-1]
-        each = np.arange(before, count)
-        potential = np.concatenate([self.potential[:-1], np.zeros(2 * len(each)), [ground]])
-        potential[2 * each] = ground + other.cost[count + each]
-        potential[2 * each + 1] = ground - other.cost[2 * count + each]
-        new = np.arange(3 * count + len(self.graph.tail), len(other.cost))
-        tail, head, cost = other.tail[new], other.head[new], other.cost[new]
-        out, into = tail >= 2 * before, head >= 2 * before
+        added = np.arange(old_count, count)
+        potential = np.concatenate([self.potential[:-1], np.zeros(2 * len(added)), [ground]])
+        potential[2 * added] = ground + larger.cost[count + added]
+        potential[2 * added + 1] = ground - larger.cost[2 * count + added]
+        new = np.arange(3 * count + len(self.graph.tail), len(larger.cost))
+        tail, head, cost = larger.tail[new], larger.head[new], larger.cost[new]
+        out, into = tail >= 2 * old_count, head >= 2 * old_count
         # Both ends of a link between two new detections hold as soon as the first one is high enough.
         np.minimum.at(potential, head[into & ~out], (potential[tail] + cost)[into & ~out])
         np.maximum.at(potential, tail[out], (potential[head] - cost)[out])
-        other.potential = potential
+        larger.potential = potential
         # A new link between old detections is taken where it is worth it.
-        wanted, other.status = other.status.copy(), other.status.copy()
+        status, larger.status = larger.status.copy(), larger.status.copy()
         wrong = new[(cost + potential[tail] - potential[head]) < 0]
-        other.status[wrong] = FORBIDDEN
-        other.constrain(wanted)
-        return other
+        larger.status[wrong] = FORBIDDEN
+        larger.constrain(status)
+        return larger
 
     @property
     def reduced(self) -> FloatArray:
@@ -148,7 +153,7 @@ class ResidualFlow:
         Raises:
             InfeasibleError: not all of it can hold; the flow is left as it was.
         """
-        kept = self.used.copy(), self.status.copy(), self.potential.copy()
+        previous = self.used.copy(), self.status.copy(), self.potential.copy()
         changed = np.flatnonzero(status != self.status)
         # What is freed first makes room.
         changed = changed[np.argsort(status[changed] != FREE, kind="stable")]
@@ -156,7 +161,7 @@ class ResidualFlow:
             for arc in changed.tolist():
                 self._set(arc, int(status[arc]))
         except InfeasibleError:
-            self.used, self.status, self.potential = kept
+            self.used, self.status, self.potential = previous
             raise
 
     def _set(self, arc: int, status: int) -> None:
@@ -177,20 +182,20 @@ class ResidualFlow:
         if not mended:
             self.used[arc] = used
 
-    def _reroute(self, source: int, target: int, most: float) -> bool:
+    def _reroute(self, source: int, target: int, limit: float) -> bool:
         """Send a unit from one node to another by the cheapest way; False where that saves nothing."""
-        distance, before = scipy.sparse.csgraph.dijkstra(
-            self.weights(), indices=source, return_predecessors=True, limit=min(most, LARGEST)
+        distance, predecessor = scipy.sparse.csgraph.dijkstra(
+            self.weights(), indices=source, return_predecessors=True, limit=min(limit, LARGEST)
         )
-        if most == np.inf and not np.isfinite(distance[target]):
+        if limit == np.inf and not np.isfinite(distance[target]):
             raise InfeasibleError
-        mended = bool(distance[target] < most)
-        self.potential = self.potential + np.minimum(distance, min(distance[target], most))
+        mended = bool(distance[target] < limit)
+        self.potential = self.potential + np.minimum(distance, min(distance[target], limit))
         node = target
         while mended and node != source:
-            arc = self.arc_between(int(before[node]), node)
+            arc = self.arc_between(int(predecessor[node]), node)
             self.used[arc] = not self.used[arc]
-            node = int(before[node])
+            node = int(predecessor[node])
         return mended
 
     def arc_between(self, tail: int, head: int) -> int:
@@ -222,11 +227,11 @@ def _first_potentials(flow: ResidualFlow, solution: FlowSolution) -> FloatArray:
     distance[2 * ends + 1] = -flow.cost[2 * count + ends]
     changed = np.isfinite(distance)
     for _ in range(2 * count + 2):
-        before = distance.copy()
-        asked = np.flatnonzero(changed[tail])
-        np.minimum.at(distance, head[asked], distance[tail[asked]] + cost[asked])
+        previous = distance.copy()
+        active = np.flatnonzero(changed[tail])
+        np.minimum.at(distance, head[active], distance[tail[active]] + cost[active])
         distance[order] = reach + _running_minimum(distance[order] - reach, piece)
-        changed = distance < before
+        changed = distance < previous
         if distance[-1] < 0 or not changed.any():
             break
     return distance
@@ -235,7 +240,7 @@ def _first_potentials(flow: ResidualFlow, solution: FlowSolution) -> FloatArray:
 def _backwards(flow: ResidualFlow, solution: FlowSolution) -> tuple[IntArray, FloatArray, IntArray]:
     """Nodes of all tracks from their ends on, what the way back to each costs, and the number of its track."""
     count, follower = flow.count, solution.follower
-    before = predecessors(follower)
+    predecessor = predecessors(follower)
     link = np.zeros(count)
     links = np.flatnonzero(flow.used[3 * count :])
     link[flow.graph.tail[links]] = flow.cost[3 * count + links]
@@ -245,7 +250,7 @@ def _backwards(flow: ResidualFlow, solution: FlowSolution) -> tuple[IntArray, Fl
     number = np.arange(len(current))
     while len(current):
         piece[current], rank[current] = number, step
-        current, number = before[current], number[current >= 0]
+        current, number = predecessor[current], number[current >= 0]
         number, current, step = number[current >= 0], current[current >= 0], step + 1
     used = np.flatnonzero(piece >= 0)
     used = used[np.lexsort((rank[used], piece[used]))]
@@ -260,10 +265,10 @@ def _running_minimum(values: FloatArray, piece: IntArray) -> FloatArray:
     """``(N,)`` the least value so far within each piece, pieces one after the other."""
     if len(values) == 0:
         return values
-    known = np.isfinite(values)
-    if not known.any():
+    finite = np.isfinite(values)
+    if not finite.any():
         return values
-    low, high = float(values[known].min()), float(values[known].max())
+    low, high = float(values[finite].min()), float(values[finite].max())
     apart = piece * (2 * (high - low) + 2)
-    least = np.minimum.accumulate(np.where(known, values, 2 * high - low + 1) - apart) + apart
+    least = np.minimum.accumulate(np.where(finite, values, 2 * high - low + 1) - apart) + apart
     return np.where(least > high, np.inf, least)

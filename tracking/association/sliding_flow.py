@@ -120,10 +120,10 @@ class SlidingFlow:
         self._frames = np.append(self._frames, frames)
         self._inflow = np.append(self._inflow, np.zeros(len(frames), dtype=np.bool_) if inflow is None else inflow)
         tail, head = (np.searchsorted(self.undecided, ends) for ends in (graph.tail, graph.head))
-        kept = self.undecided[tail] == graph.tail
-        kept &= self._frames[head] - self._frames[tail] < self.overlap
-        new = replace(graph, tail=tail, head=head).with_transitions(kept)
-        names = [one.name for one in fields(FlowGraph)]
+        linkable = self.undecided[tail] == graph.tail
+        linkable &= self._frames[head] - self._frames[tail] < self.overlap
+        new = replace(graph, tail=tail, head=head).with_transitions(linkable)
+        names = [column.name for column in fields(FlowGraph)]
         self.graph = FlowGraph(*(np.append(getattr(old, name), getattr(new, name)) for name in names))
 
     def replace(self, graph: FlowGraph) -> None:
@@ -146,16 +146,16 @@ class SlidingFlow:
             self._solution = solve_in_windows(self.graph, self._inflow)
         return self._solution
 
-    def decide(self, last_frame: int, before: int | None = None) -> Decision:
+    def decide(self, last_frame: int, end: int | None = None) -> Decision:
         """Decide and forget what no frame after ``last_frame`` can change.
 
         Args:
             last_frame: the last frame that has come, with or without detections.
-            before: decide nothing from this frame on.
+            end: decide nothing from this frame on.
         """
         frontier = self._frames > last_frame + 1 - self.overlap
-        if before is not None:
-            frontier |= self._frames >= before
+        if end is not None:
+            frontier |= self._frames >= end
         solution = self.solution()
         done = safe_detections(self.graph, solution, self._inflow, frontier, self.most_saving)
         # Only those whose track is done all the way up to them.
@@ -169,7 +169,7 @@ class SlidingFlow:
         self._forget(done, solution)
         return decision
 
-    def settle(self, settled: IntArray, before: int, last_frame: int, closed: IntArray) -> None:
+    def settle(self, settled: IntArray, end: int, last_frame: int, closed: IntArray) -> None:
         """Settle that detections are used and how they follow each other; forget what nothing can change any more.
 
         The last one of each track stays until no frame after ``last_frame`` is within its reach; what follows it is
@@ -177,7 +177,7 @@ class SlidingFlow:
 
         Args:
             settled: numbers of detections that the solution uses; with each of them all before it on its track.
-            before: nothing from this frame on is forgotten.
+            end: nothing from this frame on is forgotten.
             last_frame: the last frame that has come.
             closed: numbers of settled detections that nothing shall follow.
         """
@@ -186,7 +186,7 @@ class SlidingFlow:
         follower = solution.follower
         # Index -1, a track's end, picks the appended False.
         passed = np.append(certain, False)[follower] & (follower >= 0)
-        old = (self._frames + self.overlap <= last_frame + 1) & (self._frames < before)
+        old = (self._frames + self.overlap <= last_frame + 1) & (self._frames < end)
         done = certain & (passed | ((follower < 0) & old) | np.isin(self.undecided, closed))
         done |= ~solution.used & old
         self.exact = self.exact and bool(done.all())
@@ -248,6 +248,7 @@ def solve_in_windows(graph: FlowGraph, inflow: BoolArray | None = None, detectio
     return solution_of(graph, inflow, used, follower)
 
 
+# Distance of a node that cannot be reached, multiples of ``1 / SCALE``; sums with costs stay within 64 bits.
 FAR = np.int64(2**60)
 
 
@@ -263,14 +264,14 @@ def safe_detections(
         frontier: ``(N,)`` detections from which transitions can lead into frames to come.
         most_saving: the most that it can save to continue a track.
     """
-    least = _Residual(graph, solution, inflow)
+    unpaid = _Residual(graph, solution, inflow)
     offered = np.where(frontier, np.minimum(graph.exit, -most_saving), graph.exit)
     generous = replace(graph, exit=offered)
-    most = _Residual(generous, solve(generous, inflow), inflow)
-    low, high = least.distances(), most.distances()
+    paid = _Residual(generous, solve(generous, inflow), inflow)
+    low, high = unpaid.distances(), paid.distances()
     unsafe = low != high
     unsafe[1::2] |= frontier
-    least.spread_to_tails(unsafe, low, np.maximum(low, high))
+    unpaid.spread_to_tails(unsafe, low, np.maximum(low, high))
     return np.asarray(~(unsafe[0::2] | unsafe[1::2]))
 
 

@@ -49,15 +49,15 @@ def fill_gaps(track: Track, longest: int, clock: Callable[[IntArray], IntArray] 
     [2.0, 0.0, 11.0, 9.0]
     """
     missing = np.diff(track.frames) - 1
-    wanted = np.flatnonzero((missing > 0) & (missing <= longest))
-    if len(wanted) == 0:
+    short = np.flatnonzero((missing > 0) & (missing <= longest))
+    if len(short) == 0:
         return track
-    added = np.concatenate([np.arange(track.frames[gap] + 1, track.frames[gap + 1]) for gap in wanted])
+    added = np.concatenate([np.arange(track.frames[gap] + 1, track.frames[gap + 1]) for gap in short])
     frames = np.concatenate([track.frames, added])
-    known, wanted = clock(track.frames), clock(added)
-    between = np.stack([np.interp(wanted, known, coordinate) for coordinate in track.boxes.T], axis=1)
+    times, added_times = clock(track.frames), clock(added)
+    between = np.stack([np.interp(added_times, times, coordinate) for coordinate in track.boxes.T], axis=1)
     boxes = np.concatenate([track.boxes, between])
-    scores = np.concatenate([track.scores, np.interp(wanted, known, track.scores)])
+    scores = np.concatenate([track.scores, np.interp(added_times, times, track.scores)])
     observed = np.concatenate([track.observed, np.zeros(len(added), dtype=np.bool_)])
     order = np.argsort(frames, kind="stable")
     origin = np.concatenate([track.origin, np.full((len(added), 2), -1)])
@@ -92,11 +92,14 @@ def _smoothed(times: IntArray, values: FloatArray, observed: BoolArray, strength
 
 # Strengths that are tried, for centres and for sizes by themselves.
 STRENGTHS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0, 3000.0, 10000.0)
-# Length of the runs that are left out, seconds; and boxes that are compared, those of the longest tracks.
-LEFT_OUT, MOST_BOXES = 0.4, 4000
-# Factor on the best strength, for errors that persist longer than the runs; a box further from the curve than this
-# counts as this far, longer sides.
-PERSISTING, FARTHEST_OFF = 3.0, 0.2
+# Length of the runs that are left out, seconds.
+LEFT_OUT = 0.4
+# Boxes that are compared, about; those of the longest tracks.
+MOST_BOXES = 4000
+# Factor on the best strength, for errors that persist longer than the runs.
+PERSISTING = 3.0
+# A box further from the curve than this counts as this far, longer sides.
+FARTHEST_OFF = 0.2
 # Strengths at 30 frames a second where no track is long enough.
 USUAL = SmoothingSettings(60.0, 5000.0)
 
@@ -113,17 +116,17 @@ def fit_smoothing(tracks: Sequence[Track], frame_rate: float, ticks: int = 1) ->
     finer = float(ticks) ** 3
     run = max(2, round(LEFT_OUT * frame_rate))
     chosen: list[Track] = []
-    for track in sorted(tracks, key=lambda one: (-int(one.observed.sum()), one.id)):
+    for track in sorted(tracks, key=lambda track: (-int(track.observed.sum()), track.id)):
         if track.observed.sum() < 3 * run or sum(map(len, chosen)) >= MOST_BOXES:
             break
         chosen.append(track)
     if not chosen:
         scale = finer * (frame_rate / 30) ** 3
         return SmoothingSettings(USUAL.position * scale, USUAL.size * scale)
-    row, boundaries, values, kept = _one_after_the_other(chosen, run)
+    row, boundaries, values, folds = _one_after_the_other(chosen, run)
     off = np.zeros((len(STRENGTHS), 2))
     for k, strength in enumerate(STRENGTHS):
-        for fold in kept:
+        for fold in folds:
             distance = np.abs(_curve(row, boundaries, values, fold, finer * strength) - values)[~fold]
             distance = np.minimum(distance, FARTHEST_OFF)
             off[k] += distance[:, :2].sum(), distance[:, 2:].sum()
@@ -138,7 +141,7 @@ def _one_after_the_other(
 
     Returns:
         ``(N,)`` row of each box, ``(M + 1,)`` the first row of each track and the number of rows, ``(N, 4)`` centres
-        and sizes in longer sides, and twice ``(N,)`` which boxes are kept: every third run is left out, but no end.
+        and sizes in longer sides, and twice ``(N,)`` which boxes are used: every third run is left out, but no end.
     """
     rows, values = [], []
     folds: tuple[list[BoolArray], list[BoolArray]] = ([], [])
@@ -149,26 +152,26 @@ def _one_after_the_other(
         rows.append(frames - frames[0] + boundaries[-1])
         boundaries.append(int(rows[-1][-1]) + 1)
         for fold, shift in zip(folds, (0, run // 2), strict=True):
-            kept = (np.arange(len(frames)) + shift) // run % 3 != 1
-            kept[[0, -1]] = True
-            fold.append(kept)
+            used = (np.arange(len(frames)) + shift) // run % 3 != 1
+            used[[0, -1]] = True
+            fold.append(used)
     first, second = (np.concatenate(fold) for fold in folds)
     return np.concatenate(rows), np.array(boundaries), np.concatenate(values), (first, second)
 
 
-def _curve(row: IntArray, boundaries: IntArray, values: FloatArray, kept: BoolArray, strength: float) -> FloatArray:
-    """``(N, D)`` the smooth curves through the kept values, at all of them: one banded system over all frames.
+def _curve(row: IntArray, boundaries: IntArray, values: FloatArray, used: BoolArray, strength: float) -> FloatArray:
+    """``(N, D)`` the smooth curves through the used values, at all of them: one banded system over all frames.
 
     Args:
         row: ``(N,)`` of each box.
         boundaries: ``(M + 1,)`` the first row of each track, and the number of rows; tracks do not touch each other.
         values: ``(N, D)``.
-        kept: ``(N,)``.
+        used: ``(N,)``.
         strength: see `smooth`.
     """
     length = int(boundaries[-1])
     weight, target = np.zeros(length), np.zeros((length, values.shape[1]))
-    weight[row[kept]], target[row[kept]] = 1, values[kept]
+    weight[row[used]], target[row[used]] = 1, values[used]
     # Second differences within a track only: their middles are neither its first nor its last row.
     middle = np.ones(length)
     middle[boundaries[:-1]] = middle[boundaries[1:] - 1] = 0

@@ -110,9 +110,9 @@ def network_of_tracks(tracks: Sequence[Track], rate: float) -> SolvedNetwork:
     return SolvedNetwork(frames[order], boxes[order], scores[order], origin[order], graph, track[order], 1, fill, rate)
 
 
-# Seconds of a gap between detections of such a track that is filled.
+# Longest gap of such a track that is filled, seconds.
 FILL = 2.0
-# What the detections of given tracks save, so that each alone is a track.
+# What the detections of given tracks save, nats, so that each alone is a track.
 ALONE = 20.0
 
 
@@ -148,14 +148,14 @@ class NetworkRecord:
             joins: tails, heads and what joining them saves less than ending one track and starting another.
         """
         costs = np.zeros((count, 3))
-        for numbers, known, _ in self.parts:
-            costs[numbers] = known
+        for numbers, node_costs, _ in self.parts:
+            costs[numbers] = node_costs
         observation, entry, exit = costs.T.copy()
         none = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
         joined = [(i, j, cost + entry[j] + exit[i]) for i, j, cost in joins]
-        every = [none, *(links for *_, links in self.parts), *joined]
-        tail, head, cost = (np.concatenate(column) for column in zip(*every, strict=True))
+        parts = [none, *(links for *_, links in self.parts), *joined]
+        tail, head, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
         order = np.lexsort((cost, head, tail))
         first = np.append(True, (np.diff(tail[order]) != 0) | (np.diff(head[order]) != 0))[: len(order)]
-        kept = order[first & (cost[order] < entry[head[order]] + exit[tail[order]])]
-        return FlowGraph(observation, entry, exit, tail[kept], head[kept], cost[kept])
+        needed = order[first & (cost[order] < entry[head[order]] + exit[tail[order]])]
+        return FlowGraph(observation, entry, exit, tail[needed], head[needed], cost[needed])

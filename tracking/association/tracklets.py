@@ -41,9 +41,9 @@ class Tracklets:
 
     def copy(self) -> Tracklets:
         """A copy that can grow by itself."""
-        other = Tracklets()
-        other._labels, other._count, other._sums = self._labels.copy(), self._count, self._sums.copy()
-        return other
+        clone = Tracklets()
+        clone._labels, clone._count, clone._sums = self._labels.copy(), self._count, self._sums.copy()
+        return clone
 
     def add(self, numbers: IntArray, follower: IntArray, features: FloatArray | None) -> None:
         """Take further detections: those that no earlier one has named as its follower start tracklets.
@@ -68,11 +68,11 @@ class Tracklets:
         self._labels[follower[leaving]] = label[chain[leaving]]
         if features is None:
             return
-        known = np.flatnonzero(~np.isnan(features).any(axis=1))
+        described = np.flatnonzero(~np.isnan(features).any(axis=1))
         sums = np.zeros((self._count, features.shape[1]))
         sums[: len(self._sums), : self._sums.shape[1]] = self._sums
-        member = np.ones(len(known)), (self._labels[numbers[known]], np.arange(len(known)))
-        self._sums = sums + scipy.sparse.csr_array(member, shape=(self._count, len(known))) @ features[known]
+        member = np.ones(len(described)), (self._labels[numbers[described]], np.arange(len(described)))
+        self._sums = sums + scipy.sparse.csr_array(member, shape=(self._count, len(described))) @ features[described]
 
     def merge(self, numbers: IntArray, joined: IntArray) -> None:
         """Take detections of ``numbers`` ``(K,)`` for those of one tracklet where they have one number in ``joined``.
@@ -80,15 +80,15 @@ class Tracklets:
         Detections that are not among them belong to none of these tracklets; -1 leaves a detection as it is.
         """
         labels = self._labels[numbers]
-        some = (joined >= 0) & (labels >= 0)
-        old, at = np.unique(labels[some], return_index=True)
-        whole = joined[some][at]
+        counted = (joined >= 0) & (labels >= 0)
+        old, at = np.unique(labels[counted], return_index=True)
+        group = joined[counted][at]
         first = np.full(int(joined.max(initial=-1)) + 1, self._count)
-        np.minimum.at(first, whole, old)
-        new = first[whole]
+        np.minimum.at(first, group, old)
+        new = first[group]
         into = np.arange(self._count)
         into[old] = new
-        self._labels[numbers[some]] = into[labels[some]]
+        self._labels[numbers[counted]] = into[labels[counted]]
         for source, target in zip(old[old != new].tolist(), new[old != new].tolist(), strict=True):
             if source < len(self._sums):
                 self._sums[target] += self._sums[source]
@@ -106,15 +106,19 @@ class Tracklets:
         return unit_means(np.concatenate([self._sums, missing]))
 
     def _grow(self, count: int) -> None:
-        more = count - len(self._labels)
-        if more > 0:
-            self._labels = np.append(self._labels, np.full(more, -1))
+        missing = count - len(self._labels)
+        if missing > 0:
+            self._labels = np.append(self._labels, np.full(missing, -1))
 
 
-# Longest gap that is joined, and longest one where the appearance of both is known, seconds.
-JOIN_WINDOW, APPEARANCE_WINDOW = 2.0, 5.0
-# A link that costs more joins nothing; and cost of a second without a detection.
-MOST_FOR_JOIN, MISS_OF_JOIN = 12.0, 0.6
+# Longest gap that is joined, seconds.
+JOIN_WINDOW = 2.0
+# Longest gap that is joined where the appearance of both sides is known, seconds.
+APPEARANCE_WINDOW = 5.0
+# A link that costs more joins nothing, nats.
+MOST_FOR_JOIN = 12.0
+# Cost of a second without a detection, nats.
+MISS_OF_JOIN = 0.6
 # How often all ends are matched, at most.
 JOIN_PASSES = 4
 
@@ -157,11 +161,11 @@ def join(
             cost = cost - places[0][parts.j] - places[1][parts.i]
         if weighed is not None:
             weighed.append((parts.i, parts.j, cost - MOST_FOR_JOIN))
-        before, after = cheapest_matching(i, j, cost - MOST_FOR_JOIN)
-        if len(before) == 0:
+        earlier, later = cheapest_matching(i, j, cost - MOST_FOR_JOIN)
+        if len(earlier) == 0:
             break
         into = np.arange(max(int(labels.max(initial=-1)) + 1, 0 if appearance is None else len(appearance)))
-        into[after] = before
+        into[later] = earlier
         while (into != into[into]).any():
             into = into[into]
         if appearance is not None:
@@ -202,8 +206,8 @@ def evidence_of_joins(table: DetectionTable, labels: IntArray, parts: LinkParts,
     spans = np.zeros(len(counts), dtype=np.int64)
     spans[ends.track] = table.frames[ends.last] - table.frames[ends.first]
     sides = labels[parts.i], labels[parts.j]
-    more = [*(np.log(counts[side]) for side in sides), *(np.log1p(spans[side] / table.frame_rate) for side in sides)]
-    return np.concatenate([link_evidence(table, parts, link.motion), np.stack(more, axis=1)], axis=1)
+    columns = [*(np.log(counts[side]) for side in sides), *(np.log1p(spans[side] / table.frame_rate) for side in sides)]
+    return np.concatenate([link_evidence(table, parts, link.motion), np.stack(columns, axis=1)], axis=1)
 
 
 def _in_time(table: DetectionTable, ends: Ends, window: float) -> Pairs:
@@ -226,24 +230,24 @@ def cheapest_matching(i: IntArray, j: IntArray, cost: FloatArray) -> Pairs:
     links = scipy.sparse.coo_array((np.ones(len(i)), (i, rows + j)), shape=(rows + columns,) * 2)
     part = scipy.sparse.csgraph.connected_components(links, directed=False)[1][i]
     order = np.argsort(part, kind="stable")
-    before, after = [], []
+    earlier, later = [], []
     for group in np.split(order, np.flatnonzero(np.diff(part[order])) + 1):
         left, a = np.unique(i[group], return_inverse=True)
         right, b = np.unique(j[group], return_inverse=True)
         table = np.zeros((len(left), len(right)))
         table[a, b] = cost[group]
         chosen = scipy.optimize.linear_sum_assignment(table)
-        kept = table[chosen] < 0
-        before.append(left[chosen[0][kept]])
-        after.append(right[chosen[1][kept]])
-    return np.concatenate(before), np.concatenate(after)
+        worthwhile = table[chosen] < 0
+        earlier.append(left[chosen[0][worthwhile]])
+        later.append(right[chosen[1][worthwhile]])
+    return np.concatenate(earlier), np.concatenate(later)
 
 
 def _means(appearance: FloatArray, into: IntArray, weight: IntArray) -> FloatArray:
     """Mean features of the tracks that tracklets were joined to, as rows of their first tracklets."""
-    known = ~np.isnan(appearance).any(axis=1)
+    described = ~np.isnan(appearance).any(axis=1)
     sums = np.zeros_like(appearance)
-    np.add.at(sums, into[known], appearance[known] * weight[known, None])
+    np.add.at(sums, into[described], appearance[described] * weight[described, None])
     return unit_means(sums)
 
 
@@ -287,7 +291,8 @@ def straddling_tracks(tracks: Sequence[Track]) -> BoolArray:
     # A dropped track explains none. Only surer tracks explain others, so this ends after as many rounds at most.
     for _ in tracks:
         explained = explained_boxes(tracks, (~straddles).tolist())
-        now = np.array([is_straddling(*each) for each in zip(tracks, explained, strict=True)], dtype=np.bool_)
+        pairs = zip(tracks, explained, strict=True)
+        now = np.array([is_straddling(track, boxes) for track, boxes in pairs], dtype=np.bool_)
         if (now == straddles).all():
             break
         straddles = now

@@ -35,16 +35,22 @@ from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, 
 
 # Detections that scores and speeds are taken from, the latest.
 MEMORY = 30_000
-# Prior probability of a detection, and the number of detections that it weighs as much as.
-EXPECTED, IN_ADVANCE = 0.9, 20
-# Prior speed of targets, and the least speed that is reported, longer sides a second.
-EXPECTED_SPEED, LEAST_SPEED = 0.75, 0.5
+# Prior probability of a detection to be repeated.
+EXPECTED = 0.9
+# Number of detections that the priors weigh as much as.
+IN_ADVANCE = 20
+# Prior speed of targets, longer sides a second.
+EXPECTED_SPEED = 0.75
+# Least speed that is reported, longer sides a second.
+LEAST_SPEED = 0.5
 # Seconds to the earlier and to the later box, at least a frame.
 INTERVAL = 0.1
 # Intersection over union of a box with the mean of the two, from which it lies on a line with them.
 ON_LINE = 0.6
-# How far a box may move at any rate, longer sides, and what is added to that every second.
-REACH, SPEED = 0.3, 6.0
+# How far a box may move at any rate, longer sides.
+REACH = 0.3
+# What is added to that with time, longer sides a second.
+SPEED = 6.0
 # Largest difference of log widths and of log heights.
 CHANGE = 0.7
 # By how much probabilities may leave [0, 1] in half precision.
@@ -63,12 +69,12 @@ class RepeatedDetections:
     Attributes:
         repeated: ``(N,)`` whether it does.
         speed: ``(N,)`` of the best triple in longer sides a second, NaN where there is none.
-        before: ``(N,)`` index of the earlier detection of the best triple, -1 where there is none.
+        earlier: ``(N,)`` index of the earlier detection of the best triple, -1 where there is none.
     """
 
     repeated: BoolArray
     speed: FloatArray
-    before: IntArray
+    earlier: IntArray
 
 
 def repeated_detections(
@@ -94,20 +100,20 @@ def repeated_detections(
     i, j = near_pairs(frames, centre, reach if dense is None else np.minimum(reach, dense), gap)
     if dense is not None:
         i, j = nearest(i, j, frames, centre.T)
-    alike = (np.abs(np.log(size[j] / size[i])) < CHANGE).all(axis=1)
-    before, middle, after = _triples(i[alike], j[alike], len(frames))
+    similar = (np.abs(np.log(size[j] / size[i])) < CHANGE).all(axis=1)
+    previous, middle, following = _triples(i[similar], j[similar], len(frames))
     share, span = np.full((len(middle), 1), 0.5), np.full(len(middle), 2.0 * gap)
     if times is not None:
-        span = np.maximum(times[after] - times[before], 1e-6) * frame_rate
-        share = ((times[middle] - times[before]) * frame_rate / span)[:, None]
-    fit = iou_pairs(boxes[before] * (1 - share) + boxes[after] * share, boxes[middle])
+        span = np.maximum(times[following] - times[previous], 1e-6) * frame_rate
+        share = ((times[middle] - times[previous]) * frame_rate / span)[:, None]
+    fit = iou_pairs(boxes[previous] * (1 - share) + boxes[following] * share, boxes[middle])
     good = fit > ON_LINE
-    before, middle, after, fit, span = before[good], middle[good], after[good], fit[good], span[good]
+    previous, middle, following, fit, span = previous[good], middle[good], following[good], fit[good], span[good]
     # Ascending, so that the best triple of a box is written last.
     order = np.argsort(fit, kind="stable")
-    before, middle, after, span = before[order], middle[order], after[order], span[order]
-    earlier[middle] = before
-    speed[middle] = np.hypot(*(centre[after] - centre[before]).T) * frame_rate / span / side[middle]
+    previous, middle, following, span = previous[order], middle[order], following[order], span[order]
+    earlier[middle] = previous
+    speed[middle] = np.hypot(*(centre[following] - centre[previous]).T) * frame_rate / span / side[middle]
     return RepeatedDetections(earlier >= 0, speed, earlier)
 
 
@@ -141,8 +147,8 @@ class DetectionCost:
 
     def __call__(self, probability: FloatArray, frame_rate: float) -> FloatArray:
         """``(N,)`` costs of detections of ``(N,)`` probabilities in (0, 1)."""
-        kept = np.clip(probability, self.least, 1 - self.least)
-        worth = self.offset + self.weight * np.log(kept / (1 - kept))
+        clipped = np.clip(probability, self.least, 1 - self.least)
+        worth = self.offset + self.weight * np.log(clipped / (1 - clipped))
         return np.asarray(-worth * max(1.0, 30 / frame_rate) ** self.interval)
 
 
@@ -181,11 +187,11 @@ class VideoEvidence:
     def probability(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` probabilities that detections of ``(N,)`` scores are repeated; those without a score share one."""
         probability = np.full(len(scores), EXPECTED)
-        for known in (True, False):
-            ours, asked = np.isnan(self._scores) != known, np.isnan(scores) != known
-            if ours.any() and asked.any():
-                probability[asked] = _isotonic_fit(
-                    np.nan_to_num(self._scores[ours]), self._repeated[ours], scores[asked]
+        for scored in (True, False):
+            learnt, rows = np.isnan(self._scores) != scored, np.isnan(scores) != scored
+            if learnt.any() and rows.any():
+                probability[rows] = _isotonic_fit(
+                    np.nan_to_num(self._scores[learnt]), self._repeated[learnt], scores[rows]
                 )
         count = len(self._scores)
         probability = (count * probability + IN_ADVANCE * EXPECTED) / (count + IN_ADVANCE)
@@ -201,8 +207,8 @@ class VideoEvidence:
 
     def speed(self) -> float:
         """The speed that nine of ten detections stay below, longer sides a second."""
-        known = np.append(self._speeds, np.full(IN_ADVANCE, EXPECTED_SPEED))
-        return max(LEAST_SPEED, float(np.quantile(known, 0.9)))
+        speeds = np.append(self._speeds, np.full(IN_ADVANCE, EXPECTED_SPEED))
+        return max(LEAST_SPEED, float(np.quantile(speeds, 0.9)))
 
     def stride(self) -> int:
         """Every how many frames there are detections: the greatest common divisor of the gaps between frames with any.
@@ -240,19 +246,19 @@ class VideoEvidence:
         self._repeated = np.append(self._repeated, repeated[counted].astype(np.float64))[-MEMORY:]
         self._speeds = np.append(self._speeds, speeds[~np.isnan(speeds)])[-MEMORY:]
         # The earlier neighbours of those on a line; the first ones of the video have no neighbour before them.
-        before = repeated[triples.before[counted & repeated & (recent.frames >= 2 * gap)]]
-        self._one_sided += len(before)
-        self._two_sided += int(before.sum())
+        earlier_repeated = repeated[triples.earlier[counted & repeated & (recent.frames >= 2 * gap)]]
+        self._one_sided += len(earlier_repeated)
+        self._two_sided += int(earlier_repeated.sum())
         self._counted_until = max(self._counted_until, last - gap + 1)
         self._recent = recent.select(recent.frames >= last - 3 * gap + 1)
 
 
-def _isotonic_fit(scores: FloatArray, repeated: FloatArray, asked: FloatArray) -> FloatArray:
+def _isotonic_fit(scores: FloatArray, repeated: FloatArray, queries: FloatArray) -> FloatArray:
     """``(N,)`` the isotonic fit at the scores that are asked for, on straight lines between those that came."""
     level, which = np.unique(scores, return_inverse=True)
     weight = np.bincount(which).astype(np.float64)
     fit = scipy.optimize.isotonic_regression(np.bincount(which, repeated) / weight, weights=weight)
-    return np.asarray(np.interp(np.nan_to_num(asked, nan=level[0]), level, np.asarray(fit.x)))
+    return np.asarray(np.interp(np.nan_to_num(queries, nan=level[0]), level, np.asarray(fit.x)))
 
 
 class ScoreScale:
@@ -279,7 +285,7 @@ class ScoreScale:
         self.used = _no_probabilities(scores) or bool(len(scores) and (scores < self._start).all())
         if self.used:
             self._evidence.add(frames, boxes, scores, len(detections) - 1)
-        return [self._turned(each) for each in detections]
+        return [self._turned(frame) for frame in detections]
 
     def next(self, detections: Detections) -> Detections:
         """The detections of the next frame; scores are turned from the first on that is no probability."""

@@ -45,7 +45,7 @@ def test_a_box_off_the_line_is_not_found_again() -> None:
 
 def test_nothing_is_found_in_nothing() -> None:
     triples = repeated_detections(np.empty(0, np.int64), np.empty((0, 4)), 25.0)
-    assert len(triples.repeated) == len(triples.speed) == len(triples.before) == 0
+    assert len(triples.repeated) == len(triples.speed) == len(triples.earlier) == 0
 
 
 def test_the_typical_speed_starts_at_what_is_expected_and_follows_the_video() -> None:
