@@ -148,8 +148,10 @@ def cosine_window(shape: tuple[int, int]) -> Float32Array:
 
 
 # mu over the number of cells: how strongly the filter keeps to that of the frame before; windows have a mean square of
-# one. And penalties of ``f = g`` over the number of cells, one a round of ADMM.
-MEMORY, PENALTIES = 300.0, (1.0, 10.0)
+# one.
+MEMORY = 300.0
+# Penalties of ``f = g`` over the number of cells, one a round of ADMM.
+PENALTIES = (1.0, 10.0)
 
 
 @dataclass(frozen=True)
@@ -177,43 +179,43 @@ class Support:
         inside, across = row <= height / 2, column <= width / 2
         transform = np.fft.fft(np.eye(rows))
         parts = np.eye(2 * (columns // 2 + 1)).view(np.complex128)
-        kept = np.fft.rfft(np.fft.irfft(parts, n=columns) * across)
+        inner = np.fft.rfft(np.fft.irfft(parts, n=columns) * across)
         return cls(
             (inside[:, None] & across).astype(np.float32),
             np.ascontiguousarray(transform.conj()[inside] / rows, dtype=np.complex64),
-            np.ascontiguousarray(kept.view(np.float64), dtype=np.float32),
+            np.ascontiguousarray(inner.view(np.float64), dtype=np.float32),
             np.ascontiguousarray(transform[:, inside], dtype=np.complex64),
         )
 
     def restrict(self, spectra: ComplexArray) -> ComplexArray:
         """``(D, rows, columns // 2 + 1)`` spectra of the same windows with zeros outside the rectangle."""
         inside = self.inwards @ spectra
-        kept = inside.view(np.float32).reshape(-1, len(self.across)) @ self.across
-        return np.asarray(self.outwards @ kept.view(np.complex64).reshape(inside.shape))
+        inner = inside.view(np.float32).reshape(-1, len(self.across)) @ self.across
+        return np.asarray(self.outwards @ inner.view(np.complex64).reshape(inside.shape))
 
 
 def learn(
     window: ComplexArray,
-    wanted: ComplexArray,
+    label: ComplexArray,
     support: Support,
-    before: ComplexArray | None,
+    previous: ComplexArray | None,
 ) -> ComplexArray:
     """The filter after one more window.
 
     Args:
         window: ``(D, rows, columns // 2 + 1)`` spectrum of a window with the target at shift zero.
-        wanted: ``(rows, columns // 2 + 1)`` spectrum of the wanted response.
+        label: ``(rows, columns // 2 + 1)`` spectrum of the response to learn, see `gaussian_labels`.
         support: where the filter may be other than zero.
-        before: the filter so far, shaped like ``window``; None for the first window.
+        previous: the filter so far, shaped like ``window``; None for the first window.
     """
     cells = np.float32(support.mask.size)
-    memory = np.float32(MEMORY) * cells if before is not None else np.float32(0)
+    memory = np.float32(MEMORY) * cells if previous is not None else np.float32(0)
     squares = np.square(window.view(np.float32))
     energy = (squares[..., ::2] + squares[..., 1::2]).sum(axis=0)
     conjugate = window.conj()
-    target = conjugate * wanted
-    if before is not None:
-        target += _times(before, memory)
+    target = conjugate * label
+    if previous is not None:
+        target += _times(previous, memory)
     masked, dual = target, None  # the first round knows of no rectangle
     for penalty in PENALTIES:
         weight = np.float32(penalty) * cells

@@ -57,8 +57,10 @@ def update(state: Gaussians, measured: FloatArray, observation: FloatArray, nois
     cross = state.covariance @ np.swapaxes(observation, -1, -2)
     gain = np.swapaxes(np.linalg.solve(observation @ cross + noise, np.swapaxes(cross, -1, -2)), -1, -2)
     # Joseph's form: symmetric and positive semi-definite whatever the rounding.
-    rest = np.eye(state.mean.shape[-1]) - gain @ observation
-    covariance = rest @ state.covariance @ np.swapaxes(rest, -1, -2) + gain @ noise @ np.swapaxes(gain, -1, -2)
+    remainder = np.eye(state.mean.shape[-1]) - gain @ observation
+    covariance = remainder @ state.covariance @ np.swapaxes(remainder, -1, -2) + gain @ noise @ np.swapaxes(
+        gain, -1, -2
+    )
     return Gaussians(state.mean + (gain @ residual[..., None])[..., 0], covariance)
 
 
@@ -130,10 +132,10 @@ def per_longer_frame(belief: BoxBelief, longer: float) -> BoxBelief:
 def update_boxes(belief: BoxBelief, boxes: FloatArray, motion: BoxMotion) -> BoxBelief:
     """The boxes after each was detected at ``(N, 4)`` boxes."""
     position, both = belief.variance[:, :1], belief.variance[:, 1:2]
-    rest = motion.measurement**2 / (position + motion.measurement**2)
-    velocity_gain = both * (rest / motion.measurement**2)
+    remainder = motion.measurement**2 / (position + motion.measurement**2)
+    velocity_gain = both * (remainder / motion.measurement**2)
     residual = boxes - belief.boxes
-    variance = belief.variance * rest
+    variance = belief.variance * remainder
     # (1 - K H) P leaves the velocity's variance less what its correlation with the position explains.
     variance[:, 2:] = belief.variance[:, 2:] - velocity_gain * both
-    return BoxBelief(boxes - rest * residual, belief.velocities + velocity_gain * residual, variance)
+    return BoxBelief(boxes - remainder * residual, belief.velocities + velocity_gain * residual, variance)

@@ -115,14 +115,14 @@ class LearntMotion:
         """(16)-(17) whose increments depend on velocity, shape and the last increments."""
         gain = self.gain.copy()
         # The rates of heading and shape go on; what was learnt is how they change.
-        kept = self.dimension - HEADING
-        gain[HEADING:, -kept:] += np.eye(kept)
+        rates = self.dimension - HEADING
+        gain[HEADING:, -rates:] += np.eye(rates)
         return BodyFixedVelocity(self.residual.noise(), self.velocity.noise(), gain)
 
     def widened(self, times: float) -> LearntMotion:
         """The motion with all deviations of its noise so many times as large."""
         parts: dict[str, Any] = {name: getattr(self, name) for name in WIDENED}
-        return replace(self, **{n: replace(one, variances=one.variances * times**2) for n, one in parts.items()})
+        return replace(self, **{n: replace(part, variances=part.variances * times**2) for n, part in parts.items()})
 
     def at(self, frame_rate: float) -> LearntMotion:
         """The motion per frame at another frame rate.
@@ -173,8 +173,8 @@ def read_motion(path: Path, body: str, dimension: int) -> LearntMotion:
         raise RequestError(f"{path}: expected motion of the body {body}, got that of {values.get('body')}")
     columns = values.get("columns")
     if not isinstance(columns, list) or len(columns) != dimension:
-        given = len(columns) if isinstance(columns, list) else columns
-        raise RequestError(f"{path}: expected motion of {dimension} columns, as {body} has, got {given}")
+        got = len(columns) if isinstance(columns, list) else columns
+        raise RequestError(f"{path}: expected motion of {dimension} columns, as {body} has, got {got}")
     try:
         return _from_values(values)
     except (KeyError, TypeError, ValueError) as error:

@@ -97,6 +97,6 @@ class ParticleFilter(Generic[Observation]):
         log_weights = prior + correction + self.log_likelihood(particles, observation)
         # The prior weights sum to one, so the evidence is the plain sum; the 1/L of (23) belongs to unit weights.
         log_evidence = log_sum(log_weights)
-        after = ParticleState(particles, normalise(log_weights if log_evidence > -np.inf else prior))
-        size = effective_sample_size(after.log_weights)
-        return after, ParticleInfo(log_evidence, size, resampled)
+        posterior = ParticleState(particles, normalise(log_weights if log_evidence > -np.inf else prior))
+        size = effective_sample_size(posterior.log_weights)
+        return posterior, ParticleInfo(log_evidence, size, resampled)

@@ -193,9 +193,9 @@ class SteppingBox:
         deviation = np.array([self.place, self.place, self.size, self.size])
         for _ in range(whole_frames(seconds)):
             noise = deviation * rng.standard_normal((len(states), 4))
-            now, before = states[:, :2], states[:, 2:4]
+            now, previous = states[:, :2], states[:, 2:4]
             size = np.maximum(states[:, 4:] + noise[:, 2:], self.smallest)
-            states = np.concatenate([2 * now - before + noise[:, :2], now, size], axis=1)
+            states = np.concatenate([2 * now - previous + noise[:, :2], now, size], axis=1)
         return states
 
 
@@ -262,11 +262,11 @@ class Ballistic:
         moved = ConstantVelocity3D(self.agitation)(states, seconds, rng)
         if self.drag or any(self.spin):
             # At the velocity before the step: second order in the time between frames.
-            before = states[:, 3:]
-            speed = np.sqrt(np.square(before).sum(axis=1, keepdims=True))
+            velocity = states[:, 3:]
+            speed = np.sqrt(np.square(velocity).sum(axis=1, keepdims=True))
             # The air stops a ball at most.
             slowing = np.minimum(self.drag * speed, 1 / seconds) if seconds > 0 else 0.0
-            gained = np.cross(self.spin, before) - slowing * before
+            gained = np.cross(self.spin, velocity) - slowing * velocity
             moved[:, :3] += 0.5 * gained * seconds**2
             moved[:, 3:] += gained * seconds
         moved[:, 2] -= 0.5 * self.gravity * seconds**2

@@ -144,7 +144,9 @@ def systematic_rows(weights: FloatArray, count: int, rng: np.random.Generator) -
 
 
 BISECTIONS = 10
+"""Halvings of the range of a share."""
 SMALLEST_SHARE = 1e-4
+"""Least share that is added in a stage, so that every stage goes on."""
 
 Path = Callable[[float], FloatArray]
 """Log-likelihoods ``(N,)`` of the particles at a share in [0, 1]: a way from none (0) to all (1)."""
@@ -158,14 +160,14 @@ def bearable_share(path: Path, size: float, done: float = 0.0) -> float:
         size: in [1, N].
         done: share by which the particles were drawn already.
     """
-    before = path(done)
-    if effective_sample_size(path(1.0) - before) >= size:
+    applied = path(done)
+    if effective_sample_size(path(1.0) - applied) >= size:
         return 1.0
     # The logarithm of what is added is bisected, for a narrow likelihood bears a small share only.
     low, high = np.log(SMALLEST_SHARE), np.log(1 - done)
     for _ in range(BISECTIONS):
         middle = 0.5 * (low + high)
-        enough = effective_sample_size(path(done + np.exp(middle)) - before) >= size
+        enough = effective_sample_size(path(done + np.exp(middle)) - applied) >= size
         low, high = (middle, high) if enough else (low, middle)
     return done + float(np.exp(low))
 
@@ -202,9 +204,9 @@ class Covering:
     def predict(self, open_before: FloatArray, seconds: float) -> FloatArray:
         """v_c after ``seconds`` without an observation, ``(C,)``."""
         total = self.covers + self.opens
-        rest = self.opens / total
-        after = rest + (open_before - rest) * np.exp(-total * seconds)
-        return np.asarray(np.clip(after, self.floor, 1 - self.floor))
+        steady = self.opens / total
+        open_now = steady + (open_before - steady) * np.exp(-total * seconds)
+        return np.asarray(np.clip(open_now, self.floor, 1 - self.floor))
 
 
 def weigh_views(log_ratios: FloatArray, open_before: FloatArray) -> FloatArray:

@@ -17,8 +17,10 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.types import FloatArray
 
 Complex2D = NDArray[np.complex64]
+# Lambda of the ridge regression, a feature.
 _REGULARISATION = 0.01
-_LABEL_WIDTH = 0.25  # of the wanted response, times the square root of the number of sizes
+# Deviation of the response to learn, times the square root of the number of sizes, steps of size.
+_LABEL_WIDTH = 0.25
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class ScaleFilter:
     def learn(cls, sample: ScaleSample, offset: float = 0.0) -> ScaleFilter:
         """From a sample, the right size ``offset`` rows after the middle one."""
         spectrum = sample.spectrum
-        numerator = spectrum.conj() * _wanted(len(sample.rows), offset)[:, None]
+        numerator = spectrum.conj() * _label(len(sample.rows), offset)[:, None]
         return cls(numerator, (spectrum.real**2 + spectrum.imag**2).sum(axis=1))
 
     def blend(self, new: ScaleFilter, rate: float) -> ScaleFilter:
@@ -119,7 +121,7 @@ def _cyclic_steps(count: int) -> NDArray[np.int64]:
     return (np.arange(count) - count // 2) % count
 
 
-def _wanted(count: int, offset: float) -> Complex2D:
+def _label(count: int, offset: float) -> Complex2D:
     steps = (np.arange(count) + count // 2) % count - count // 2  # in cyclic order, no step first
     label = np.exp(-0.5 * ((steps - offset) / (_LABEL_WIDTH * np.sqrt(count))) ** 2)
     return np.asarray(np.fft.rfft(label), dtype=np.complex64)

@@ -153,16 +153,18 @@ def by_clusters(posterior: PhdState, clusters: Clusters) -> TargetEstimates:
     """One target for each cluster whose weight is near one: its mean."""
     masses, means = cluster_moments(posterior, clusters.starts)
     names = posterior.labels[clusters.starts]
-    shown = (masses > REPORTED) & (names < clusters.fresh)
-    return TargetEstimates(names[shown], means[shown], masses[shown])
+    reported = (masses > REPORTED) & (names < clusters.fresh)
+    return TargetEstimates(names[reported], means[reported], masses[reported])
 
 
 def by_measurements(posterior: PhdState, clusters: Clusters) -> TargetEstimates:
     """One target for each measurement of which the particles received more than half: their mean, weighted by share."""
     pairs, count = clusters.pairs, len(clusters.measurements)
     masses = pairs.by_measurement(clusters.share, count)
-    shown = np.flatnonzero((masses > REPORTED) & (clusters.claimed > 0) & (clusters.claimed < clusters.fresh))
-    states = np.zeros((len(shown), posterior.particles.shape[1]))
+    reported = np.flatnonzero((masses > REPORTED) & (clusters.claimed > 0) & (clusters.claimed < clusters.fresh))
+    states = np.zeros((len(reported), posterior.particles.shape[1]))
     for column, values in enumerate(posterior.particles.T):
-        states[:, column] = pairs.by_measurement(clusters.share * values[pairs.particle], count)[shown] / masses[shown]
-    return TargetEstimates(clusters.claimed[shown], states, masses[shown])
+        states[:, column] = (
+            pairs.by_measurement(clusters.share * values[pairs.particle], count)[reported] / masses[reported]
+        )
+    return TargetEstimates(clusters.claimed[reported], states, masses[reported])

@@ -26,7 +26,7 @@ from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 
 TINY = float(np.finfo(np.float64).tiny)
 RESAMPLE_BELOW = 0.5
-"""A track's particles are drawn anew below this share of effective ones."""
+"""A track's particles are drawn anew below this share of effective ones, in [0, 1]."""
 PRUNE = 1e-3
 """A track ends when its existence is below this."""
 NEAR = 2.0
@@ -52,9 +52,9 @@ class TrackParticles(Columns):
 
     def likely(self, report: float | FloatArray) -> TargetEstimates:
         """The tracks whose existence is above ``report``, one for all or ``(T,)``, at the mean of their particles."""
-        shown = self.existence > report
-        means = np.einsum("tp,tpd->td", np.exp(self.log_weights[shown]), self.particles[shown])
-        return TargetEstimates(self.labels[shown], means, self.existence[shown])
+        reported = self.existence > report
+        means = np.einsum("tp,tpd->td", np.exp(self.log_weights[reported]), self.particles[reported])
+        return TargetEstimates(self.labels[reported], means, self.existence[reported])
 
 
 @dataclass(frozen=True)
@@ -62,14 +62,14 @@ class SmoothingStep:
     """The same T tracks through one step of a filter.
 
     Attributes:
-        before: as they were.
+        prior: as they were.
         predicted: their probabilities of being there and of going on, with weights of the particles that go on.
-        after: the same, given the observation.
+        posterior: the same, given the observation.
     """
 
-    before: TrackParticles
+    prior: TrackParticles
     predicted: TrackParticles
-    after: TrackParticles
+    posterior: TrackParticles
 
     def smoothed(self) -> TrackParticles:
         """The tracks before the step, given its observation.
@@ -78,17 +78,19 @@ class SmoothingStep:
         was there no better than the probabilities before it: ``r' = r+ + (1 - r+) r (1 - s) / (1 - r s)`` with ``r``
         before, ``r s`` predicted, and ``r+`` after.
         """
-        before, r, after = self.before, self.before.existence, self.after.existence
+        prior, r, existence_after = self.prior, self.prior.existence, self.posterior.existence
         going_on = self.predicted.existence
-        unlike = (1.0 - after) / np.maximum(1.0 - going_on, TINY)
+        unlike = (1.0 - existence_after) / np.maximum(1.0 - going_on, TINY)
         ended = unlike * (r - going_on)
-        existence = np.clip(after + ended, 0.0, 1.0)
-        died = r[:, None] * np.exp(before.log_weights) - going_on[:, None] * np.exp(self.predicted.log_weights)
-        weights = after[:, None] * np.exp(self.after.log_weights) + unlike[:, None] * np.maximum(died, 0.0)
+        existence = np.clip(existence_after + ended, 0.0, 1.0)
+        died = r[:, None] * np.exp(prior.log_weights) - going_on[:, None] * np.exp(self.predicted.log_weights)
+        weights = existence_after[:, None] * np.exp(self.posterior.log_weights) + unlike[:, None] * np.maximum(
+            died, 0.0
+        )
         total = weights.sum(axis=1, keepdims=True)
         equal = np.full(weights.shape, 1.0 / max(weights.shape[1], 1))
         shares = np.divide(weights, total, out=equal, where=total > 0)
-        return TrackParticles(before.labels, existence, before.particles, logarithms(shares))
+        return TrackParticles(prior.labels, existence, prior.particles, logarithms(shares))
 
 
 @dataclass(frozen=True)
@@ -149,8 +151,8 @@ class LabelledMultiBernoulliFilter:
         first = first_particles(particles, count)
         starts = np.zeros(min(len(first), 1), dtype=np.int64)
         hidden = BornParticles(first.particles, first.log_weights, starts)
-        none, nobody = np.empty((0, self.particles, first.particles.shape[1])), np.empty(0, dtype=np.bool_)
-        return LabelledState(np.empty(0, np.int64), np.empty(0), none, none[:, :, 0], hidden, 1, nobody)
+        none, flags = np.empty((0, self.particles, first.particles.shape[1])), np.empty(0, dtype=np.bool_)
+        return LabelledState(np.empty(0, np.int64), np.empty(0), none, none[:, :, 0], hidden, 1, flags)
 
     def step(
         self, state: LabelledState, observation: FloatArray, rng: np.random.Generator
@@ -233,8 +235,8 @@ class LabelledMultiBernoulliFilter:
         total[total.sum(axis=1) <= 0] = 1.0
         log_weights = logarithms(total / total.sum(axis=1, keepdims=True))
         free = np.clip(1.0 - claimed.sum(axis=0), 0.0, 1.0)
-        after = replace(state, existence=np.minimum(existence, 1.0), log_weights=log_weights)
-        return after, free
+        updated = replace(state, existence=np.minimum(existence, 1.0), log_weights=log_weights)
+        return updated, free
 
     def _join(
         self, state: LabelledState, begun: FloatArray, new_particles: FloatArray, hidden: BornParticles
@@ -249,8 +251,8 @@ class LabelledMultiBernoulliFilter:
             log_weights=np.full((len(new), self.particles), -np.log(self.particles)),
             reported=np.zeros(len(new), dtype=np.bool_),
         )
-        every = state.select(state.existence >= PRUNE).and_then(begun_tracks)
-        return replace(every, hidden=hidden, next_label=state.next_label + len(new))
+        tracks = state.select(state.existence >= PRUNE).and_then(begun_tracks)
+        return replace(tracks, hidden=hidden, next_label=state.next_label + len(new))
 
     def _merge(self, state: LabelledState, rng: np.random.Generator) -> LabelledState:
         """Unreported tracks near each other as one Bernoulli track of the same expected count and the oldest label."""
@@ -320,9 +322,9 @@ def _groups_of_one(existence: FloatArray, near: BoolArray) -> list[IntArray]:
         others = np.flatnonzero(free & near[strongest])
         others = others[others != strongest]
         others = others[np.argsort(-existence[others], kind="stable")]
-        kept = others[existence[strongest] + np.cumsum(existence[others]) <= 1.0]
-        if len(kept):
-            members = np.concatenate([[strongest], kept])
+        companions = others[existence[strongest] + np.cumsum(existence[others]) <= 1.0]
+        if len(companions):
+            members = np.concatenate([[strongest], companions])
             free[members] = False
             groups.append(members)
     return groups
@@ -334,6 +336,8 @@ def _heavy_groups(hidden: BornParticles, weights: FloatArray, lightest: float) -
         return hidden
     sizes = cluster_sizes(hidden.starts, len(weights))
     heavy = np.add.reduceat(weights, hidden.starts) >= lightest
-    kept = np.repeat(heavy, sizes)
+    of_heavy = np.repeat(heavy, sizes)
     ends = np.cumsum(sizes[heavy])
-    return BornParticles(hidden.particles[kept], logarithms(weights[kept]), (ends - sizes[heavy]).astype(np.int64))
+    return BornParticles(
+        hidden.particles[of_heavy], logarithms(weights[of_heavy]), (ends - sizes[heavy]).astype(np.int64)
+    )

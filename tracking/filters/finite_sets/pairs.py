@@ -134,6 +134,7 @@ def draw_by_measurement(
 SMALLEST = 1e-100
 """Stands for a weight of zero, so that a certain association does not divide by zero."""
 ITERATIONS = 200
+"""Rounds of messages at most."""
 
 
 def association_marginals(

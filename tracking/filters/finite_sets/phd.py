@@ -129,14 +129,14 @@ class PhdFilter:
         masses = np.add.reduceat(weights, starts) if len(starts) else np.empty(0)
         total = float(masses.sum())
         scale = min(1.0, LIMIT / max(self.density * total, 1.0))
-        wanted = scale * self.density * masses
-        light = (wanted < self.smallest_cluster) & (masses >= NEGLIGIBLE)
+        sizes_by_weight = scale * self.density * masses
+        light = (sizes_by_weight < self.smallest_cluster) & (masses >= NEGLIGIBLE)
         sizes = cluster_sizes(starts, len(weights))
-        factor = np.where(light, self.smallest_cluster / np.where(light, wanted, 1.0), 1.0)
+        factor = np.where(light, self.smallest_cluster / np.where(light, sizes_by_weight, 1.0), 1.0)
         intensity = weights * np.repeat(factor, sizes)
         count = round(scale * self.density * float(intensity.sum()))
         if count == 0:
             return posterior.select(np.empty(0, dtype=np.int64))
         drawn = systematic(intensity, count, rng)
-        kept = float(intensity.sum()) / count / np.repeat(factor, sizes)[drawn]
-        return replace(posterior.select(drawn), log_weights=np.log(kept))
+        new_weights = float(intensity.sum()) / count / np.repeat(factor, sizes)[drawn]
+        return replace(posterior.select(drawn), log_weights=np.log(new_weights))

@@ -34,9 +34,10 @@ from tsuiseki.tracking.filters.finite_sets.clusters import (
 from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor, PointModel
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-NEAR, WHOLE = 2.0, 1.5
-"""Two clusters may join whose means are closer than this, in standard deviations of the sensor, and whose total weight
-is less than this many targets, in (1, 2). A cluster that weighs more is split."""
+NEAR = 2.0
+"""Two clusters may join whose means are closer than this, in standard deviations of the sensor."""
+WHOLE = 1.5
+"""Two clusters may join whose total weight is less than this many targets; one that weighs more is split. In (1, 2)."""
 
 
 @dataclass(frozen=True)
@@ -69,21 +70,21 @@ class TrackIdentity:
         """
         starts, sizes = clusters.starts, cluster_sizes(clusters.starts, len(posterior))
         names = posterior.labels[starts]
-        before = np.array([memory.get(name, 0.0) for name in names.tolist()])
+        prior = np.array([memory.get(name, 0.0) for name in names.tolist()])
         if model.inside is None:
-            before *= model.survival
+            prior *= model.survival
         else:
             # What moved out of there weighs nothing now, so its share is that of the numbers.
-            before *= np.add.reduceat(model.survival_of(posterior.particles), starts) / sizes
+            prior *= np.add.reduceat(model.survival_of(posterior.particles), starts) / sizes
         _, means = cluster_moments(posterior, starts)
         detection = model.detection_of(means)
-        missed = before * (1.0 - detection) / np.maximum(1.0 - before * detection, np.finfo(np.float64).tiny)
+        missed = prior * (1.0 - detection) / np.maximum(1.0 - prior * detection, np.finfo(np.float64).tiny)
         cluster = np.repeat(np.arange(len(names)), sizes)[clusters.pairs.particle]
         fed = np.bincount(cluster, clusters.share, minlength=len(names)).clip(0.0, 1.0)
         existence = fed + (1.0 - fed) * missed
-        shown = _among(names, estimates.ids)
-        there = (existence > REPORTED) & ((before > 0) | shown)
-        added = there & ~shown
+        reported = _among(names, estimates.ids)
+        there = (existence > REPORTED) & ((prior > 0) | reported)
+        added = there & ~reported
         recalled = TargetEstimates(names[added], means[added], existence[added])
         return estimates.and_then(recalled), dict(zip(names[there].tolist(), existence[there].tolist(), strict=True))
 
@@ -105,10 +106,10 @@ class TrackIdentity:
             claimed = np.array([renamed.get(int(label), 0) for label in claimed], dtype=np.int64)
             labels = np.repeat(target, cluster_sizes(clusters.starts, len(posterior)))
             posterior, clusters = _grouped(replace(posterior, labels=labels), clusters)
-        labels, after = self._part(posterior, clusters.starts)
-        if after > fresh:
-            posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=after), clusters)
-        return posterior, replace(clusters, claimed=claimed, fresh=after if self.printed else clusters.fresh)
+        labels, next_label = self._part(posterior, clusters.starts)
+        if next_label > fresh:
+            posterior, clusters = _grouped(replace(posterior, labels=labels, next_label=next_label), clusters)
+        return posterior, replace(clusters, claimed=claimed, fresh=next_label if self.printed else clusters.fresh)
 
     def _adopted(self, posterior: PhdState, clusters: Clusters, sensor: GaussianSensor) -> IntArray:
         """Labels ``(N,)`` after each new particle took the label of the nearest older cluster, if that is near."""
@@ -124,9 +125,9 @@ class TrackIdentity:
         distance = np.sqrt(np.sum(apart**2, axis=2))
         nearest = np.argmin(distance, axis=1)
         near = distance[np.arange(len(born)), nearest] < NEAR
-        taken = labels.copy()
-        taken[born[near]] = labels[old][nearest[near]]
-        return taken
+        adopted = labels.copy()
+        adopted[born[near]] = labels[old][nearest[near]]
+        return adopted
 
     def _join(
         self, names: IntArray, masses: FloatArray, means: FloatArray, claimed: IntArray, sensor: GaussianSensor
@@ -139,8 +140,8 @@ class TrackIdentity:
         projected = sensor.project(means) if len(means) else np.empty((0, len(sensor.deviation)))
         apart = sensor.difference(projected[:, None, :], projected[None, :, :]) / sensor.deviation
         distance = np.sqrt(np.sum(apart**2, axis=2))
-        taken = _among(target, claimed)
-        allowed = np.tril((distance < NEAR) & ~(taken[:, None] & taken), k=-1)
+        assigned = _among(target, claimed)
+        allowed = np.tril((distance < NEAR) & ~(assigned[:, None] & assigned), k=-1)
         if not allowed.any():
             return target
         # Each takes the nearest of the older ones.
@@ -149,7 +150,7 @@ class TrackIdentity:
         for group in younger[np.argsort(distance[younger, nearest[younger]], kind="stable")]:
             low, high = sorted((int(target[nearest[group]]), int(target[group])))
             joined = (target == low) | (target == high)
-            if low != high and masses[joined].sum() < WHOLE and taken[joined].sum() < 2:
+            if low != high and masses[joined].sum() < WHOLE and assigned[joined].sum() < 2:
                 target[joined] = low
         return target
 
@@ -187,16 +188,16 @@ def _claim(posterior: PhdState, clusters: Clusters) -> tuple[IntArray, IntArray,
     pairs, count, particles = clusters.pairs, len(clusters.measurements), len(posterior)
     labels, fresh = posterior.labels.copy(), posterior.next_label
     claimed = np.zeros(count, dtype=np.int64)
-    shown = np.flatnonzero(pairs.by_measurement(clusters.share, count) > REPORTED)
-    if len(shown) == 0:
+    measured = np.flatnonzero(pairs.by_measurement(clusters.share, count) > REPORTED)
+    if len(measured) == 0:
         return labels, claimed, fresh
     names = labels[clusters.starts]
     table = np.zeros((count, len(names)))
     table[pairs.measurements, pairs.groups] = pairs.sums(clusters.share)
-    rows, columns = linear_sum_assignment(table[shown], maximize=True)
-    own = table[shown[rows], columns] > 0
-    claimed[shown[rows[own]]] = names[columns[own]]
-    without = shown[claimed[shown] == 0]
+    rows, columns = linear_sum_assignment(table[measured], maximize=True)
+    supported = table[measured[rows], columns] > 0
+    claimed[measured[rows[supported]]] = names[columns[supported]]
+    without = measured[claimed[measured] == 0]
     claimed[without] = fresh + np.arange(len(without))
     fresh += len(without)
     entries = np.flatnonzero(claimed[pairs.measurement] > 0)
@@ -207,7 +208,7 @@ def _claim(posterior: PhdState, clusters: Clusters) -> tuple[IntArray, IntArray,
     inside = np.zeros(particles, dtype=np.bool_)
     inside[particle[claimed[pairs.measurement[entries]] == labels[particle]]] = True
     sizes = cluster_sizes(clusters.starts, particles)
-    astray = np.repeat(_among(names, claimed[shown]), sizes) & ~inside
+    astray = np.repeat(_among(names, claimed[measured]), sizes) & ~inside
     strayed = np.add.reduceat(astray, clusters.starts) > 0
     labels = np.where(astray, np.repeat(fresh - 1 + np.cumsum(strayed), sizes), labels)
     labels[particle[winner]] = claimed[pairs.measurement[entries[winner]]]

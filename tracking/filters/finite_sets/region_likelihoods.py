@@ -87,9 +87,9 @@ class WithoutOthers(EachAlone):
         counted = masses > COVERING
         touching = _touching(boxes, _reach(grown(boxes_of(state.particles), self.margin), starts), counted)
         front = touching & _fits_better(region_contrast(image, boxes, self.margin), counted)
-        most = min(int(touching.sum(axis=1).max()), MOST_OTHERS)
+        count = min(int(touching.sum(axis=1).max()), MOST_OTHERS)
         apart = np.linalg.norm(means[:, None, :2] - means[None, :, :2], axis=2)
-        nearest = np.argsort(np.where(touching, apart, np.inf), axis=1, kind="stable")[:, :most]
+        nearest = np.argsort(np.where(touching, apart, np.inf), axis=1, kind="stable")[:, :count]
         there = np.take_along_axis(touching, nearest, axis=1)[:, :, None]
         others = np.where(there, grown(boxes, OUTLINE)[nearest], 0.0)
         in_front = np.take_along_axis(front, nearest, axis=1)

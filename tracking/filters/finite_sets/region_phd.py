@@ -62,8 +62,8 @@ COLOURED = 0.3
 
 def _states(centres: FloatArray, sizes: FloatArray, rng: np.random.Generator) -> FloatArray:
     """States (63) at centres ``(J, 2)`` with sizes ``(J, 2)`` and random steps behind them."""
-    before = centres - FIRST_STEP * rng.standard_normal(centres.shape)
-    return np.concatenate([centres, before, np.maximum(sizes, 3.0)], axis=1)
+    previous = centres - FIRST_STEP * rng.standard_normal(centres.shape)
+    return np.concatenate([centres, previous, np.maximum(sizes, 3.0)], axis=1)
 
 
 @dataclass(frozen=True)
@@ -125,11 +125,11 @@ class PatchBirths:
             patch, target = areas(boxes)[:, None], areas(explained)[None]
             part = (shared > 0.7 * patch) & (patch < 0.6 * target)
             inside = shared > 0.5 * target
-            whole = inside & (inside.sum(axis=1, keepdims=True) == 1) & (target < 0.6 * patch)
+            around = inside & (inside.sum(axis=1, keepdims=True) == 1) & (target < 0.6 * patch)
             # Colour that adjoins a target is the rest of it, as when it comes in over the border.
             grown = explained + self.smallest / 2 * np.array([-1.0, -1.0, 1.0, 1.0])
             apart = intersections(boxes[:, None], grown[None]).max(axis=1) <= 0
-            boxes = boxes[apart | (part | whole).any(axis=1)]
+            boxes = boxes[apart | (part | around).any(axis=1)]
         return boxes[: self.limit]
 
     def components(self, image: ColourImage) -> FloatArray:
@@ -168,10 +168,10 @@ class Confirmation:
             labels: ``(T,)`` of all targets that are followed. A label that is missing is never used again.
             supported: ``(T,)`` whether a patch is at each.
         """
-        before, failed = self._covered, list[int]()
+        previous, failed = self._covered, list[int]()
         self._covered = {}
         for name, hit in zip(labels.tolist(), supported.tolist(), strict=True):
-            age, hits = before.get(name, (0, 0))
+            age, hits = previous.get(name, (0, 0))
             if hits < self.hits:
                 age, hits = age + 1, hits + hit
                 if hits < self.hits and age - hits > self.frames - self.hits:
@@ -278,11 +278,11 @@ class RegionPhdFilter:
         names, masses, means = cluster_means(posterior)
         tops = np.exp(np.fmax.reduceat(log_likelihood, starts)) if len(starts) else np.empty(0)
         tops = tops[np.searchsorted(predicted.labels[starts], names)]
-        shown = scale * masses > REPORTED
+        reported = scale * masses > REPORTED
         if self.fixed:
-            shown &= tops > background  # a share is large also where nothing is seen anywhere
-        estimates = TargetEstimates(names[shown], means[shown], np.minimum(scale * masses[shown], 1.0))
-        return self._resample(posterior, rng), RegionInfo(estimates, count, posterior, background, tops[shown])
+            reported &= tops > background  # a share is large also where nothing is seen anywhere
+        estimates = TargetEstimates(names[reported], means[reported], np.minimum(scale * masses[reported], 1.0))
+        return self._resample(posterior, rng), RegionInfo(estimates, count, posterior, background, tops[reported])
 
     def _predict(self, state: LabelledParticles, image: ColourImage, rng: np.random.Generator) -> LabelledParticles:
         """(44): survivors (48)-(49), and births where no reported target explains the image.
@@ -296,13 +296,13 @@ class RegionPhdFilter:
         born = self.births.draw(ExplainedImage(image, boxes_of(means[masses > REPORTED])), rng)
         labels = np.concatenate([state.labels, _adopted(survivors, born)])
         order = np.argsort(labels, kind="stable")
-        every = LabelledParticles(
+        union = LabelledParticles(
             np.concatenate([survivors.particles, born.particles]),
             labels,
             np.concatenate([survived, born.log_weights]),
             int(max(state.next_label, labels.max(initial=0) + 1)),
         )
-        return every.select(order)
+        return union.select(order)
 
     def _resample(self, posterior: LabelledParticles, rng: np.random.Generator) -> LabelledParticles:
         """(56)-(59); of a light cluster at least `SMALLEST_CLUSTER` particles, of less weight."""
@@ -314,9 +314,9 @@ class RegionPhdFilter:
             drawn = systematic(weights, self.fixed, rng)
             return replace(posterior.select(drawn), log_weights=np.full(self.fixed, np.log(total / self.fixed)))
         masses = np.add.reduceat(weights, starts)
-        wanted = np.where(masses > 1e-3, np.maximum(self.density * masses, SMALLEST_CLUSTER), 0.0)
-        factor = np.repeat(wanted / np.maximum(masses, TINY), cluster_sizes(starts, len(weights)))
-        count = round(float(wanted.sum()))
+        shares = np.where(masses > 1e-3, np.maximum(self.density * masses, SMALLEST_CLUSTER), 0.0)
+        factor = np.repeat(shares / np.maximum(masses, TINY), cluster_sizes(starts, len(weights)))
+        count = round(float(shares.sum()))
         if count == 0:
             return posterior.select(np.zeros(len(posterior), dtype=np.bool_))
         drawn = systematic(weights * factor, count, rng)
