@@ -11,6 +11,9 @@ import signal
 from collections.abc import Sequence
 from pathlib import Path
 
+# Signals that ask a program to end, as far as the system knows them.
+ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
+
 
 class RequestError(ValueError):
     """The request was wrong: a missing file, an unknown option, a broken label file. Exit status 2."""
@@ -48,10 +51,6 @@ class Interrupted(KeyboardInterrupt):
     def __init__(self, number: int = signal.SIGINT, kept: str = "nothing was written") -> None:
         super().__init__(number)
         self.number, self.kept = int(number), kept
-
-
-class Dropped(Interrupted):
-    """The call of a network was ended, for the user asked the run to end; `onnx.CALLS`."""
 
 
 def signal_of(error: KeyboardInterrupt) -> int:

@@ -20,13 +20,11 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.devices import Device, device_of, opened_on
-from tsuiseki.tracking.errors import Dropped, RequestError, a_path
+from tsuiseki.tracking.errors import RequestError, a_path
 
 Kind = Literal["detector", "appearance", "action", "affinity", "association", "objectness"]
 METADATA_KEY = "tsuiseki"
 FORMAT_VERSION = 1
-# Of every call: with ``terminate`` all that are under way end at their next layer.
-CALLS = onnxruntime.RunOptions()
 _PIXELS = {"tensor(float)": "float32", "tensor(float16)": "float16", "tensor(uint8)": "uint8"}
 # How a file names another that holds weights: the key, then the length of the name and the name itself.
 _WEIGHTS_AT = re.compile(rb"\n\x08location\x12([\x01-\x7f])")
@@ -182,13 +180,10 @@ def run_session(
 
     Raises:
         RequestError: the network cannot work on them; with onnxruntime's reason, in one line.
-        Dropped: `CALLS` are to end.
     """
     try:
-        found: list[NDArray[Any]] = session.run(outputs, dict(inputs), CALLS)
+        found: list[NDArray[Any]] = session.run(outputs, dict(inputs))
     except Exception as error:
-        if CALLS.terminate:
-            raise Dropped from None
         raise RequestError(f"{path}: the network refuses its input; onnxruntime says: {_reason(error)}") from error
     return found
 

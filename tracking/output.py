@@ -30,8 +30,6 @@ UNFINISHED = ".unfinished"
 BUSY = "another run is writing {} at this moment; choose another name"
 # Columns of ``run.json`` that number frames: from 0 in Python, from 1 in the file.
 SHIFTED = ("frame", "frame_of_each_video")
-WORKING: set[Path] = set()
-"""Folders that this process fills at the moment; they vanish with it."""
 VERSIONED_PACKAGES = ("tsuiseki", "numpy", "scipy", "opencv-python-headless", "onnxruntime", "onnxruntime-gpu")
 
 
@@ -264,12 +262,10 @@ def _working_folder(name: str, parent: Path) -> Iterator[Path]:
     work = _beside(parent, name)
     with writable(parent):
         work.mkdir()
-    WORKING.add(work)
     try:
         yield work
     finally:
         shutil.rmtree(work, ignore_errors=True)
-        WORKING.discard(work)
 
 
 def _publish(work: Path, folder: Path) -> None:

@@ -7,17 +7,33 @@ import signal
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import active_children, get_context
 from typing import TypeVar
 
 import cv2
 
-from tsuiseki.tracking.errors import RunError
+from tsuiseki.tracking.errors import ENDING, Interrupted, RunError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-ENDING = (signal.SIGINT, signal.SIGTERM)
+
+
+@dataclass
+class Worker:
+    """What a process of a pool is doing.
+
+    Attributes:
+        busy: whether it works on an item.
+        signal: the number of the first signal that it has heard; 0 for none.
+    """
+
+    busy: bool = False
+    signal: int = 0
+
+
+WORKER = Worker()
 
 
 def on_all_cores(
@@ -25,7 +41,7 @@ def on_all_cores(
 ) -> Iterator[Result]:
     """What ``work`` makes of each of ``items``, in their order.
 
-    Where the user interrupts, the processes clean up and end at once; nothing further is begun.
+    Where the user interrupts, the processes clean up and end; nothing further is begun.
 
     Args:
         work: a function of a module, or a `partial` of one.
@@ -39,19 +55,17 @@ def on_all_cores(
     if processes == 1:
         yield from map(work, items)
         return
-    try:
-        yield from _in_pool(work, items, together, processes or os.cpu_count() or 1)
-    except KeyboardInterrupt as interrupt:
-        # It ends the processes, too: where the pool misses them first, that is no error to show beside the interrupt.
-        raise interrupt from None
-
-
-def _in_pool(work: Callable[[Item], Result], items: Sequence[Item], together: int, most: int) -> Iterator[Result]:
-    processes = min(len(items), most)
+    count = min(len(items), processes or os.cpu_count() or 1)
     try:
         # Started afresh: a copy of a process that runs threads can lock up.
-        with ProcessPoolExecutor(processes, get_context("spawn"), _begin) as pool:
-            yield from pool.map(partial(_do, work), items, chunksize=together)
+        with ProcessPoolExecutor(count, get_context("spawn"), _begin) as pool:
+            try:
+                yield from pool.map(partial(_do, work), items, chunksize=together)
+            except KeyboardInterrupt:
+                # A signal to this process alone has not reached those of the pool.
+                for process in active_children():
+                    process.terminate()
+                raise
     except BrokenProcessPool as error:
         raise RunError(
             "expected all processes to end by themselves, one was ended from outside, perhaps for want of memory; "
@@ -64,19 +78,22 @@ def _begin() -> None:
     for number in ENDING:
         # What the program was started to ignore, in the background say, its processes ignore, too.
         if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, _leave)
+            signal.signal(number, _interrupt)
 
 
-def _leave(number: int, _: object) -> None:
-    # The pool ends all processes when it misses one: that must not cut short what this one still clears away.
-    for other in ENDING:
-        signal.signal(other, signal.SIG_IGN)
-    raise SystemExit(number)
+def _interrupt(number: int, _: object) -> None:
+    """The first signal ends the work on an item; the next ones must not cut short what it clears away."""
+    first, WORKER.signal = not WORKER.signal, WORKER.signal or number
+    if first and WORKER.busy:
+        raise Interrupted(number)
 
 
 def _do(work: Callable[[Item], Result], item: Item) -> Result:
+    # The pool hands out what it has queued, though nobody waits for it any more.
+    if WORKER.signal:
+        raise Interrupted(WORKER.signal)
+    WORKER.busy = True
     try:
         return work(item)
-    except SystemExit:
-        # The pool would take it for an answer, and hand out the next item.
-        os._exit(1)
+    finally:
+        WORKER.busy = False

@@ -28,7 +28,7 @@ from tsuiseki.tracking.formats.result_folder import STATES_FILE
 from tsuiseki.tracking.report.overlay import draw_marks
 from tsuiseki.tracking.result import PageContent, Result, Writer, check_corrections
 from tsuiseki.tracking.runs.following import Video
-from tsuiseki.tracking.runs.run import Output
+from tsuiseki.tracking.runs.options import Output
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable

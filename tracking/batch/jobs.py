@@ -21,7 +21,7 @@ from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group
 from tsuiseki.tracking.cli.parser import options_of, parse
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.output import RUN_FILE, is_partial, versions, whole_file
-from tsuiseki.tracking.runs.run import Output
+from tsuiseki.tracking.runs.options import Output
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.tracking.weights.catalogue import file_sum
 

@@ -26,7 +26,7 @@ from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.output import held, whole_file, writable
 from tsuiseki.tracking.report.page import html_page, html_table, listing, section
-from tsuiseki.tracking.runs.run import Output
+from tsuiseki.tracking.runs.options import Output
 
 SOURCES = (
     "videos, folders of them, globs, addresses that fsspec reads (s3://, gs://, https://), or manifests: CSV or YAML "

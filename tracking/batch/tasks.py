@@ -26,7 +26,8 @@ from tsuiseki.tracking.batch.jobs import STATE, Job, Place, key_of, settings_of
 from tsuiseki.tracking.batch.segments import PLAN, SegmentPlan, again, cut, detect_segment
 from tsuiseki.tracking.cli.parser import options_of
 from tsuiseki.tracking.errors import RequestError, RunError, explained
-from tsuiseki.tracking.runs.ending import LATE, ended, message_of
+from tsuiseki.tracking.runs.ending import LATE, ended
+from tsuiseki.tracking.runs.messages import message_of
 from tsuiseki.tracking.video.source import UnfitIndexError
 
 Kind = Literal["begin", "detect", "join", "finish", "whole"]

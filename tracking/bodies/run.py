@@ -26,7 +26,7 @@ from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.following import Video
-from tsuiseki.tracking.runs.run import SeededOutput
+from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray, as_numbers
 from tsuiseki.tracking.types.tracks import BodyTrack

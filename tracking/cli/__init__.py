@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import atexit
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from functools import partial
 
 from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group, Tree
 from tsuiseki.tracking.errors import RequestError, hint_at
-from tsuiseki.tracking.runs.ending import DEADLINE, DONE, SIGNALLED, WRONG_REQUEST, ended
+from tsuiseki.tracking.runs.ending import DONE, WRONG_REQUEST, ended
 
 PROGRAM = "tsuiseki"
 
@@ -19,14 +17,7 @@ PROGRAM = "tsuiseki"
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``tsuiseki`` with ``argv`` (by default the process's words); returns the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
-    status = ended(partial(_dispatch, words, [], COMMANDS))
-    if argv is None and status > SIGNALLED:
-        # Python would take more than a second to take apart what torch is made of.
-        atexit._run_exitfuncs()
-        with suppress(OSError, ValueError):
-            sys.stdout.flush()
-        os._exit(status)
-    return status
+    return ended(partial(_dispatch, words, [], COMMANDS))
 
 
 def _dispatch(words: list[str], typed: list[str], tree: Tree) -> int:
@@ -51,8 +42,6 @@ def _run(command: Command, typed: list[str], words: list[str]) -> int:
     # OpenCV and FFmpeg write lines of their own to stderr; errors are worded here.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    # Training writes its last checkpoint.
-    DEADLINE.keeps = command.forwarded
     function = command.load()
     from tsuiseki.tracking.cli.parser import call
 

@@ -34,7 +34,7 @@ from tsuiseki.tracking.arguments import (
 )
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
-from tsuiseki.tracking.runs.run import Output
+from tsuiseki.tracking.runs.options import Output
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.result import Result

@@ -10,8 +10,8 @@ from typing import Any, Literal, TypeVar
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
+from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.runs.progress import progress
-from tsuiseki.tracking.runs.run import SeededOutput
 
 T = TypeVar("T")
 LARGEST, LONGEST = 16_384, 1_000_000

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 from tsuiseki.tracking.runs.following import Video, count
-from tsuiseki.tracking.runs.run import SeededOutput
+from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.video.source import Source
 
@@ -107,5 +107,5 @@ def _hiding(run: Run, source: Source, result: Result[Track], wanted: Wanted, fin
 
     run.draw("doubtful.csv", write)
     for hiding in written:
-        print(hiding.summary(run.output.out / "doubtful.csv"))
+        print(hiding.summary(run.out / "doubtful.csv"))
     return written[0] if written else None

@@ -13,7 +13,7 @@ from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.report.drawing import drawn_on
-from tsuiseki.tracking.runs.run import Output
+from tsuiseki.tracking.runs.options import Output
 
 SCENE_FILE = OutputFile(out=Path("scene.yaml"))
 

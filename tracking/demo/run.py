@@ -9,7 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.runs.run import Run, SeededOutput
+from tsuiseki.tracking.runs.options import SeededOutput
+from tsuiseki.tracking.runs.progress import progress
+from tsuiseki.tracking.runs.run import Run
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.report.page import Report
@@ -84,9 +86,7 @@ def _demo_street(
             models = {kind: weights.shipped(name) for kind, name in STREET_MODELS.items()}
         with run.times.measure("generate"):
             planned = StreetClip(StreetSettings(frames=frames, frame_rate=FRAME_RATE), output.seed)
-            clip = write_clip(
-                run.work / "street", planned, watch=lambda drawn: run.watched(drawn, "generating", frames)
-            )
+            clip = write_clip(run.work / "street", planned, watch=lambda drawn: progress(drawn, "generating", frames))
         source = open_source(clip)
         inputs, trackers = street(source, models, threads, device)
         run.facts |= report_models(inputs.detect, inputs.describe)
@@ -125,7 +125,7 @@ def _demo_drone(output: SeededOutput, frames: int, threads: int, device: Device)
     with output.run() as run:
         with run.times.measure("generate the clip"):
             planned = DroneClip(DroneSceneSettings(frames=frames), output.seed)
-            clip = write_clip(run.work / "drone", planned, watch=lambda drawn: run.watched(drawn, "generating", frames))
+            clip = write_clip(run.work / "drone", planned, watch=lambda drawn: progress(drawn, "generating", frames))
         source = open_source(clip)
         models = DroneModels.choose(source, "flow-maf", FindingOptions(threads=threads, device=device))
         run.facts |= report_models(models.observers.detect, models.observers.describe, models.observers.recognise)
@@ -155,7 +155,7 @@ def _record(
     """Write the ``run.json`` of one method, into the folder of its name."""
     from tsuiseki.tracking.output import RunRecord
 
-    record = RunRecord(run.output.command, settings, run.output.settings["seed"], seconds, columns)
+    record = RunRecord(run.command, settings, run.settings["seed"], seconds, columns)
     record.write(run.work / settings["method"])
 
 
@@ -168,7 +168,7 @@ def _finish(run: Run, source: Source, report: Report, painter: Callable[[Frame],
     assert painter is not None
     overlay = run.draw(OVERLAY_FILE, lambda path: write_drawn(path, source.frames(), source.frame_rate, painter))
     seconds = {STAGES.get(stage, stage): value for stage, value in run.times.seconds.items()}
-    facts = {**report.facts, "seed": str(run.output.settings["seed"]), **versions()}
+    facts = {**report.facts, "seed": str(run.settings["seed"]), **versions()}
     page = report_page(replace(report, overlay=overlay, seconds=seconds, facts=facts))
     run.write(REPORT_FILE, lambda path: path.write_text(page, encoding="utf-8"))
 

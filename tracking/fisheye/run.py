@@ -33,7 +33,7 @@ from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.runs.following import count
-from tsuiseki.tracking.runs.run import SeededOutput
+from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack

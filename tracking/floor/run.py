@@ -29,7 +29,7 @@ from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.following import Drawing, count
-from tsuiseki.tracking.runs.run import SeededOutput
+from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.sphere.settings import FrameTimes
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track

@@ -18,7 +18,7 @@ from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.linking.transits import MARGIN, Passages, Transits, linked, people_of
 from tsuiseki.tracking.people.tracks_of_source import boxes_of, frame_times, name_of, rates_of, tracked
 from tsuiseki.tracking.result import Result
-from tsuiseki.tracking.runs.run import Output
+from tsuiseki.tracking.runs.options import Output
 from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.tracking.video.source import open_source
 

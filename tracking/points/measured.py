@@ -28,8 +28,8 @@ from tsuiseki.tracking.points.tracker import MeasurementTracker
 from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.following import count
+from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.runs.progress import progress
-from tsuiseki.tracking.runs.run import SeededOutput
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel

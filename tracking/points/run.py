@@ -22,7 +22,7 @@ from tsuiseki.tracking.points.settings import SIZE, BlobChoice, BlobSettings, Po
 from tsuiseki.tracking.points.tracker import BlobTracker, PointTracker, SingleBlobTracker
 from tsuiseki.tracking.result import PageContent, Result, Writer
 from tsuiseki.tracking.runs.following import Video, count
-from tsuiseki.tracking.runs.run import SeededOutput
+from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, Targets, Track
 from tsuiseki.tracking.video.source import Source, SourceLike, named

@@ -27,7 +27,6 @@ def review(result: Path, /, video: Path | None = None) -> int:
     """
     from tsuiseki.tracking.report.drawing import show_page
     from tsuiseki.tracking.review.session import Session
-    from tsuiseki.tracking.runs.ending import DEADLINE
 
     if missing := [name for name in ("starlette", "uvicorn") if importlib.util.find_spec(name) is None]:
         needs = " and ".join(missing)
@@ -50,8 +49,6 @@ def review(result: Path, /, video: Path | None = None) -> int:
         thread = threading.Thread(target=server.run, args=([opened],), daemon=True)
         thread.start()
         show_page(f"http://{HOST}:{port}/{token}/", "review the result")
-        # What is decided last is still written when a signal comes.
-        DEADLINE.keeps = True
         with suppress(KeyboardInterrupt):
             while thread.is_alive():
                 thread.join(0.2)

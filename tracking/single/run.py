@@ -19,7 +19,8 @@ from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
 from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.result import PageContent, Result, Writer
 from tsuiseki.tracking.runs.following import Video
-from tsuiseki.tracking.runs.run import Run, SeededOutput
+from tsuiseki.tracking.runs.options import SeededOutput
+from tsuiseki.tracking.runs.run import Run
 from tsuiseki.tracking.single.settings import SingleChoice, SingleMethod, SinglePreset, warn_if_not_asked
 from tsuiseki.tracking.single.tracker import SingleTracker, as_box, follow_target
 from tsuiseki.tracking.stages import StageTimes

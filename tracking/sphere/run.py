@@ -18,7 +18,9 @@ from tsuiseki.tracking.formats.world_tables import read_path3d
 from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.following import Drawing
-from tsuiseki.tracking.runs.run import Run, SeededOutput
+from tsuiseki.tracking.runs.options import SeededOutput
+from tsuiseki.tracking.runs.progress import progress
+from tsuiseki.tracking.runs.run import Run
 from tsuiseki.tracking.sphere.page import distances_to_truth, sphere_painter, sphere_result
 from tsuiseki.tracking.sphere.points import sphere_points_run
 from tsuiseki.tracking.sphere.search import find_ball
@@ -314,7 +316,7 @@ def _draw(run: Run, drawing: Drawing, chosen: SphereRun, log: SphereLog) -> None
     """A video for each camera, where that is wanted, up to the last frame that was used."""
     for view, (source, placed) in enumerate(zip(chosen.sources, chosen.placed, strict=True) if drawing.overlay else ()):
         last = max((number for m in log.moments if (number := m.frames[view]) is not None), default=-1)
-        watched = run.watched(source.frames(), f"drawing {placed.name}", source.length)
+        watched = progress(source.frames(), f"drawing {placed.name}", source.length)
         frames = takewhile(lambda frame, last=last: frame.index <= last, watched)  # type: ignore[misc]
         rate, painter = placed.frame_rate or source.frame_rate, sphere_painter(chosen, log, view)
         write = partial(write_drawn, frames=frames, frame_rate=rate, draw=painter)

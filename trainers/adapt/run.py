@@ -15,7 +15,7 @@ from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
 from tsuiseki.tracking.features.view_choice import report_models
-from tsuiseki.tracking.runs.run import SeededOutput
+from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shipped, shipped_or_file
 from tsuiseki.trainers.adapt.settings import AdaptSettings
@@ -186,8 +186,8 @@ def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
     run.write("detector.onnx", partial(shutil.copyfile, learnt))
     page = adapted_page(summary(adaptation, finished, best, notes, unlearnt.name))
     run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
-    run.done(_summary(best, finished[0], run.output.out, unlearnt))
-    detector = shlex.quote(str(run.output.out / "detector.onnx"))
+    run.done(_summary(best, finished[0], run.out, unlearnt))
+    detector = shlex.quote(str(run.out / "detector.onnx"))
     print(f"to use it: tsuiseki track people VIDEO --detector {detector} --out DIR")
 
 

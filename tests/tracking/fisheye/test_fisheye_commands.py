@@ -444,7 +444,7 @@ def test_an_interrupt_in_the_second_camera_keeps_the_first(room, tmp_path, monke
     assert {"camera1/tracks.txt", "camera1/world.csv", "camera1/overlay.webm"} <= set(record["files"])
     assert ("camera2/tracks.txt" in record["files"]) == (when == "drawing")
     assert "camera2/overlay.webm" not in record["files"]
-    # Where writing takes a second, a line before it says so.
+    # A line before it says that the rest is being written.
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("tsuiseki: interrupted")]
     (line,) = [line for line in lines if "what is finished is being written" not in line]
     assert f"is in {out}, marked in its run.json" in line

@@ -213,11 +213,10 @@ def test_ctrl_c_keeps_the_finished_frames_and_marks_them(
     # Detection runs some frames ahead of linking.
     assert 5 <= last <= 9
     check_result(out, 0, last - 1)
-    # Who interrupts waits for no page or plot.
     names = {path.name for path in out.iterdir()} - {"report", "report.html"}
     assert names == {"flow.npz", "run.json", "tracks.txt"}
     lines = capsys.readouterr().err.splitlines()
-    # A slow computer also says that it is writing.
+    # A line before it says that the rest is being written.
     assert [line for line in lines if line.startswith("tsuiseki:")][-1:] == [
         f"tsuiseki: interrupted; the partial result up to frame {last} is in {out}, marked in its run.json"
     ]

@@ -16,19 +16,17 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.drone.tracker import DroneTracker
+from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.output import output_file
-from tsuiseki.tracking.runs import ending, run
+from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.runs import ending
+from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.video import image_folder
 from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.video.webm import VideoWriter
 
 FRAMES = 10
-
-
-@pytest.fixture(autouse=True)
-def unhurried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """However busy the machine is, what is finished is written."""
-    monkeypatch.setattr(ending, "BRIEF", 30.0)
 
 
 @pytest.fixture(scope="module")
@@ -163,12 +161,44 @@ def test_a_second_interrupt_ends_at_once_and_one_that_comes_twice_is_one(
         signal.raise_signal(signal.SIGINT)
         signal.raise_signal(signal.SIGINT)
 
-    monkeypatch.setattr(run, "TWICE", apart)
+    monkeypatch.setattr(ending, "TWICE", apart)
     monkeypatch.setattr(image_folder, "read_image", at_call(7, twice, image_folder.read_image))
     assert main([*commands(clip, drone_models)["blobs"][0], "--out", str(tmp_path / "o")]) == 130
     assert [path.name for path in tmp_path.iterdir()] == kept
     said = "the partial result up to frame" if kept else "nothing was written"
     assert lines_of(capsys)[-1].startswith(f"tsuiseki: interrupted; {said}")
+
+
+@pytest.mark.parametrize(
+    ("what", "linker"),
+    [
+        (["people"], (FlowTracker, "tracks")),
+        (["drone", "--method", "flow", "--keep-camera-motion"], (DroneTracker, "people")),
+    ],
+)
+def test_detections_are_kept_where_linking_them_is_interrupted(
+    what: list[str], linker: tuple[type, str], inputs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def link(_: object) -> list[Track]:
+        signal.raise_signal(signal.SIGTERM)
+        signal.raise_signal(signal.SIGTERM)
+        return []
+
+    monkeypatch.setattr(ending, "TWICE", 0.0)
+    words = ["track", *what, str(inputs.images), "--appearance", "none"]
+    with monkeypatch.context() as patch:
+        patch.setattr(*linker, link)
+        detected = [*words, "--detector", str(inputs.detector), "--view", "1", "--out", str(tmp_path / "one")]
+        assert main(detected) == 128 + signal.SIGTERM
+    assert sorted(path.name for path in (tmp_path / "one").iterdir()) == ["detections.txt", "run.json"]
+    record = record_of(tmp_path / "one")
+    assert (record["partial"], record["files"]) == (True, ["detections.txt"])
+    linked = [*words, "--detections", str(tmp_path / "one/detections.txt")]
+    assert main([*linked, "--out", str(tmp_path / "two")]) == 0
+    assert len(read_tracks(tmp_path / "two/tracks.txt")) > 0
+    monkeypatch.setattr(*linker, link)
+    assert main([*linked, "--out", str(tmp_path / "three")]) == 128 + signal.SIGTERM
+    assert not (tmp_path / "three").exists()
 
 
 def test_what_a_dead_run_left_behind_is_cleared_and_a_living_one_is_let_be(
