@@ -15,7 +15,7 @@ from onnx import TensorProto, helper, numpy_helper
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, FeatureSet
-from tsuiseki.tracking.features.action import ActionInput, StreamName
+from tsuiseki.tracking.features.action import STREAMS, ActionInput, StreamName
 from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.video.webm import VideoWriter
@@ -137,6 +137,15 @@ def action_streams(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
     save_action(paths[0], "rgb_local")
     save_action(paths[1], "flow_local")
     return paths
+
+
+@pytest.fixture(scope="session")
+def drone_models(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with four small streams, ``STREAM.onnx``."""
+    folder = tmp_path_factory.mktemp("drone")
+    for stream in STREAMS:
+        save_action(folder / f"{stream}.onnx", stream)
+    return folder
 
 
 def save_action(path: Path, stream: StreamName, names: tuple[str, ...] = OKUTAMA_ACTIONS) -> None:
