@@ -130,7 +130,7 @@ class ClipSettings:
         Args:
             kind: of clip, as the message calls it.
             smallest: least width and height, pixels.
-            own: whether what this kind of clip expects besides holds, what that is, and what was given.
+            rules: whether what this kind of clip expects besides holds, what that is, and what was given.
 
         Raises:
             RequestError: something expected does not hold.

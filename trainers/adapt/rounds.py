@@ -81,7 +81,7 @@ def find(
 
     Args:
         watched: the video.
-        given: detector of people: its file, or one that is open and gives scores from `LOWEST_SCORE` on.
+        detector: detector of people: its file, or one that is open and gives scores from `LOWEST_SCORE` on.
         settings: score threshold of the detections that are tracked, and CPU cores.
         view: see `parse_view`.
         affinity: file; None takes the shipped one where it knows the detector's scores, ``none`` hand-set costs.
@@ -95,15 +95,15 @@ def find(
         open_detector(detector, LOWEST_SCORE, threads=1, device=device) if isinstance(detector, Path) else detector
     )
     # What is learnt is to know people as large as this camera shows them, so nothing is enlarged.
-    detector = ViewedDetector(network, parse_view(view), frame_rate=watched.frame_rate, enlarge=False)
+    viewed = ViewedDetector(network, parse_view(view), frame_rate=watched.frame_rate, enlarge=False)
     describe = as_describer(shipped("appearance_people"), 1, device=device)
     camera = StandingCamera()
-    inputs = PeopleInputs(watched.open(), detector, describe, camera=camera, threads=settings.threads)
-    costs = people_affinity("flow", affinity, 1, known_scores=knows_scores(detector))
+    inputs = PeopleInputs(watched.open(), viewed, describe, camera=camera, threads=settings.threads)
+    costs = people_affinity("flow", affinity, 1, known_scores=knows_scores(viewed))
     begun = perf_counter()
     detections = [of_frame for _, of_frame in inputs.detections()]
     seconds = (perf_counter() - begun) / max(len(detections), 1)
-    scores = cost_of_scores(detector)
+    scores = cost_of_scores(viewed)
     # Labels take straddling tracks of an uncalibrated detector for counter-examples (see `label`); those of a
     # calibrated one are dropped, as `track people` does.
     straddling = scores is not None
@@ -111,7 +111,7 @@ def find(
     for of_frame in detections:
         tracker.update(of_frame.select(of_frame.scores >= settings.score_threshold))
     tracks = [shifted(track, watched.span[0]) for track in tracker.tracks()]
-    columns = max((choice.view.columns for choice in detector.choices.values()), default=1)
+    columns = max((choice.view.columns for choice in viewed.choices.values()), default=1)
     return TrackedPeople(detections, tracks, columns, seconds)
 
 

@@ -135,7 +135,7 @@ def watch(source: str, span: FrameRange, folder: Path, frames_at_most: int, fps:
         source: see `open_source`.
         span: frames to read.
         folder: for the pictures.
-        most: pictures.
+        frames_at_most: pictures.
         fps: frames a second, where the source does not say or is wrong.
 
     Raises:

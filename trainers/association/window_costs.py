@@ -169,7 +169,7 @@ class FrozenTrunk:
     """The maps that a trunk which does not learn makes of images: those of the latest images are kept.
 
     Args:
-        most: images that are kept; one of 640 by 480 pixels takes about 2.5 MB.
+        frames_at_most: images that are kept; one of 640 by 480 pixels takes about 2.5 MB.
     """
 
     def __init__(self, frames_at_most: int = 320) -> None:

@@ -224,7 +224,7 @@ class Activity:
 
         Args:
             person: who does it.
-            rest: see `resting_pose`.
+            resting: see `resting_pose`.
             seconds: since it began.
             phase: of the gait, in strides.
             speed: m/s.
@@ -242,8 +242,8 @@ class Activity:
         match self.act:
             case act.READING:
                 # A book before the chest, held by both hands, and eyes on it.
-                for side in (LEFT, RIGHT):
-                    pose = reach(build, pose, side, (0.17 * h, -0.045 * h, -0.11 * h))
+                for arm in (LEFT, RIGHT):
+                    pose = reach(build, pose, arm, (0.17 * h, -0.045 * h, -0.11 * h))
                 return replace(pose, nod=0.6, look=0.0, twist=0.0)
             case act.DRINKING:
                 return drinking(build, pose, hand, seconds)
