@@ -27,15 +27,21 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 StreamName = Literal["rgb_local", "rgb_global", "flow_local", "flow_global"]
 STREAMS: tuple[StreamName, ...] = get_args(StreamName)
 LOCAL_STREAMS: tuple[StreamName, ...] = ("rgb_local", "flow_local")
+# Grey level of a pixel that does not move.
 NO_MOTION = 128
+# Grey levels either side of it.
 LEVELS = 127
-# Every channel of the flow is brought to [-1, 1]; see ModelCard.mean and .std.
-FLOW_MEAN, FLOW_STD = NO_MOTION / 255, LEVELS / 255
-# Outside the image: the mean colour, which normalisation turns into 0.
+# Every channel of the flow is brought to [-1, 1]; see ModelCard.mean.
+FLOW_MEAN = NO_MOTION / 255
+# See ModelCard.std.
+FLOW_STD = LEVELS / 255
+# Outside the image: the mean colour, RGB of 255, which normalisation turns into 0.
 RGB_FILL = (124, 116, 104)
-# Side of the global crop in sides of the local one, μ of the thesis; and pixels a frame to which flow is clipped. Files
-# have them in their settings, and that the flow of one pair of frames is taken.
-ENLARGEMENT, FLOW_LIMIT = 3.0, 20.0
+# Side of the global crop in sides of the local one, μ of the thesis.
+ENLARGEMENT = 3.0
+# Pixels a frame to which flow is clipped.
+FLOW_LIMIT = 20.0
+# What every file has in its settings: the two, and that the flow of one pair of frames is taken.
 FIXED = {"enlargement": ENLARGEMENT, "flow_limit": FLOW_LIMIT, "stack": 1}
 # Most crops of one inference call.
 BATCH = 32
@@ -88,8 +94,8 @@ class ActionInput:
             KeyError, TypeError, ValueError: its settings are incomplete or impossible.
         """
         settings = card.settings
-        if (given := {name: settings[name] for name in FIXED}) != FIXED:
-            raise ValueError(f"expected {FIXED}, got {given}")
+        if (got := {name: settings[name] for name in FIXED}) != FIXED:
+            raise ValueError(f"expected {FIXED}, got {got}")
         return cls(settings["stream"], card.input_height, settings["flow"], bool(settings.get("compensate", False)))
 
     def card(self, name: str, class_names: tuple[str, ...]) -> ModelCard:
@@ -109,20 +115,20 @@ class ActionInput:
         return replace(card, mean=(FLOW_MEAN,) * count, std=(FLOW_STD,) * count) if self.is_flow else card
 
 
-def flow_to(before: ImageArray, image: ImageArray, method: FlowName, *, compensate: bool = False) -> ImageArray:
+def flow_to(previous: ImageArray, image: ImageArray, method: FlowName, *, compensate: bool = False) -> ImageArray:
     """``(H, W, 2)`` uint8 levels of the motion from t-1 to t, seen from t.
 
-    What shows at a pixel of ``image`` has moved that far since ``before``: the flow from t to t-1 is computed and
+    What shows at a pixel of ``image`` has moved that far since ``previous``: the flow from t to t-1 is computed and
     turned round, so that it lies where people are in ``image``, even when the camera jerks by more than their size.
 
     Args:
-        before: ``(H, W, 3)`` uint8 RGB, frame t-1.
+        previous: ``(H, W, 3)`` uint8 RGB, frame t-1.
         image: frame t.
         method: how flow is estimated.
         compensate: whether the camera's motion is taken out, where it can be estimated.
     """
-    flow = -optical_flow(image, before, FLOW_METHODS[method])
-    camera = camera_motion(before, image) if compensate else None
+    flow = -optical_flow(image, previous, FLOW_METHODS[method])
+    camera = camera_motion(previous, image) if compensate else None
     if camera is not None:
         flow -= camera_flow(camera, (image.shape[1], image.shape[0]))
     return flow_picture(flow)
@@ -216,11 +222,11 @@ class ActionRecogniser:
         self.models = [OnnxModel(path, "action", threads, device) for path in paths]
         self.device = self.models[0].device
         self._taken = [_inputs(model) for model in self.models]
-        self.inputs = [one for taken in self._taken for one in taken]
+        self.inputs = [stream for inputs in self._taken for stream in inputs]
         self.names = self.models[0].card.class_names
-        self.streams: tuple[StreamName, ...] = tuple(one.stream for one in self.inputs)
+        self.streams: tuple[StreamName, ...] = tuple(stream.stream for stream in self.inputs)
         self._check_together()
-        self._flow = next((one for one in self.inputs if one.is_flow), None)
+        self._flow = next((stream for stream in self.inputs if stream.is_flow), None)
         self.history = 1 if self._flow else 0
 
     def _check_together(self) -> None:
@@ -234,7 +240,7 @@ class ActionRecogniser:
             raise RequestError(
                 f"{self.models[-1].path}: expected one file a stream, or one of all, got {', '.join(self.streams)}"
             )
-        flows = {(one.flow, one.compensate) for one in self.inputs if one.is_flow}
+        flows = {(stream.flow, stream.compensate) for stream in self.inputs if stream.is_flow}
         if len(flows) > 1:
             raise RequestError(
                 "expected flow streams that take the same flow (flow, compensate), got "
@@ -253,16 +259,16 @@ class ActionRecogniser:
         if len(boxes) == 0:
             return result  # type: ignore[return-value]
         flow = None if self._flow is None else self.flow(images)
-        for model, taken, own in zip(self.models, self._taken, result, strict=True):
-            pictures = [images[-1] if not stream.is_flow or flow is None else flow for stream in taken]
-            squares = [square_boxes(boxes, stream.scale) for stream in taken]
+        for model, inputs, probabilities in zip(self.models, self._taken, result, strict=True):
+            pictures = [images[-1] if not stream.is_flow or flow is None else flow for stream in inputs]
+            squares = [square_boxes(boxes, stream.scale) for stream in inputs]
             for start in range(0, len(boxes), BATCH):
-                some = slice(start, start + BATCH)
+                batch = slice(start, start + BATCH)
                 crops = [
-                    normalise(crop_squares(picture, square[some], stream.size), stream.card("", ()))
-                    for picture, square, stream in zip(pictures, squares, taken, strict=True)
+                    normalise(crop_squares(picture, square[batch], stream.size), stream.card("", ()))
+                    for picture, square, stream in zip(pictures, squares, inputs, strict=True)
                 ]
-                own[some] = model.run(*crops)[0]
+                probabilities[batch] = model.run(*crops)[0]
         return result  # type: ignore[return-value]
 
     def flow(self, images: Sequence[ImageArray]) -> ImageArray:
@@ -282,7 +288,7 @@ def _inputs(model: OnnxModel) -> list[ActionInput]:
     card = model.card
     try:
         settings = card.settings.get("streams", [card.settings])
-        streams = [ActionInput.from_card(replace(card, settings=one)) for one in settings]
+        streams = [ActionInput.from_card(replace(card, settings=stream)) for stream in settings]
     except (KeyError, TypeError, ValueError) as error:
         raise RequestError(
             f"{model.path}: expected stream, enlargement, flow_limit, flow and stack in the metadata, got {error!r}; "

@@ -23,8 +23,9 @@ from tsuiseki.tracking.video.source import Source
 
 SAMPLED = 32
 """Frames, spread over the video, that the background is learnt from."""
-# Regions of so many usual areas, and of so many pixels, tell the usual shape.
+# Least and most usual areas of a region that tells the usual shape: one body alone.
 LONE = (0.5, 1.6)
+# Least pixels of such a region, and of whatever tells what stands out.
 FEWEST = 20
 
 
@@ -60,25 +61,27 @@ def usual_shape(masks: Sequence[NDArray[np.bool_]], area: float) -> Shape | None
         masks: ``(H, W)`` each.
         area: usual pixels of one body.
     """
-    found = []
+    shapes = []
     for mask in masks:
         count, labels, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
         for n in range(1, count):
             if max(LONE[0] * area, FEWEST) <= stats[n, cv2.CC_STAT_AREA] <= LONE[1] * area:
                 shape = shape_of(np.argwhere(np.asarray(labels) == n).astype(np.float64))
-                found.append((shape.aspect, shape.fill))
-    return Shape(*np.median(found, axis=0).tolist()) if found else None
+                shapes.append((shape.aspect, shape.fill))
+    return Shape(*np.median(shapes, axis=0).tolist()) if shapes else None
 
 
 Contrast = Literal["auto", "bright", "dark", "any"]
 Grey: TypeAlias = NDArray[np.uint8]
 
-# A quantile of the values of a pixel: what lies behind animals that are brighter, darker, or different.
+# Quantile in [0, 1] of a pixel's values that lies behind animals that are brighter, darker, or different.
 QUANTILES = {"bright": 0.05, "dark": 0.95, "any": 0.5}
 # One sign of difference is taken for the animals' where it makes up this share of all that stands out.
 ONE_SIDED = 0.75
-# Deviations of the noise of a difference, and grey levels, below which nothing stands out.
-NOISE, LEAST = 6.0, 8.0
+# Deviations of the noise of a difference below which nothing stands out.
+NOISE = 6.0
+# Grey levels below which nothing stands out.
+LEAST = 8.0
 # Sides of the surroundings that a background is compared with, as a share of the image's shorter side.
 SURROUNDINGS = 0.25
 # A resting animal, or what it never uncovered, is a region of the background from this share of the usual area up to so
@@ -86,8 +89,10 @@ SURROUNDINGS = 0.25
 RESTING = (0.05, 3.0)
 # Rounds of the search for resting animals, each with the appearance of the animals known by then.
 ROUNDS = 4
-# Shares of the contrast of animals from which a pixel is of a core, and of an animal.
-CORE, SHARE = 0.5, 0.1
+# Share of the contrast of animals from which a pixel is of a core.
+CORE = 0.5
+# Share of it from which a pixel is of an animal.
+SHARE = 0.1
 
 
 @dataclass(frozen=True)
@@ -186,8 +191,8 @@ def usual_area(masks: Sequence[NDArray[np.bool_]]) -> float:
     ]
     if not areas:
         return 0.0
-    every = np.sort(np.concatenate(areas)).astype(np.float64)
-    return float(every[np.searchsorted(np.cumsum(every), every.sum() / 2)])
+    sizes = np.sort(np.concatenate(areas)).astype(np.float64)
+    return float(sizes[np.searchsorted(np.cumsum(sizes), sizes.sum() / 2)])
 
 
 def _quantile(ordered: NDArray[np.uint8], contrast: Contrast) -> ImageArray:
@@ -198,8 +203,8 @@ def _difference(image: ImageArray, back: ImageArray, contrast: Contrast) -> Grey
     if contrast == "any":
         different = cv2.absdiff(image, back).max(axis=2)
     else:
-        one, other = (cv2.cvtColor(part, cv2.COLOR_RGB2GRAY) for part in (image, back))
-        different = cv2.subtract(one, other) if contrast == "bright" else cv2.subtract(other, one)
+        grey, grey_back = (cv2.cvtColor(part, cv2.COLOR_RGB2GRAY) for part in (image, back))
+        different = cv2.subtract(grey, grey_back) if contrast == "bright" else cv2.subtract(grey_back, grey)
     return np.asarray(cv2.GaussianBlur(different, (0, 0), 1.0), dtype=np.uint8)
 
 
@@ -224,10 +229,10 @@ def _noise_and_peak(
     images: Sequence[ImageArray], back: ImageArray, surroundings: ImageArray, contrast: Contrast
 ) -> tuple[float, float]:
     """A difference above the noise, and the contrast of the animals, grey levels."""
-    found = [_difference(image, back, contrast) for image in images] + [_difference(back, surroundings, contrast)]
-    noise = max(float(np.median(part)) * 1.4826 for part in found[:-1])
+    differences = [_difference(image, back, contrast) for image in images] + [_difference(back, surroundings, contrast)]
+    noise = max(float(np.median(part)) * 1.4826 for part in differences[:-1])
     least = max(LEAST, NOISE * noise)
-    peaks = [float(np.quantile(part[part > least], 0.9)) for part in found if (part > least).sum() >= FEWEST]
+    peaks = [float(np.quantile(part[part > least], 0.9)) for part in differences if (part > least).sum() >= FEWEST]
     return least, max(float(np.median(peaks)), peaks[-1]) if peaks else least
 
 
@@ -265,13 +270,13 @@ def video_background(source: Source, contrast: Contrast = "auto", threshold: flo
     """
     if source.live:
         raise RequestError("expected a video that can be played again, got a live source; record it first")
-    kept: list[ImageArray] = []
-    every = 1
+    images: list[ImageArray] = []
+    step = 1
     for number, frame in enumerate(source.frames()):
-        if number % every:
+        if number % step:
             continue
-        kept.append(frame.image)
-        if len(kept) == 2 * SAMPLED:
-            kept, every = kept[::2], 2 * every
-    chosen = np.unique(np.linspace(0, len(kept) - 1, SAMPLED).round().astype(int))
-    return learn_background([kept[n] for n in chosen], contrast, threshold=threshold)
+        images.append(frame.image)
+        if len(images) == 2 * SAMPLED:
+            images, step = images[::2], 2 * step
+    chosen = np.unique(np.linspace(0, len(images) - 1, SAMPLED).round().astype(int))
+    return learn_background([images[n] for n in chosen], contrast, threshold=threshold)

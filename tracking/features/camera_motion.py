@@ -30,36 +30,49 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Grey = NDArray[np.uint8]
 Pattern = NDArray[np.float32]
+# The similarity ``(2, 3)`` of a camera that did not move.
 STANDS_STILL = np.eye(3)[:2]
-# Frames are shrunk to this longest side, pixels; and features that are tracked at most.
-LONGEST_SIDE, FEATURES = 640, 400
-# Largest error of a feature that moved with the camera, and movement of the corners under which the camera stood still,
-# pixels of the shrunk frame.
-REACH, STILL = 1.5, 0.3
+# Frames are shrunk to this longest side, pixels.
+LONGEST_SIDE = 640
+# Features that are tracked at most.
+FEATURES = 400
+# Largest error of a feature that moved with the camera, pixels of the shrunk frame.
+REACH = 1.5
+# Movement of the corners under which the camera stood still, pixels of the shrunk frame.
+STILL = 0.3
 # Features that must agree; with fewer they do not tell how the camera moved.
 LEAST = 12
 # Share of the features that agree, from which what they say is taken as it is, for people who move may be all else that
-# shows; and share from which it is taken where the search tells nothing.
-MAJORITY, MINORITY = 0.5, 0.2
-# Agreement of the frames, a correlation, from which what the features say is taken as it is; from which it is refined,
-# and below which frames are searched for what they share; and from which a step that was searched for is taken, half of
-# it where features say the same.
-SURE, DOUBTFUL, ACCEPTED = 0.95, 0.7, 0.5
+# shows.
+MAJORITY = 0.5
+# Share from which it is taken where the search tells nothing.
+MINORITY = 0.2
+# Agreement of the frames, a correlation, from which what the features say is taken as it is.
+SURE = 0.95
+# Agreement from which it is refined, and below which frames are searched for what they share.
+DOUBTFUL = 0.7
+# Agreement from which a step that was searched for is taken; half of it where features say the same.
+ACCEPTED = 0.5
 # What a step that was searched for leaves unexplained, 1 less the agreement, is at most this share of what any other
 # leaves.
 AHEAD = 0.8
 # Deviation of a step whose frames do not agree at all, in longest sides; less where they agree more.
 DEVIATION = 0.02
-# Frames of a camera that stands still that are compared with one and the same, so that it cannot creep away unnoticed;
-# and frames after an unknown one that are also compared with the one before it.
+# Frames of a camera that stands still that are compared with one and the same, so that it cannot creep away unnoticed.
+# So many frames after an unknown one are also compared with the one before it.
 PATIENCE = 15
 # Patterns are shrunk to this longest side, pixels.
 PATTERN_SIDE = 160
-# Standard deviations of the blur that takes detail away, and of the blur whose result counts as slow brightness, pixels
-# of the pattern.
-DETAIL, BRIGHTNESS = 1.0, 12.0
-# The largest turn and the step between turns, degrees; and the best turns that are refined.
-LARGEST_TURN, TURN_STEP, REFINED = 30.0, 5.0, 5
+# Standard deviation of the blur that takes detail away, pixels of the pattern.
+DETAIL = 1.0
+# Standard deviation of the blur whose result counts as slow brightness, pixels of the pattern.
+BRIGHTNESS = 12.0
+# Largest turn that is searched, degrees.
+LARGEST_TURN = 30.0
+# Step between turns, degrees.
+TURN_STEP = 5.0
+# Best turns that are refined.
+REFINED = 5
 # Least share of the image that two frames must have in common.
 OVERLAP = 0.25
 
@@ -97,11 +110,11 @@ def agreement(first: Pattern, second: Pattern, similarity: FloatArray) -> float:
     shared = inside > 0
     if shared.mean() < OVERLAP:
         return -1.0
-    one, other = moved[shared], second[shared]
-    one, other = one - one.mean(axis=0), other - other.mean(axis=0)
-    energy = float((one * one).sum()) * float((other * other).sum())
+    moved_pixels, second_pixels = moved[shared], second[shared]
+    moved_pixels, second_pixels = moved_pixels - moved_pixels.mean(axis=0), second_pixels - second_pixels.mean(axis=0)
+    energy = float((moved_pixels * moved_pixels).sum()) * float((second_pixels * second_pixels).sum())
     # Two blank images say nothing.
-    return float((one * other).sum()) / energy**0.5 if energy > 0 else -1.0
+    return float((moved_pixels * second_pixels).sum()) / energy**0.5 if energy > 0 else -1.0
 
 
 def search(first: Pattern, second: Pattern) -> list[ProposedStep]:
@@ -112,11 +125,11 @@ def search(first: Pattern, second: Pattern) -> list[ProposedStep]:
     for step in coarse[:REFINED]:
         refined = refine(first, second, step.similarity)
         steps += [step] if refined is None else [step, refined]
-    kept: list[ProposedStep] = []
+    distinct: list[ProposedStep] = []
     for step in sorted(steps, key=lambda step: -step.agreement):
-        if not any(leads_to_the_same(step, better, first) for better in kept):
-            kept.append(step)
-    return kept
+        if not any(leads_to_the_same(step, better, first) for better in distinct):
+            distinct.append(step)
+    return distinct
 
 
 def _moved(image: Pattern, similarity: FloatArray) -> tuple[Pattern, Pattern]:
@@ -148,16 +161,16 @@ def _masked_correlation(first: Pattern, inside: Pattern, second: Pattern) -> Flo
     def spectra(images: Pattern) -> NDArray[np.complex64]:
         return np.asarray(scipy.fft.rfft2(images, shape, axes=(0, 1)))
 
-    def correlated(one: NDArray[np.complex64], other: NDArray[np.complex64]) -> FloatArray:
-        return np.asarray(scipy.fft.irfft2(np.conj(one) * other, shape, axes=(0, 1)))
+    def correlated(a: NDArray[np.complex64], b: NDArray[np.complex64]) -> FloatArray:
+        return np.asarray(scipy.fft.irfft2(np.conj(a) * b, shape, axes=(0, 1)))
 
-    known, whole = spectra(inside[..., None]), spectra(np.ones((height, width, 1), dtype=np.float32))
-    one, other = spectra(first), spectra(second)
-    count = np.maximum(correlated(known, whole), 1)
-    sum_first, sum_second = correlated(one, whole), correlated(known, other)
-    product = (correlated(one, other) - sum_first * sum_second / count).sum(axis=2)
-    energy_first = (correlated(spectra(first * first), whole) - sum_first**2 / count).sum(axis=2)
-    energy_second = (correlated(known, spectra(second * second)) - sum_second**2 / count).sum(axis=2)
+    mask, ones = spectra(inside[..., None]), spectra(np.ones((height, width, 1), dtype=np.float32))
+    spectra_first, spectra_second = spectra(first), spectra(second)
+    count = np.maximum(correlated(mask, ones), 1)
+    sum_first, sum_second = correlated(spectra_first, ones), correlated(mask, spectra_second)
+    product = (correlated(spectra_first, spectra_second) - sum_first * sum_second / count).sum(axis=2)
+    energy_first = (correlated(spectra(first * first), ones) - sum_first**2 / count).sum(axis=2)
+    energy_second = (correlated(mask, spectra(second * second)) - sum_second**2 / count).sum(axis=2)
     energy = energy_first * energy_second
     # What rounding leaves of an empty overlap is no energy.
     floor = 1e-3 * max(energy_first.max(), 0) * max(energy_second.max(), 0) + np.finfo(np.float32).tiny
@@ -178,30 +191,30 @@ def refine(first: Pattern, second: Pattern, guess: FloatArray) -> ProposedStep |
     return ProposedStep(similarity, agreement(first, second, similarity))
 
 
-def leads_to_the_same(one: ProposedStep, other: ProposedStep, image: Pattern) -> bool:
+def leads_to_the_same(step: ProposedStep, alternative: ProposedStep, image: Pattern) -> bool:
     """Whether two steps take the corners of ``image`` to the same places, to an eighth of the width."""
     height, width = image.shape[:2]
     corners = np.array([[x, y, 1.0] for x in (0, width) for y in (0, height)])
-    away = corners @ (one.similarity - other.similarity).T
+    away = corners @ (step.similarity - alternative.similarity).T
     return bool(np.linalg.norm(away, axis=1).max() <= width / 8)
 
 
-def camera_motion(before: ImageArray, after: ImageArray, people: FloatArray | None = None) -> FloatArray | None:
-    """``(2, 3)`` similarity that takes pixels of the frame ``before`` to those of ``after``; None where nothing tells.
+def camera_motion(first: ImageArray, second: ImageArray, people: FloatArray | None = None) -> FloatArray | None:
+    """``(2, 3)`` similarity that takes pixels of the frame ``first`` to those of ``second``; None where nothing tells.
 
     A camera that stood still gives exactly the identity.
 
     Args:
-        before: ``(H, W, 3)`` uint8 RGB or ``(H, W)`` uint8 grey.
-        after: of the same shape.
-        people: ``(N, 4)`` boxes in ``before`` of what may move by itself.
+        first: ``(H, W, 3)`` uint8 RGB or ``(H, W)`` uint8 grey.
+        second: of the same shape.
+        people: ``(N, 4)`` boxes in ``first`` of what may move by itself.
 
     Raises:
         ValueError: the frames differ in shape.
     """
-    if before.shape != after.shape:
-        raise ValueError(f"expected two frames of one shape, got {before.shape} and {after.shape}")
-    step = frame_step(CameraFrame.of(before, people), CameraFrame.of(after, None))
+    if first.shape != second.shape:
+        raise ValueError(f"expected two frames of one shape, got {first.shape} and {second.shape}")
+    step = frame_step(CameraFrame.of(first, people), CameraFrame.of(second, None))
     return None if step is None else step.similarity
 
 
@@ -367,7 +380,7 @@ class CameraStep:
     similarity: FloatArray
     deviation: float = 0.0
 
-    def and_then(self, other: CameraStep) -> CameraStep:
+    def and_then(self, later: CameraStep) -> CameraStep:
         """This step and another after it, as one."""
-        first, second = (np.vstack([step.similarity, [0, 0, 1]]) for step in (self, other))
-        return CameraStep((second @ first)[:2], math.hypot(self.deviation, other.deviation))
+        first, second = (np.vstack([step.similarity, [0, 0, 1]]) for step in (self, later))
+        return CameraStep((second @ first)[:2], math.hypot(self.deviation, later.deviation))

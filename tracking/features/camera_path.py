@@ -54,9 +54,9 @@ class FrameRuns:
 
     def copy(self) -> FrameRuns:
         """A copy that goes on by itself."""
-        other = FrameRuns()
-        other.runs = [*self.runs]
-        return other
+        clone = FrameRuns()
+        clone.runs = [*self.runs]
+        return clone
 
     def from_one(self) -> list[list[int]]:
         """First and last frame of each run, counted from 1."""
@@ -75,6 +75,7 @@ class FrameRuns:
         return any(first <= frame <= last for first, last in self.runs[max(place, 0) : place + 2])
 
 
+# The transform ``(3, 3)`` of a camera that did not move.
 STILL = np.eye(3)
 
 
@@ -104,37 +105,37 @@ class CameraTrajectory:
 
     def copy(self) -> CameraTrajectory:
         """A copy that goes on by itself."""
-        other = CameraTrajectory(self.source)
-        other.unknown, other.lost = self.unknown.copy(), self.lost.copy()
-        other._to_now, other._variance = [*self._to_now], [*self._variance]
-        other._first = self._first
-        return other
+        clone = CameraTrajectory(self.source)
+        clone.unknown, clone.lost = self.unknown.copy(), self.lost.copy()
+        clone._to_now, clone._variance = [*self._to_now], [*self._variance]
+        clone._first = self._first
+        return clone
 
-    def forget(self, before: int) -> None:
-        """Drop where the frames before one lie; the newest frame stays. ``unknown`` is kept."""
-        count = min(before, len(self) - 1) - self._first
+    def forget(self, end: int) -> None:
+        """Drop where the frames before ``end`` lie; the newest frame stays. ``unknown`` is kept."""
+        count = min(end, len(self) - 1) - self._first
         if count > 0:
             del self._to_now[:count], self._variance[:count]
             self._first += count
 
     def append(
-        self, step: FloatArray | None, deviation: float = 0.0, *, known: bool = True, moving: bool = False
+        self, step: FloatArray | None, deviation: float = 0.0, *, reliable: bool = True, moving: bool = False
     ) -> None:
         """Add a frame.
 
         Args:
             step: ``(2, 3)`` similarity, where pixels of the frame before lie in this one; None where nothing tells.
             deviation: standard deviation of the place of a box after the step, in heights of the box.
-            known: whether enough tells the step; never where it is None.
+            reliable: whether enough tells the step; never where it is None.
             moving: whether the camera moved until then.
         """
-        before = self._to_now[-1] if self._to_now else STILL
-        if (step is None or not known) and self._to_now:
+        previous = self._to_now[-1] if self._to_now else STILL
+        if (step is None or not reliable) and self._to_now:
             self.unknown.append(len(self))
             if moving:
                 self.lost.append(len(self))
         still = step is None or np.array_equal(step, STILL[:2])
-        self._to_now.append(before if step is None or still else np.vstack([step, STILL[2]]) @ before)
+        self._to_now.append(previous if step is None or still else np.vstack([step, STILL[2]]) @ previous)
         self._variance.append((self._variance[-1] if self._variance else 0.0) + deviation**2)
 
     def variance(self, frames: IntArray) -> FloatArray:
@@ -169,10 +170,10 @@ def move_boxes(boxes: FloatArray, similarities: FloatArray) -> FloatArray:
     """
     if (similarities == STANDS_STILL).all():
         return boxes
-    each = np.broadcast_to(similarities, (len(boxes), 2, 3))
+    matrices = np.broadcast_to(similarities, (len(boxes), 2, 3))
     centre = (boxes[:, :2] + boxes[:, 2:]) / 2
-    moved = np.einsum("nij,nj->ni", each[:, :, :2], centre) + each[:, :, 2]
-    half = (boxes[:, 2:] - boxes[:, :2]) / 2 * np.linalg.norm(each[:, :, 0], axis=1)[:, None]
+    moved = np.einsum("nij,nj->ni", matrices[:, :, :2], centre) + matrices[:, :, 2]
+    half = (boxes[:, 2:] - boxes[:, :2]) / 2 * np.linalg.norm(matrices[:, :, 0], axis=1)[:, None]
     return np.concatenate([moved - half, moved + half], axis=1)
 
 
@@ -187,8 +188,8 @@ def line_on_camera(unknown: Sequence[Sequence[int]], source: Literal["boxes", "i
     'how the camera moved into frames 13, 87-95 is not known; links over them reach further'
     """
     which = ", ".join(str(first) if first == last else f"{first}-{last}" for first, last in unknown[:5])
-    if more := sum(last - first + 1 for first, last in unknown[5:]):
-        which += f" and {more} more"
+    if further := sum(last - first + 1 for first, last in unknown[5:]):
+        which += f" and {further} more"
     frames = "frame" if [*unknown[0]] == [unknown[-1][1]] * 2 else "frames"
     reason = "is not known" if source == "images" else "is not known from the few boxes there"
     return f"how the camera moved into {frames} {which} {reason}; links over them reach further"
@@ -219,7 +220,7 @@ class CameraPath:
     transforms: list[FloatArray] = field(default_factory=list)
     deviations: dict[int, float] = field(default_factory=dict)
     unknown: FrameRuns = field(default_factory=FrameRuns)
-    _before: _Placed | None = None
+    _reference: _Placed | None = None
     _lost_from: _Placed | None = None
     _forgotten: int = 0
 
@@ -227,9 +228,9 @@ class CameraPath:
         """Frames so far, forgotten ones among them."""
         return self._forgotten + len(self.transforms)
 
-    def forget(self, before: int) -> None:
-        """Drop where the frames before one lie, but for what the step into that one takes. ``unknown`` is kept."""
-        count = min(before, len(self)) - 1 - self._forgotten
+    def forget(self, end: int) -> None:
+        """Drop where the frames before ``end`` lie, but for what the step into it takes. ``unknown`` is kept."""
+        count = min(end, len(self)) - 1 - self._forgotten
         if count > 0:
             del self.transforms[:count]
             self._forgotten += count
@@ -237,13 +238,13 @@ class CameraPath:
 
     def add(self, image: ImageArray, people: FloatArray | None = None) -> FloatArray:
         """Take the next frame, in which ``people`` ``(N, 4)`` may move by themselves; returns its transform."""
-        frame, before = len(self), self._before
+        frame, reference = len(self), self._reference
         view = CameraFrame.of(image, None if people is None else np.asarray(people, dtype=np.float64))
-        transform = STANDS_STILL if before is None else self._transform(before, view, frame)
+        transform = STANDS_STILL if reference is None else self._transform(reference, view, frame)
         self.transforms.append(transform)
-        still = before is not None and transform is before.transform and frame not in self.unknown
-        if before is None or not still or frame - before.frame >= PATIENCE:
-            self._before = _Placed(frame, view, transform)
+        still = reference is not None and transform is reference.transform and frame not in self.unknown
+        if reference is None or not still or frame - reference.frame >= PATIENCE:
+            self._reference = _Placed(frame, view, transform)
         return transform
 
     def follow(self, step: CameraStep) -> None:
@@ -265,7 +266,7 @@ class CameraPath:
         similarity = STANDS_STILL if same else np.asarray(np.linalg.solve(now, earlier)[:2])
         return CameraStep(similarity, np.inf if frame in self.unknown else self.deviations.get(frame, 0.0))
 
-    def _transform(self, before: _Placed, view: CameraFrame, frame: int) -> FloatArray:
+    def _transform(self, reference: _Placed, view: CameraFrame, frame: int) -> FloatArray:
         """Where the next frame lies."""
         lost_from = self._lost_from
         if lost_from is not None:
@@ -277,19 +278,19 @@ class CameraPath:
                 return _moved_on(lost_from.transform, over)
             if frame - lost_from.frame >= PATIENCE:
                 self._lost_from = None
-        step = frame_step(before.view, view)
+        step = frame_step(reference.view, view)
         if step is None:
             self.unknown.append(frame)
-            self._lost_from = lost_from or before
-            return before.transform
+            self._lost_from = lost_from or reference
+            return reference.transform
         if step.deviation > 0:
             self.deviations[frame] = step.deviation
-        return _moved_on(before.transform, step)
+        return _moved_on(reference.transform, step)
 
 
 def _moved_on(transform: FloatArray, step: CameraStep) -> FloatArray:
     """The transform of a frame that lies a ``step`` after one of the given transform."""
     if np.array_equal(step.similarity, STANDS_STILL):
         return transform
-    whole = np.vstack([transform, [0, 0, 1]]) @ np.linalg.inv(np.vstack([step.similarity, [0, 0, 1]]))
-    return np.asarray(whole[:2])
+    matrix = np.vstack([transform, [0, 0, 1]]) @ np.linalg.inv(np.vstack([step.similarity, [0, 0, 1]]))
+    return np.asarray(matrix[:2])

@@ -44,6 +44,7 @@ class ColourRange:
                 raise RequestError(f"expected a range of {name} within 0 and {top:g}, got {low:g} to {high:g}")
 
 
+# Hues in degrees, saturations and values in [0, 1] of the colours that have a name.
 NAMED_COLOURS = {
     "red": ColourRange((345.0, 15.0), (0.45, 1.0)),
     "orange": ColourRange((15.0, 42.0), (0.5, 1.0), (0.5, 1.0)),
@@ -180,12 +181,12 @@ def region_contrast(
     contrast = frame_area > 0.1 * (area_around - area)
     hidden = np.zeros(len(boxes), dtype=np.bool_)
     if others is not None and others.shape[1]:
-        taken, taken_area = _shared(image, boxes, others)
-        taken_around, taken_area_around = _shared(image, wide, others)
-        frame = frame - (taken_around - taken).sum(axis=1)
-        frame_area = frame_area - (taken_area_around - taken_area).sum(axis=1)
+        covered, covered_area = _shared(image, boxes, others)
+        covered_around, covered_area_around = _shared(image, wide, others)
+        frame = frame - (covered_around - covered).sum(axis=1)
+        frame_area = frame_area - (covered_area_around - covered_area).sum(axis=1)
         covering = 1.0 if in_front is None else in_front
-        inside, left = inside - (taken * covering).sum(axis=1), area - (taken_area * covering).sum(axis=1)
+        inside, left = inside - (covered * covering).sum(axis=1), area - (covered_area * covering).sum(axis=1)
         hidden, area = left < VISIBLE_SHARE * area, left
     p = np.clip(inside / np.maximum(area, 1.0), 0.0, 1.0)
     q = np.clip(frame / np.maximum(frame_area, 1.0), 0.0, 1.0)

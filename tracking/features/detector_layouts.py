@@ -24,9 +24,16 @@ from tsuiseki.tracking.features.foreign_options import (
 )
 from tsuiseki.tracking.types import FloatArray
 
-STRIDES, MORE_STRIDES = (8, 16, 32), (8, 16, 32, 64)
-# Steps from which NanoDet and NanoDet-g take the mean distance to a side, and the strides of FastestDet.
-NANODET_BINS, NANODET_G_BINS, ONE_STRIDE = 8, 11, (16,)
+# Strides of most families, pixels of the input.
+STRIDES = (8, 16, 32)
+# Strides of NanoDet-Plus, pixels of the input.
+MORE_STRIDES = (8, 16, 32, 64)
+# The stride of FastestDet, pixels of the input.
+ONE_STRIDE = (16,)
+# Steps from which NanoDet takes the mean distance to a side.
+NANODET_BINS = 8
+# The same of NanoDet-g.
+NANODET_G_BINS = 11
 Size: TypeAlias = tuple[int, int]
 Outputs: TypeAlias = Sequence[NDArray[Any]]
 Rows: TypeAlias = tuple[NDArray[Any], NDArray[Any], NDArray[Any]]
@@ -212,6 +219,7 @@ _Row = partial(DetectorLayout, values=lambda outputs: outputs[0][:, 4:])
 _Pair = partial(DetectorLayout, values=lambda outputs: paired(outputs)[1], outputs=2, paired=True)
 _OBJECT = "(1, N, 5+C), "
 _SEVEN = "(N, 7) picture, corners in pixels, class, score"
+# All that are recognised; numbers are columns of the outputs.
 LAYOUTS: Mapping[LayoutName, DetectorLayout] = {
     "yolov8": DetectorLayout("(1, 4+C, N)", _YOLO, lambda o, size: _middles([o[0].T], size), lambda o: o[0][4:].T),
     "yolov8-rows": _Row("(1, N, 4+C), a box a cell, in pixels", _YOLO, _middles),

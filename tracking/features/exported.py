@@ -141,11 +141,11 @@ class Detector:
         # The caches of a CPU hold the layers of one picture: it is faster one by one, and gives the same.
         count = 1 if self.device == "cpu" else len(images)
         detections = []
-        for some in (images[start : start + count] for start in range(0, len(images), count)):
-            inputs, scales = zip(*(fit_image(image, card) for image in some), strict=True)
+        for batch in (images[start : start + count] for start in range(0, len(images), count)):
+            inputs, scales = zip(*(fit_image(image, card) for image in batch), strict=True)
             logits, offsets, anchors = self.model.run(normalise(inputs, card))
             detections += [
-                self._decode(logits[n], offsets[n], anchors, scales[n], some[n].shape[:2]) for n in range(len(some))
+                self._decode(logits[n], offsets[n], anchors, scales[n], batch[n].shape[:2]) for n in range(len(batch))
             ]
         return detections
 
@@ -162,26 +162,28 @@ class Detector:
         margin = logits[:, 1:].max(axis=1) - logits[:, 0]
         candidates = np.flatnonzero(margin >= np.log(threshold / (1 - threshold)))
         exponentials = np.exp(logits[candidates] - logits[candidates].max(axis=1, keepdims=True))
-        wanted = np.array([*self.wanted], dtype=np.int64)
-        every = exponentials[:, wanted] if len(wanted) else exponentials[:, self._usual].max(axis=1, keepdims=True)
-        every = every / exponentials.sum(axis=1, keepdims=True)
-        rows, columns = np.nonzero(every >= self.score_threshold)
-        candidates, scores = candidates[rows], every[rows, columns]
+        numbers = np.array([*self.wanted], dtype=np.int64)
+        softmax = exponentials[:, numbers] if len(numbers) else exponentials[:, self._usual].max(axis=1, keepdims=True)
+        softmax = softmax / exponentials.sum(axis=1, keepdims=True)
+        rows, columns = np.nonzero(softmax >= self.score_threshold)
+        candidates, scores = candidates[rows], softmax[rows, columns]
         if len(candidates) > MOST_CANDIDATES:
             best = np.argsort(-scores, kind="stable")[:MOST_CANDIDATES]
             candidates, scores, columns = candidates[best], scores[best], columns[best]
         variances = self.model.card.settings["variances"]
         boxes = decode_boxes(offsets[candidates], anchors[candidates], variances) / np.tile(scale, 2)
         boxes = clip_boxes(boxes, size[1], size[0])
-        whole = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)  # clipping may leave less than a pixel
-        boxes, scores, columns = boxes[whole], scores[whole], columns[whole]
+        visible = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)  # clipping may leave less than a pixel
+        boxes, scores, columns = boxes[visible], scores[visible], columns[visible]
         compared = boxes if self.across else set_apart(boxes, columns)
-        kept = suppress(compared, scores, SAME)
+        chosen = suppress(compared, scores, SAME)
         share = self.model.card.settings.get("straddling")
         if share is not None:
-            kept = kept[~straddling(compared[kept], scores[kept], share)]
-        classes = wanted[columns[kept]] if len(wanted) else None
-        return Detections(boxes[kept], scores[kept], classes=classes, names=self.wanted), candidates[whole][kept]
+            chosen = chosen[~straddling(compared[chosen], scores[chosen], share)]
+        classes = numbers[columns[chosen]] if len(numbers) else None
+        return Detections(boxes[chosen], scores[chosen], classes=classes, names=self.wanted), candidates[visible][
+            chosen
+        ]
 
 
 class Appearance:
@@ -205,9 +207,9 @@ class Appearance:
         check_images([image])
         boxes, card = check_boxes(boxes), self.model.card
         features = [np.empty((0, card.feature_length), dtype=np.float32)]
-        for some in np.array_split(boxes, range(BATCH, len(boxes), BATCH)):
-            if len(some):
-                crops = crop_boxes(image, some, card.input_height, card.input_width)
+        for batch in np.array_split(boxes, range(BATCH, len(boxes), BATCH)):
+            if len(batch):
+                crops = crop_boxes(image, batch, card.input_height, card.input_width)
                 features += self.model.run(normalise(crops, card))
         return np.concatenate(features).astype(np.float64)
 
@@ -231,8 +233,8 @@ def open_detector(
     """
     entry, path = find_model(str(path), "detector"), shipped_or_file("detector", path)
     if entry is not None:
-        given = {} if options is None else {name: x for name, x in vars(options).items() if x is not None}
-        options = DetectorOptions(**{**entry.options, **given})
+        chosen = {} if options is None else {name: x for name, x in vars(options).items() if x is not None}
+        options = DetectorOptions(**{**entry.options, **chosen})
     try:
         detector = Detector(path, score_threshold, threads, device, classes)
     except MissingCardError:
@@ -254,11 +256,12 @@ def decode_boxes(offsets: NDArray[np.float32], anchors: NDArray[np.float32], var
 DetectorLike: TypeAlias = str | Path | Detect | Callable[[ImageArray], DetectionsLike]
 AppearanceLike: TypeAlias = str | Path | Describe | Callable[[Sequence[ImageArray]], ArrayLike]
 
+# A black crop, rows by columns, for asking an appearance how long its rows are.
 BLANK = np.zeros((128, 64, 3), dtype=np.uint8)
 
 
 def as_detector(
-    given: DetectorLike,
+    source: DetectorLike,
     score_threshold: float | None = None,
     threads: int = 0,
     options: DetectorOptions | None = None,
@@ -270,7 +273,7 @@ def as_detector(
     """What finds people in images.
 
     Args:
-        given: an exported network's file, a `Detector`, or a function; see the module.
+        source: an exported network's file, a `Detector`, or a function; see the module.
         score_threshold: of a file or a function; by default 0.3 of a file, and none of a function, whose scores may be
             of any scale. A `Detector` has its own.
         threads: CPU threads of a network that is read from a file; 0 takes all cores.
@@ -282,25 +285,25 @@ def as_detector(
     Raises:
         RequestError: it is none of them, the file is no detector, or lacks a class.
     """
-    if isinstance(given, str | Path):
+    if isinstance(source, str | Path):
         least = USUAL_THRESHOLD if score_threshold is None else score_threshold
-        return open_detector(given, least, threads, options, device, turned=turned, classes=classes)
-    if not (hasattr(given, "detect") or callable(given)):
+        return open_detector(source, least, threads, options, device, turned=turned, classes=classes)
+    if not (hasattr(source, "detect") or callable(source)):
         raise RequestError(
             f"expected the detector as a file, a Detector, or a function from an image to boxes, got "
-            f"{type(given).__name__}"
+            f"{type(source).__name__}"
         )
-    detector = given if hasattr(given, "detect") else FunctionDetector(given, score_threshold)
+    detector = source if hasattr(source, "detect") else FunctionDetector(source, score_threshold)
     return detector if classes is None else ChosenClasses(detector, classes, options.classes if options else None)
 
 
 def as_describer(
-    given: AppearanceLike, threads: int = 0, options: AppearanceOptions | None = None, device: Device = "auto"
+    source: AppearanceLike, threads: int = 0, options: AppearanceOptions | None = None, device: Device = "auto"
 ) -> Describe:
     """What describes people's appearance.
 
     Args:
-        given: the file of an `Appearance` or `ForeignAppearance`, or the bare word of a shipped or downloaded one, see
+        source: the file of an `Appearance` or `ForeignAppearance`, or the bare word of a shipped or downloaded one, see
             `shipped_or_file`; an `Appearance`; or a function, see the module.
         threads: CPU threads of a network that is read from a file; 0 takes all cores.
         options: what the file of another project does not tell.
@@ -310,8 +313,8 @@ def as_describer(
         RequestError: it is none of them, the file is no appearance network, or ``options`` for one of this toolkit,
             which needs none.
     """
-    if isinstance(given, str | Path):
-        path = shipped_or_file("appearance", given)
+    if isinstance(source, str | Path):
+        path = shipped_or_file("appearance", source)
         try:
             appearance = Appearance(path, threads, device)
         except MissingCardError:
@@ -319,13 +322,13 @@ def as_describer(
         if options not in (None, AppearanceOptions()):
             raise RequestError(f"{path} tells all by itself; leave the appearance options out")
         return appearance
-    if hasattr(given, "describe"):
-        return given
-    if callable(given):
-        return FunctionAppearance(given)
+    if hasattr(source, "describe"):
+        return source
+    if callable(source):
+        return FunctionAppearance(source)
     raise RequestError(
         f"expected the appearance as a file, an Appearance, or a function from crops to rows, got "
-        f"{type(given).__name__}"
+        f"{type(source).__name__}"
     )
 
 
@@ -426,8 +429,11 @@ class ChosenClasses:
         Raises:
             RequestError: of `ClassChoice.chosen`.
         """
-        named = (one if one.names else replace(one, names=self.names) for one in self.detector.detect(images))
-        return [self.choice.chosen(one, "the detector") for one in named]
+        named = (
+            detections if detections.names else replace(detections, names=self.names)
+            for detections in self.detector.detect(images)
+        )
+        return [self.choice.chosen(detections, "the detector") for detections in named]
 
 
 class ForeignAppearance:

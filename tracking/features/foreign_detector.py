@@ -35,9 +35,11 @@ from tsuiseki.tracking.preprocessing import check_images
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.class_choice import ClassChoice, only_people
 
-# Detections of a picture that are compared, the best ones, and intersection over union from which two are one person.
-MOST_CANDIDATES, SAME = 400, 0.5
-# A picture side for recognising networks that take any size.
+# Best detections of a picture that are compared with each other.
+MOST_CANDIDATES = 400
+# Intersection over union from which two detections are one person.
+SAME = 0.5
+# Side of the picture for recognising networks that take any size, pixels.
 _TRIAL_SIDE = 320
 _KINDS = {"tensor(int64)": "int64", "tensor(int32)": "int32", "tensor(float16)": "float16"}
 # What other inputs may be, and their values for a picture of some height and width: boxes are wanted in its pixels.
@@ -114,11 +116,11 @@ class ForeignDetector:
 
     def __str__(self) -> str:
         """How the file is read, in words."""
-        known = ", ".join(f"class {number}" + (f" {name!r}" if name else "") for number, name in self.wanted.items())
-        known = f"detects {known}" if self._classed_by_user else f"people are {known}"
+        classes = ", ".join(f"class {number}" + (f" {name!r}" if name else "") for number, name in self.wanted.items())
+        classes = f"detects {classes}" if self._classed_by_user else f"people are {classes}"
         scores = "" if self.scores is None else f", scores by {self.scores}"
         size = "any size" if self.input_size is None else f"{self.input_size[1]}x{self.input_size[0]}"
-        return f"layout {self.layout}, {known}{scores}; pictures {self.input}, {size}"
+        return f"layout {self.layout}, {classes}{scores}; pictures {self.input}, {size}"
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -159,8 +161,8 @@ class ForeignDetector:
         self._check_values(outputs)
         outputs = with_probabilities(LAYOUTS[self.layout], outputs, self.scores)
         read = [LAYOUTS[self.layout].read(outputs, fitted, number) for number in self.wanted]
-        boxes, scores = (np.concatenate([one[k] for one in read]) for k in (0, 1))
-        classes = np.repeat([*self.wanted], [len(one[1]) for one in read])
+        boxes, scores = (np.concatenate([boxes_and_scores[k] for boxes_and_scores in read]) for k in (0, 1))
+        classes = np.repeat([*self.wanted], [len(boxes_and_scores[1]) for boxes_and_scores in read])
         good = np.flatnonzero((scores >= self.score_threshold) & (scores > 0))
         good = good[np.argsort(-scores[good], kind="stable")][:MOST_CANDIDATES]
         boxes, scores, classes = boxes[good], scores[good].clip(0, 1), classes[good]
@@ -169,11 +171,11 @@ class ForeignDetector:
         if self.layout in TURNED:
             return self._turned(boxes / (*scale, *scale, 1), scores, classes, size)
         boxes = clip_boxes(boxes / np.tile(scale, 2), size[1], size[0])
-        whole = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)
-        boxes, scores, classes = boxes[whole], scores[whole], classes[whole]
+        visible = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)
+        boxes, scores, classes = boxes[visible], scores[visible], classes[visible]
         if self._doubled:
-            kept = suppress(boxes if self.across else set_apart(boxes, classes), scores, SAME)
-            boxes, scores, classes = boxes[kept], scores[kept], classes[kept]
+            chosen = suppress(boxes if self.across else set_apart(boxes, classes), scores, SAME)
+            boxes, scores, classes = boxes[chosen], scores[chosen], classes[chosen]
         return self._classed(Detections(boxes, scores), classes)
 
     @property
@@ -190,11 +192,11 @@ class ForeignDetector:
         lying = boxes[:, 2] > boxes[:, 3]
         boxes[lying] = boxes[lying][:, [0, 1, 3, 2, 4]] + [0, 0, 0, 0, np.pi / 2]
         boxes[:, 4] = half_turned(boxes[:, 4])
-        kept = np.flatnonzero((boxes[:, 2:4] >= 1).all(axis=1))
+        chosen = np.flatnonzero((boxes[:, 2:4] >= 1).all(axis=1))
         if self._doubled:
             compared = boxes if self.across else set_apart(boxes, classes)
-            kept = kept[suppress_rotated(compared[kept], scores[kept], SAME)]
-        boxes, scores, classes = boxes[kept], scores[kept], classes[kept]
+            chosen = chosen[suppress_rotated(compared[chosen], scores[chosen], SAME)]
+        boxes, scores, classes = boxes[chosen], scores[chosen], classes[chosen]
         if self.turned:
             return self._classed(turned_detections(RotatedBoxes(boxes, np.full(len(boxes), -1), scores)), classes)
         upright = clip_boxes(about_rotated(boxes), size[1], size[0])
@@ -205,38 +207,38 @@ class ForeignDetector:
         """Outputs of each picture without their batch axis; all in one call where the file takes any batch."""
         several = self._batched and isinstance(self._wanted.shape[0], str) and len(images) > 1
         if several and self._apart and len({image.shape for image in images}) == 1:
-            whole = self._call(np.stack(images))
-            if all(len(x) == len(images) for x in whole):
-                return [[x[n] for x in whole] for n in range(len(images))]
-        each = [self._call(image[None]) for image in images]
+            batch = self._call(np.stack(images))
+            if all(len(x) == len(images) for x in batch):
+                return [[x[n] for x in batch] for n in range(len(images))]
+        singles = [self._call(image[None]) for image in images]
         # Lists of boxes alone, such as torchvision's, have no axis of pictures.
-        self._apart = any(x.ndim >= 3 for x in each[0])
-        return [[x[0] for x in outputs] for outputs in each] if self._apart else each
+        self._apart = any(x.ndim >= 3 for x in singles[0])
+        return [[x[0] for x in outputs] for outputs in singles] if self._apart else singles
 
     def _call(self, images: NDArray[np.uint8]) -> list[NDArray[Any]]:
         values = self.input.normalise(images, self._wanted.dtype)
         inputs: dict[str, NDArray[Any]] = {self._wanted.name: values if self._batched else values[0]}
-        for other in self.session.get_inputs():
-            if other.name != self._wanted.name:
-                inputs[other.name] = self._side_input(other, len(images), images.shape[1:3])
+        for side_input in self.session.get_inputs():
+            if side_input.name != self._wanted.name:
+                inputs[side_input.name] = self._side_input(side_input, len(images), images.shape[1:3])
         return run_session(self.session, self.path, inputs, self._outputs)
 
-    def _side_input(self, other: Any, count: int, size: Size) -> NDArray[Any]:
+    def _side_input(self, side_input: Any, count: int, size: Size) -> NDArray[Any]:
         """The value of an input beside the picture.
 
         Raises:
             RequestError: it is not known what the network wants there.
         """
-        kind = np.dtype(_KINDS.get(other.type, "float32"))
-        if "mask" in other.name and len(other.shape) == 3:  # of padding; there is none
-            given = zip(other.shape[1:], size, strict=True)
-            return np.ones((count, *(side if isinstance(side, int) else own for side, own in given)), kind)
-        values = _SIDE_INPUTS.get(other.name if kind.kind == "f" else "orig_target_sizes")
-        if values is not None and len(other.shape) == 2:
+        kind = np.dtype(_KINDS.get(side_input.type, "float32"))
+        if "mask" in side_input.name and len(side_input.shape) == 3:  # of padding; there is none
+            sides = zip(side_input.shape[1:], size, strict=True)
+            return np.ones((count, *(side if isinstance(side, int) else actual for side, actual in sides)), kind)
+        values = _SIDE_INPUTS.get(side_input.name if kind.kind == "f" else "orig_target_sizes")
+        if values is not None and len(side_input.shape) == 2:
             return np.tile(np.array(values(size), kind), (count, 1))
         raise RequestError(
             f"{self.path}: expected a picture as input, and beside it at most {', '.join(_SIDE_INPUTS)}, got "
-            f"{other.name} {tuple(other.shape)}; export it without"
+            f"{side_input.name} {tuple(side_input.shape)}; export it without"
         )
 
     def _size_of_input(self, options: DetectorOptions) -> Size | None:
@@ -277,8 +279,8 @@ class ForeignDetector:
     def _choose_layout(self, trial: Mapping[str, NDArray[Any]], options: DetectorOptions) -> LayoutName:
         size = self.input_size or (_TRIAL_SIDE, _TRIAL_SIDE)
         inputs, turned = [x.name for x in self.session.get_inputs()], self.metadata.get("task") == "obb"
-        every = possible_layouts(trial, size, inputs, turned=turned, channels_first=not self._tensorflow)
-        fitting = of_so_many_classes(every, list(trial.values()), len(self.names) if self.names else None)
+        possible = possible_layouts(trial, size, inputs, turned=turned, channels_first=not self._tensorflow)
+        fitting = of_so_many_classes(possible, list(trial.values()), len(self.names) if self.names else None)
         if options.layout is not None:
             if options.layout == "tensorflow" and not self._tensorflow:
                 raise RequestError(
@@ -293,8 +295,8 @@ class ForeignDetector:
             return options.layout
         if len(fitting) == 1:
             return fitting[0]
-        if every and not fitting:
-            counts = " or ".join(f"{LAYOUTS[n].classes(list(trial.values()))} (layout {n})" for n in every)
+        if possible and not fitting:
+            counts = " or ".join(f"{LAYOUTS[n].classes(list(trial.values()))} (layout {n})" for n in possible)
             raise RequestError(
                 f"{self.path}: expected names of as many classes as its outputs {_shapes(trial)} have, {counts}, got "
                 f"{len(self.names or ())}; give them with `detector_options.classes`"
@@ -315,25 +317,25 @@ class ForeignDetector:
     def _choose_scores(self, trial: Sequence[NDArray[Any]], options: DetectorOptions) -> ScoreKind | None:
         layout = LAYOUTS[self.layout]
         values = np.empty((0, 0)) if layout.values is None else layout.values(trial)
-        found = possible_kinds(values, len(self.names) if self.names else None, paired=layout.paired)
+        kinds = possible_kinds(values, len(self.names) if self.names else None, paired=layout.paired)
         if not layout.paired:
-            if options.scores not in (None, *found):
+            if options.scores not in (None, *kinds):
                 raise RequestError(
-                    f"{self.path}: the scores of layout {self.layout} can be but one thing, {found[0]}; leave "
+                    f"{self.path}: the scores of layout {self.layout} can be but one thing, {kinds[0]}; leave "
                     "`detector_options.scores` out"
                 )
-            return None if found == ["probabilities"] else found[0]
+            return None if kinds == ["probabilities"] else kinds[0]
         if options.scores is not None:
-            if options.scores == "probabilities" and found != ["probabilities"]:
+            if options.scores == "probabilities" and kinds != ["probabilities"]:
                 raise RequestError(
                     f"{self.path}: expected probabilities, got class values from {values.min():.3g} to "
                     f"{values.max():.3g}; give `detector_options.scores` as sigmoid or softmax"
                 )
             return options.scores
-        if len(found) == 1:
-            return found[0]
+        if len(kinds) == 1:
+            return kinds[0]
         raise RequestError(
-            f"{self.path}: its class values could be logits of a {' or of a '.join(found)}; say which with "
+            f"{self.path}: its class values could be logits of a {' or of a '.join(kinds)}; say which with "
             "`detector_options.scores`"
         )
 
@@ -345,17 +347,17 @@ class ForeignDetector:
         if self.layout == "detr" and self.scores == "sigmoid" and "dets" not in trial:
             of_detr = paired(list(trial.values()))[1].shape[1] == max(COCO)
             usual = usual if of_detr else ImageInput("stretch")
-        own = self._wanted.dtype == np.uint8  # it normalises them itself
-        usual = replace(usual, pixels="bytes", mean=(0.0, 0.0, 0.0), std=(1.0, 1.0, 1.0)) if own else usual
+        normalises = self._wanted.dtype == np.uint8  # it normalises them itself
+        usual = replace(usual, pixels="bytes", mean=(0.0, 0.0, 0.0), std=(1.0, 1.0, 1.0)) if normalises else usual
         names = ("pixels", "mean", "std", "resize", "colour")
-        given = {name: value for name in names if (value := getattr(options, name)) is not None}
-        by_hand = [name for name in names[:3] if name in given]
+        chosen = {name: value for name in names if (value := getattr(options, name)) is not None}
+        by_hand = [name for name in names[:3] if name in chosen]
         if usual.raw_nhwc and by_hand:
             raise RequestError(
                 f"{self.path}: the network takes bytes and normalises them itself; leave "
                 f"`detector_options.{by_hand[0]}` out"
             )
-        return replace(usual, **({"resize": "as-is"} if self.input_size is None else {}) | given)
+        return replace(usual, **({"resize": "as-is"} if self.input_size is None else {}) | chosen)
 
     def _choose_classes(
         self, trial: Sequence[NDArray[Any]], options: DetectorOptions, choice: ClassChoice | None

@@ -41,7 +41,10 @@ ScoreKind = Literal["probabilities", "sigmoid", "softmax"]
 Resize = Literal["letterbox", "stretch", "as-is"]
 Colour = Literal["RGB", "BGR"]
 PixelRange = Literal["unit", "bytes"]
-IMAGENET_MEAN, IMAGENET_STD = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+# Mean of ImageNet's channels, RGB in [0, 1].
+IMAGENET_MEAN = (0.485, 0.456, 0.406)
+# Their standard deviation.
+IMAGENET_STD = (0.229, 0.224, 0.225)
 
 
 @dataclass(frozen=True)
@@ -155,10 +158,12 @@ class ImageInput:
             return np.ascontiguousarray(images)
         if dtype == np.uint8:
             return np.ascontiguousarray(images.transpose(0, 3, 1, 2))
-        most = 255.0 if self.pixels == "unit" else 1.0
-        return standardised(np.ascontiguousarray(images), most, self.mean, self.std).astype(dtype, copy=False)
+        largest = 255.0 if self.pixels == "unit" else 1.0
+        return standardised(np.ascontiguousarray(images), largest, self.mean, self.std).astype(dtype, copy=False)
 
 
 IMAGENET = ImageInput("stretch", mean=IMAGENET_MEAN, std=IMAGENET_STD)
-# The same numbers as Caffe's descendants have them: of bytes, blue first.
-BYTES_MEAN, BYTES_STD = (103.53, 116.28, 123.675), (57.375, 57.12, 58.395)
+# The mean as Caffe's descendants have it: of bytes, blue first.
+BYTES_MEAN = (103.53, 116.28, 123.675)
+# The standard deviation likewise.
+BYTES_STD = (57.375, 57.12, 58.395)

@@ -19,12 +19,17 @@ import numpy as np
 
 from tsuiseki.tracking.types import Detections, FloatArray
 
-# Horizons, in heights of the frame from its upper border down, and slopes.
+# Horizons that are voted for, in heights of the frame from its upper border down.
 _HORIZONS = np.arange(-1.0, 0.96, 0.01)
-_LEAST_SLOPE, _LARGEST_SLOPE = 0.05, 3.5
+# Least slope, height of a person over that of the camera.
+_LEAST_SLOPE = 0.05
+# Largest slope.
+_LARGEST_SLOPE = 3.5
 # Step in the logarithm of a height; a tenth of what people differ by would cost more and tell no more.
 _STEP = 0.05
+# Logarithms of the slopes that are voted for.
 _SLOPES = np.arange(log(_LEAST_SLOPE), log(_LARGEST_SLOPE), _STEP)
+# Logarithms of the heights that are voted for where all rows have one, heights of the frame.
 _HEIGHTS = np.arange(log(0.01), _STEP, _STEP)
 # Boxes of no person are from a tenth of the largest height upwards, all alike.
 _RANGE = log(10.0)
@@ -36,8 +41,10 @@ _SLACK = 0.02
 _LEAST_HEIGHT = 1e-9
 # Scores are kept this far from 0 and 1, where they have no logit.
 _LEAST_SCORE = 1e-9
-# Seconds after which a vote counts 1/e, and sum of the scores that are remembered from which the line is used.
-MEMORY, ENOUGH = 5.0, 5.0
+# Seconds after which a vote counts 1/e.
+MEMORY = 5.0
+# Sum of the scores that are remembered from which the line is used.
+ENOUGH = 5.0
 # Standard deviation of the logarithm of people's heights, with that of their boxes.
 SPREAD = 0.5
 # Score from which a box votes, by its score.
@@ -46,9 +53,11 @@ _CERTAIN = 0.3
 _TOLERANCE = 0.2
 # What a vote counts in its own bin, the middle, 1, and in those up to six deviations beside it.
 _KERNEL = np.exp(-0.5 * (_STEP * np.arange(-25, 26) / _TOLERANCE) ** 2)
-# Share of the votes that the line must explain, and by how much this must exceed the share that people of one height in
-# all rows would explain, as under a ceiling or where all stand in one row.
-_EXPLAINED, _GAIN = 0.5, 0.05
+# Share of the votes that the line must explain.
+_EXPLAINED = 0.5
+# By how much this must exceed the share that people of one height in all rows would explain, as under a ceiling or
+# where all stand in one row.
+_GAIN = 0.05
 
 
 @dataclass(frozen=True)
@@ -73,8 +82,8 @@ class HeightLine:
         It is 0 for heights that a horizon `_SLACK` higher or lower would give, and infinite above such horizons.
         """
         heights, below = (boxes[:, 3] - boxes[:, 1]) / height, boxes[:, 3] / height - self.horizon
-        least, most = (self.slope * np.maximum(below + slack, _LEAST_HEIGHT) for slack in (-_SLACK, _SLACK))
-        ratios: FloatArray = np.log(heights / np.clip(heights, least, most))
+        low, high = (self.slope * np.maximum(below + slack, _LEAST_HEIGHT) for slack in (-_SLACK, _SLACK))
+        ratios: FloatArray = np.log(heights / np.clip(heights, low, high))
         ratios[below + _SLACK <= 0] = np.inf
         return ratios
 
@@ -156,9 +165,9 @@ class GroundPlane:
         inner = np.clip(old, _LEAST_SCORE, 1 - _LEAST_SCORE)
         moved = 1 / (1 + np.exp(np.log(1 / inner - 1) - shifts))
         scores = np.where(shifts == 0, old, np.minimum(moved, old))
-        kept = (scores >= self.score_threshold) | (old < self.score_threshold)
-        self.dropped += int((~kept).sum())
-        return replace(detections, scores=scores).select(kept)
+        chosen = (scores >= self.score_threshold) | (old < self.score_threshold)
+        self.dropped += int((~chosen).sum())
+        return replace(detections, scores=scores).select(chosen)
 
     def _learn(self, boxes: FloatArray, weights: FloatArray) -> None:
         """Let all votes fade, add this frame's, and find the line that most of them support.

@@ -20,11 +20,17 @@ from tsuiseki.tracking.types import ImageArray
 
 Float32Array = NDArray[np.float32]
 
+# 18 signed and 9 unsigned directions, and the energies of four blocks.
 CHANNELS = 31
+# Directions over the whole circle.
 _SIGNED = 18
-_LEVELS = 511  # differences of two 8-bit values: -255 ... 255
+# Differences of two 8-bit values: -255 ... 255.
+_LEVELS = 511
+# Normalised histograms are cut off here, as in the paper.
 _TRUNCATION = 0.2
+# Weight of the energies of the blocks.
 _TEXTURE_SCALE = 1 / np.sqrt(_SIGNED)
+# Added to a block's energy, so that a constant patch divides by no zero.
 _SMALLEST_ENERGY = 1e-4
 
 
@@ -59,6 +65,7 @@ def _voting_plan(height: int, width: int, cell: int) -> tuple[NDArray[np.intp], 
     return index.reshape(4, -1), share.reshape(4, -1).astype(np.float32)
 
 
+# Gives the place of a gradient in the tables, dy * 511 + dx, but for a constant.
 _GRADIENT_KERNEL = np.array([[0, -_LEVELS, 0], [-1, 0, 1], [0, _LEVELS, 0]], dtype=np.float32)
 
 

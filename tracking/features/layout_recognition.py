@@ -59,6 +59,7 @@ _COUNTED_BY_NAME: Sequence[Callable[[str, NDArray[Any]], bool]] = (
     lambda name, _: "score" in name.lower(),
     lambda name, _: "num" in name.lower(),
 )
+# The same where names do not tell: boxes, classes, scores, and how many there are.
 _COUNTED_BY_SHAPE: Sequence[Callable[[str, NDArray[Any]], bool]] = (
     lambda _, x: x.ndim == 2 and x.shape[1] == 4,
     lambda _, x: x.size > 1 and x.ndim == 1 and np.issubdtype(x.dtype, np.integer),
@@ -87,8 +88,8 @@ def coco_names(count: int | None) -> Mapping[int, str]:
     if count not in COCO:
         return {}
     names = [name.strip() for name in _NAMES.split(",")]
-    own = [number for number in range(1, 91) if number not in _GAPS]
-    return dict(zip(range(80) if count == 80 else own, names, strict=True))
+    numbers = [number for number in range(1, 91) if number not in _GAPS]
+    return dict(zip(range(80) if count == 80 else numbers, names, strict=True))
 
 
 def useful_outputs(outputs: Mapping[str, NDArray[Any]]) -> list[str]:
@@ -104,7 +105,7 @@ def useful_outputs(outputs: Mapping[str, NDArray[Any]]) -> list[str]:
         return list(pair)
     for fits in _COUNTED_BY_NAME, _COUNTED_BY_SHAPE:
         counted = [[name for name in names if test(name, outputs[name])] for test in fits]
-        if len(names) == len(fits) and [len(each) for each in counted] == [1] * len(fits):
+        if len(names) == len(fits) and [len(matches) for matches in counted] == [1] * len(fits):
             return [name for (name,) in counted]
     heads = [x.ndim == 4 and x.shape[-1] == first.shape[-1] for x in list(outputs.values())[1:]]
     return names[:1] if first.ndim == 2 and heads and all(heads) else names
@@ -132,20 +133,20 @@ def possible_layouts(
         return []
     if tuple(map(plain_name, outputs)) == TENSORFLOW and not channels_first:
         return ["tensorflow"]
-    found: list[LayoutName] = []
+    layouts: list[LayoutName] = []
     if len(arrays) == 1:
-        found = _single(next(iter(outputs)), arrays[0], size)
+        layouts = _single(next(iter(outputs)), arrays[0], size)
     elif len(arrays) == 2:
-        found = _pair(outputs, size)
+        layouts = _pair(outputs, size)
     elif len(arrays) == 3 and _is_torchvision(arrays):
-        found = ["torchvision"]
+        layouts = ["torchvision"]
     elif len(arrays) == 4 and _is_counted(arrays):
-        found = ["tensorrt"]
+        layouts = ["tensorrt"]
     elif len(arrays) in (6, 8) and all(x.ndim == 2 for x in arrays):
-        found = [name for name, bins in _NANODET.items() if _is_nanodet_apart(arrays, bins, size)]
+        layouts = [name for name, bins in _NANODET.items() if _is_nanodet_apart(arrays, bins, size)]
     if "scale_factor" in inputs:
-        found = [name for name in found if name in ("paddle", "yolo-nas")]  # the second without suppression
-    return [name for name in found if (name in TURNED) == turned]
+        layouts = [name for name in layouts if name in ("paddle", "yolo-nas")]  # the second without suppression
+    return [name for name in layouts if (name in TURNED) == turned]
 
 
 def plain_name(output: str) -> str:
@@ -158,37 +159,37 @@ def plain_name(output: str) -> str:
 
 
 def _single(name: str, rows: NDArray[Any], size: Size) -> list[LayoutName]:
-    found: list[LayoutName] = ["fastestdet"] if _is_fastestdet(rows, size) else []
+    layouts: list[LayoutName] = ["fastestdet"] if _is_fastestdet(rows, size) else []
     if rows.ndim != 2:
-        return found
+        return layouts
     count, columns = rows.shape
     cells = (cell_count(size), cell_count(size, MORE_STRIDES))
     if columns in cells and count >= 5 and count not in cells:
-        found += ["yolov8", "obb"] if count >= 6 else ["yolov8"]
+        layouts += ["yolov8", "obb"] if count >= 6 else ["yolov8"]
     if count in [3 * n for n in cells] and columns >= 6:
-        found.append("yolov5")
+        layouts.append("yolov5")
     if count in cells and columns >= 5:
-        found += _box_a_cell(rows, size)
+        layouts += _box_a_cell(rows, size)
     if columns == 6 and count <= _MOST_ROWS:
-        found += ["yolo-suppressed"] if _can_be_suppressed(rows, size, (0, 4, 5)) else []
-        found += ["paddle"] if _can_be_suppressed(rows, size, (2, 1, 0)) and rows.any() else []
+        layouts += ["yolo-suppressed"] if _can_be_suppressed(rows, size, (0, 4, 5)) else []
+        layouts += ["paddle"] if _can_be_suppressed(rows, size, (2, 1, 0)) and rows.any() else []
     if columns == 7 and count <= _MOST_ROWS:
-        found += _seven(name, rows, size)
+        layouts += _seven(name, rows, size)
     if columns >= 5 and _FEWEST_QUERIES <= count <= _MOST_ROWS and _can_be_shares(rows):
-        found.append("rtdetr-joined")
-    return found
+        layouts.append("rtdetr-joined")
+    return layouts
 
 
 def _seven(name: str, rows: NDArray[Any], size: Size) -> list[LayoutName]:
     """Class and score of YOLOv7 stand the other way round in YOLO-NAS; without a row only the name tells."""
-    found: list[LayoutName] = ["obb-suppressed"]
+    layouts: list[LayoutName] = ["obb-suppressed"]
     if rows[:, 0].any():
-        return found
+        return layouts
     flat = "flat" in name
     if not rows.any():
-        return [*found, "yolo-nas-rows" if flat else "yolov7"]
-    found += ["yolov7"] if _can_be_suppressed(rows, size, (1, 6, 5)) and not flat else []
-    return [*found, "yolo-nas-rows"] if _can_be_suppressed(rows, size, (1, 5, 6)) else found
+        return [*layouts, "yolo-nas-rows" if flat else "yolov7"]
+    layouts += ["yolov7"] if _can_be_suppressed(rows, size, (1, 6, 5)) and not flat else []
+    return [*layouts, "yolo-nas-rows"] if _can_be_suppressed(rows, size, (1, 5, 6)) else layouts
 
 
 def _is_fastestdet(output: NDArray[Any], size: Size) -> bool:
@@ -212,18 +213,19 @@ def _box_a_cell(rows: NDArray[Any], size: Size) -> list[LayoutName]:
     """
     cells, strides = grid(size, len(rows))
     centres = rows[:, :2].astype(np.float64)
-    found, sure = _nanodet(rows)
+    layouts, sure = _nanodet(rows)
     if rows.shape[1] >= 6 and not sure and (np.abs(centres) < _REACH).mean() > _NEARLY_ALL:
-        found.append("yolox")
+        layouts.append("yolox")
     if (np.abs(centres / strides - cells) < _REACH).mean() > _NEARLY_ALL and (rows[:, 2:4] >= 0).all():
         if rows.shape[1] >= 6 and (rows[:, 4] == 1).all():
-            return [*found, "yolov6"]
+            return [*layouts, "yolov6"]
         if rows.shape[1] >= 6:
-            found.append("yolox-decoded")
-        found.append("yolov8-rows")
-    return found
+            layouts.append("yolox-decoded")
+        layouts.append("yolov8-rows")
+    return layouts
 
 
+# Steps of the distance to a side, by layout.
 _NANODET: Mapping[LayoutName, int] = {"nanodet": NANODET_BINS, "nanodet-g": NANODET_G_BINS}
 
 
@@ -238,14 +240,14 @@ def _is_nanodet_apart(outputs: Outputs, bins: int, size: Size) -> bool:
 
 def _nanodet(rows: NDArray[Any]) -> tuple[list[LayoutName], bool]:
     """NanoDet's rows: all classes are probabilities and what follows is not; for sure where no column of it is."""
-    found: dict[LayoutName, bool] = {}
+    layouts: dict[LayoutName, bool] = {}
     for name, bins in _NANODET.items():
         scores, logits = np.split(rows, [max(rows.shape[1] - 4 * bins, 0)], axis=1)
         beyond = (logits < 0).any(axis=0) | (logits > 1).any(axis=0)
         if scores.shape[1] and _shares_of_one(scores) and beyond.any():
-            found[name] = bool(beyond.all())
-    sure = [name for name, all_beyond in found.items() if all_beyond]
-    return sure or list(found), bool(sure)
+            layouts[name] = bool(beyond.all())
+    sure = [name for name, all_beyond in layouts.items() if all_beyond]
+    return sure or list(layouts), bool(sure)
 
 
 def _can_be_suppressed(rows: NDArray[Any], size: Size, columns: tuple[int, int, int]) -> bool:
@@ -256,9 +258,9 @@ def _can_be_suppressed(rows: NDArray[Any], size: Size, columns: tuple[int, int, 
         return bool((rows == 0).all())
     boxes = real[:, box : box + 4]
     ordered = (boxes[:, 2:] >= boxes[:, :2]).all(axis=1)
-    whole = (real[:, label] == np.round(real[:, label])) & (real[:, label] >= 0)
+    integral = (real[:, label] == np.round(real[:, label])) & (real[:, label] >= 0)
     inside = (np.abs(boxes) <= 4 * max(size)).all(axis=1)
-    return bool((ordered & whole & inside & (real[:, score] <= 1)).all())
+    return bool((ordered & integral & inside & (real[:, score] <= 1)).all())
 
 
 def _can_be_shares(rows: NDArray[Any]) -> bool:
@@ -270,11 +272,11 @@ def _can_be_shares(rows: NDArray[Any]) -> bool:
 
 def _pair(outputs: Mapping[str, NDArray[Any]], size: Size) -> list[LayoutName]:
     arrays = list(outputs.values())
-    rows, other = arrays
-    whole = np.issubdtype(other.dtype, np.integer)
-    if whole and rows.ndim == 2 and other.shape == (len(rows),) and rows.shape[1] == 5:
+    rows, second = arrays
+    integral = np.issubdtype(second.dtype, np.integer)
+    if integral and rows.ndim == 2 and second.shape == (len(rows),) and rows.shape[1] == 5:
         return ["mmdeploy"]
-    if whole and rows.ndim == 2 and other.size == 1 and rows.shape[1] == 6:
+    if integral and rows.ndim == 2 and second.size == 1 and rows.shape[1] == 6:
         return ["paddle"]
     if any(x.ndim != 2 or not np.issubdtype(x.dtype, np.floating) for x in arrays):
         return []
@@ -287,9 +289,9 @@ def _pair(outputs: Mapping[str, NDArray[Any]], size: Size) -> list[LayoutName]:
         return ["yolo-nas"] if cells and in_order and _shares_of_one(values) else []
     if set(outputs) in _DETR_NAMES or any("logits" in name.lower() for name in outputs):
         return ["detr"]
-    found: list[LayoutName] = ["detr"] if (boxes[:, 2:] >= 0).all() else []
+    layouts: list[LayoutName] = ["detr"] if (boxes[:, 2:] >= 0).all() else []
     # Corners are in order in every row; of centres and sides some row is not, once there are many.
-    return [*found, "corners"] if in_order else found
+    return [*layouts, "corners"] if in_order else layouts
 
 
 def _is_counted(arrays: Outputs) -> bool:
@@ -305,20 +307,20 @@ def _is_torchvision(arrays: Outputs) -> bool:
     return len(boxes) == len(labels) == len(scores) == 1 and len(boxes[0]) == len(labels[0]) == len(scores[0])
 
 
-def of_so_many_classes(found: list[LayoutName], arrays: Outputs, classes: int | None) -> list[LayoutName]:
+def of_so_many_classes(layouts: list[LayoutName], arrays: Outputs, classes: int | None) -> list[LayoutName]:
     """The layouts that have so many classes; where nothing says how many, COCO's are likelier than one more or less.
 
     Args:
-        found: layouts that fit.
+        layouts: that fit.
         arrays: the outputs.
         classes: number of classes of objects, where the file or the user tells it.
     """
-    counts = {name: LAYOUTS[name].classes(arrays) for name in found}
+    counts = {name: LAYOUTS[name].classes(arrays) for name in layouts}
     if classes is None:
-        likely = [name for name in found if counts[name] in COCO]
-        return likely if len(found) > 1 and len(likely) == 1 and counts.keys() <= _KNOWN_BY_COUNT else found
+        likely = [name for name in layouts if counts[name] in COCO]
+        return likely if len(layouts) > 1 and len(likely) == 1 and counts.keys() <= _KNOWN_BY_COUNT else layouts
     # One class more is that of "no object".
-    return [n for n in found if counts[n] in (None, classes) or (LAYOUTS[n].paired and counts[n] == classes + 1)]
+    return [n for n in layouts if counts[n] in (None, classes) or (LAYOUTS[n].paired and counts[n] == classes + 1)]
 
 
 def possible_kinds(values: NDArray[Any], names: int | None = None, *, paired: bool = True) -> list[ScoreKind]:

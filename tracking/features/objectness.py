@@ -23,7 +23,9 @@ from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
 
+# Side of a resized window, cells.
 SIDE = 8
+# The four highest bits of a gradient, which are kept.
 KEPT_BITS = 0xF0
 FORMAT = "tsuiseki-objectness-1"
 # Greatest number of boxes of one size.
@@ -95,16 +97,17 @@ def shipped_objectness() -> ObjectnessModel:
 
 def binarise(weights: FloatArray, terms: int = 3) -> FloatArray:
     """The best sum of ``terms`` multiples of sign patterns, found one by one; BING algorithm 1."""
-    rest = np.asarray(weights, dtype=np.float64).copy()
-    total = np.zeros_like(rest)
+    remainder = np.asarray(weights, dtype=np.float64).copy()
+    total = np.zeros_like(remainder)
     for _ in range(terms):
-        pattern = np.where(rest >= 0, 1.0, -1.0)
-        part = float((rest * pattern).mean()) * pattern
+        pattern = np.where(remainder >= 0, 1.0, -1.0)
+        part = float((remainder * pattern).mean()) * pattern
         total += part
-        rest -= part
+        remainder -= part
     return total
 
 
+# Central difference along x.
 _CENTRAL = np.array([[-1, 0, 1]], dtype=np.float32)
 
 
@@ -152,10 +155,10 @@ def _reduced(part: ImageArray, least: float) -> tuple[ImageArray, FloatArray]:
 
     Every size is then resized from fewer pixels.
     """
-    whole = int(least // (2 * SIDE))
-    if whole < 2 or min(part.shape[:2]) < 2 * whole:
+    factor = int(least // (2 * SIDE))
+    if factor < 2 or min(part.shape[:2]) < 2 * factor:
         return part, np.ones(2)
-    columns, rows = part.shape[1] // whole, part.shape[0] // whole
+    columns, rows = part.shape[1] // factor, part.shape[0] // factor
     small: ImageArray = np.asarray(cv2.resize(part, (columns, rows), interpolation=cv2.INTER_AREA), dtype=np.uint8)
     return small, np.array([part.shape[1] / columns, part.shape[0] / rows])
 
@@ -169,12 +172,12 @@ def _score_size(part: ImageArray, weights: FloatArray, width: float, height: flo
     scores = cv2.matchTemplate(normed_gradients(small).astype(np.float32), weights.astype(np.float32), cv2.TM_CCORR)
     # A window gives way to a better one whose corner is within two of its 8 x 8 cells, as in the paper.
     greatest = cv2.dilate(scores, np.ones((5, 5), dtype=np.uint8))
-    kept = np.flatnonzero(scores >= greatest)
-    kept = kept[np.argsort(-scores.ravel()[kept], kind="stable")[:PER_SIZE]]
-    row, column = np.divmod(kept, scores.shape[1])
+    peaks = np.flatnonzero(scores >= greatest)
+    peaks = peaks[np.argsort(-scores.ravel()[peaks], kind="stable")[:PER_SIZE]]
+    row, column = np.divmod(peaks, scores.shape[1])
     step_x, step_y = part.shape[1] / columns, part.shape[0] / rows
     x, y = column * step_x, row * step_y
-    return np.column_stack([x, y, x + SIDE * step_x, y + SIDE * step_y]), scores.ravel()[kept].astype(np.float64)
+    return np.column_stack([x, y, x + SIDE * step_x, y + SIDE * step_y]), scores.ravel()[peaks].astype(np.float64)
 
 
 def recall(

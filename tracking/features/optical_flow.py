@@ -35,16 +35,27 @@ Grey = NDArray[np.uint8]
 
 # Standard deviation of the blur that takes the sensor's finest noise away, pixels.
 SMOOTHING = 0.5
-# Weight of the brightness differences (in grey levels of 255) against the total variation, lambda; coupling of u and v,
-# theta, the smaller the tighter; and step size of the dual variable, tau, at most 0.25.
-ATTACHMENT, TIGHTNESS, STEP = 0.18, 0.2, 0.25
-# Size of a level of the pyramid over the one before, most levels, and the smallest side of a level and of what DIS and
-# Farneback take, pixels.
-SCALE, LEVELS, SMALLEST_SIDE = 0.5, 6, 16
-# Warps of the second image at each level, most iterations after each, and the mean squared change of the flow in an
-# iteration, square pixels, under which a warp is done, looked at every so many iterations.
-WARPS, ITERATIONS, TOLERANCE, CHECK_EVERY = 10, 40, 1e-4, 5
-# Side of the median filter after each warp.
+# Weight of the brightness differences (in grey levels of 255) against the total variation, lambda.
+ATTACHMENT = 0.18
+# Coupling of u and v, theta, the smaller the tighter.
+TIGHTNESS = 0.2
+# Step size of the dual variable, tau, at most 0.25.
+STEP = 0.25
+# Size of a level of the pyramid over the one before.
+SCALE = 0.5
+# Most levels of the pyramid.
+LEVELS = 6
+# Smallest side of a level and of what DIS and Farneback take, pixels.
+SMALLEST_SIDE = 16
+# Warps of the second image at each level.
+WARPS = 10
+# Most iterations after each warp.
+ITERATIONS = 40
+# Mean squared change of the flow in an iteration under which a warp is done, square pixels.
+TOLERANCE = 1e-4
+# Iterations from one look at that change to the next.
+CHECK_EVERY = 5
+# Side of the median filter after each warp, pixels.
 MEDIAN = 5
 
 
@@ -67,9 +78,9 @@ def tv_l1(first: Grey, second: Grey, start: Float32 | None = None, warps: int = 
     flow = np.zeros((2, height, width), dtype=np.float32)
     if start is not None:
         flow[:] = start.transpose(2, 0, 1)
-    for one, other in reversed(pyramid):
-        flow = _resized(flow, one.shape[::-1])
-        _Level(np.asarray(one, dtype=np.float32), np.asarray(other, dtype=np.float32)).solve(flow, warps)
+    for level in reversed(pyramid):
+        flow = _resized(flow, level[0].shape[::-1])
+        _Level(*(np.asarray(image, dtype=np.float32) for image in level)).solve(flow, warps)
     return np.ascontiguousarray(flow.transpose(1, 2, 0))
 
 
@@ -97,7 +108,7 @@ class _Level:
         self.dual_x, self.dual_y = np.zeros(shape, dtype=np.float32), np.zeros(shape, dtype=np.float32)
         self.gradient_x, self.gradient_y = np.zeros(shape, dtype=np.float32), np.zeros(shape, dtype=np.float32)
         self.divergence = np.empty(shape, dtype=np.float32)
-        self.before = np.empty(shape, dtype=np.float32)
+        self.previous = np.empty(shape, dtype=np.float32)
         self.product = np.empty(shape, dtype=np.float32)
         self.residual = np.empty((height, width), dtype=np.float32)
 
@@ -108,11 +119,11 @@ class _Level:
             for iteration in range(ITERATIONS):
                 check = iteration % CHECK_EVERY == CHECK_EVERY - 1
                 if check:
-                    np.copyto(self.before, flow)
+                    np.copyto(self.previous, flow)
                 self._threshold(flow, constant, inverse)
                 self._smooth(flow)
                 if check:
-                    change = cv2.norm(_flat(flow), _flat(self.before), cv2.NORM_L2SQR) / self.residual.size
+                    change = cv2.norm(_flat(flow), _flat(self.previous), cv2.NORM_L2SQR) / self.residual.size
                     if change < TOLERANCE:
                         break
             for part in flow:
@@ -226,11 +237,11 @@ def optical_flow(first: ImageArray, second: ImageArray, method: FlowMethod = dis
     height, width = first.shape[:2]
     # Of images that are too small the borders are repeated.
     down, right = max(SMALLEST_SIDE - height, 0), max(SMALLEST_SIDE - width, 0)
-    one, other = (
+    grey_first, grey_second = (
         cv2.copyMakeBorder(
             image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY),
             0, down, 0, right, cv2.BORDER_REPLICATE,
         )
         for image in (first, second)
     )  # fmt: skip
-    return method(np.asarray(one, dtype=np.uint8), np.asarray(other, dtype=np.uint8))[:height, :width]
+    return method(np.asarray(grey_first, dtype=np.uint8), np.asarray(grey_second, dtype=np.uint8))[:height, :width]

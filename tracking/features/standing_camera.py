@@ -21,20 +21,29 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.features.camera_path import FrameRuns
-from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
+from tsuiseki.tracking.types import FloatArray, ImageArray
 
-# Pixels across of the copies.
+# Width of the copies, pixels.
 _WIDTH = 160
 # Pixels of a copy by which a corner of a camera that stands still seems to move at most.
 _STILL = 0.25
-# Grey levels a pixel from which a place is compared, how many such places are enough, and how many are compared.
-_GRADIENT, _PLACES, _MOST_PLACES = 4.0, 100, 4000
+# Gradient from which a place is compared, grey levels a pixel.
+_GRADIENT = 4.0
+# How many such places are enough.
+_PLACES = 100
+# How many of them are compared, about.
+_MOST_PLACES = 4000
 # Half of the places differ by less than this part of their gradient, which a shift of as many pixels would bring.
 _DIFFERENCE = 0.35
-# Parts of the picture, down and across, so many of which have such places, so many each: a caption has some alone.
-_PARTS, _LEAST_PARTS, _PLACES_OF_PART = (3, 4), 4, 10
+# Parts of the picture, down and across.
+_PARTS = (3, 4)
+# Parts that must have enough places: a caption has some alone.
+_LEAST_PARTS = 4
+# Places of a part that are enough.
+_PLACES_OF_PART = 10
 # Grey levels: noise of a copy below which no difference counts.
 _NOISE = 1.5
+# Rounds of the reweighted least squares.
 _ROUNDS = 4
 
 
@@ -49,14 +58,12 @@ class StandingCamera:
         patience: frames after which another frame is what the next ones are compared with.
         settled: see above; more than a frame, and no more than the patience.
         moved: frames, the first among them, for which nothing says that the camera stood still.
-        known: ``(F,)`` by frame, the results of earlier comparisons, so that pictures need none; None compares them.
         compared: frame that the next one is compared with.
     """
 
     patience: int = 10
     settled: int = 5
     moved: FrameRuns = field(default_factory=FrameRuns)
-    known: BoolArray | None = None
     compared: int = 0
     _count: int = 0
     _moving: bool = False
@@ -68,10 +75,6 @@ class StandingCamera:
 
     def add(self, image: ImageArray) -> bool:
         """Take the next frame ``(H, W, 3)`` uint8; whether it shows what the frame ``compared`` does."""
-        if self.known is not None:
-            same = bool(self.known[self._count])
-            self.take(same)
-            return same
         height = max(round(image.shape[0] * _WIDTH / image.shape[1]), 2)
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         copy = cv2.resize(grey, (_WIDTH, height), interpolation=cv2.INTER_AREA).astype(np.float64)
@@ -107,8 +110,8 @@ class _Compared:
         length = np.hypot(across, down)
         y, x = np.nonzero(length > _GRADIENT)
         self.enough = len(y) >= _PLACES
-        every = max(-(-len(y) // _MOST_PLACES), 1)
-        self.y, self.x = y, x = y[::every], x[::every]
+        step = max(-(-len(y) // _MOST_PLACES), 1)
+        self.y, self.x = y, x = y[::step], x[::step]
         g_y, g_x, length = np.stack([down, across, length])[:, y, x]
         high, wide = picture.shape
         v, u = y - (high - 1) / 2, x - (wide - 1) / 2
@@ -121,21 +124,21 @@ class _Compared:
         """Whether a picture of the same size shows most of what this one shows at the same place."""
         if not self.enough:
             return False
-        wanted, design = picture[self.y, self.x], self.design
-        weight, middle = np.ones(len(wanted)), [(len(wanted) - 1) // 2, len(wanted) // 2]
+        values, design = picture[self.y, self.x], self.design
+        weight, middle = np.ones(len(values)), [(len(values) - 1) // 2, len(values) // 2]
         for _ in range(_ROUNDS):
             weighted = design * weight
-            solved = _solved(weighted @ design.T, weighted @ wanted)
-            off = wanted - solved @ design
+            solved = _solved(weighted @ design.T, weighted @ values)
+            off = values - solved @ design
             scale = max(1.5 * float(np.partition(np.abs(off), middle)[middle].mean()), _NOISE)
             weight = 1 / (1 + np.square(off / scale))
-        differs = np.abs(wanted - solved[:2] @ design[:2])
+        differs = np.abs(values - solved[:2] @ design[:2])
         agreeing = np.bincount(self.part, differs < self.least, len(self.places))
         enough = self.places >= _PLACES_OF_PART
-        most = (
+        mostly_alike = (
             2 * np.count_nonzero(2 * agreeing[enough] > self.places[enough]) > np.count_nonzero(enough) >= _LEAST_PARTS
         )
-        return bool(most and _at_corners(solved[2:], *self.shape) < _STILL)
+        return bool(mostly_alike and _at_corners(solved[2:], *self.shape) < _STILL)
 
 
 def _solved(matrix: FloatArray, values: FloatArray) -> FloatArray:

@@ -39,9 +39,12 @@ EVERY_TILE = (0, None)
 _NEAR_SEAM = 0.01
 # A cut-off box goes where another box covers this much of it.
 _COVERED = 0.6
-# A tile may be left out where others find its people with boxes that overlap so much, with this share of the score, in
-# the whole frame and in tiles, but for a share of the sum of all scores.
-_ALIKE, _SCORED, _LOST = 0.7, (0.8, 0.5), 0.05
+# A tile may be left out where others find its people with boxes of at least this intersection over union,
+_ALIKE = 0.7
+# with this share of the score, in the whole frame and in tiles,
+_SCORED = (0.8, 0.5)
+# but for this share of the sum of all scores.
+_LOST = 0.05
 
 
 @dataclass(frozen=True)
@@ -70,9 +73,9 @@ def view_of(size: tuple[int, int], columns: int, shape: float, rows: int | None 
         rows: tiles down, where the tiles may have another shape; by default as many as cover the frame.
     """
     height, width = size
-    whole = np.array([[0, 0, width, height]], dtype=np.int64)
+    frame = np.array([[0, 0, width, height]], dtype=np.int64)
     if columns == 1 and rows in (None, 1):
-        return TileView(1, whole)
+        return TileView(1, frame)
     wide = width / (1 + (columns - 1) * (1 - OVERLAP))
     high = min(wide / shape, height) if rows is None else height / (1 + (rows - 1) * (1 - OVERLAP))
     if rows is None:
@@ -81,7 +84,7 @@ def view_of(size: tuple[int, int], columns: int, shape: float, rows: int | None 
     top = np.linspace(0, height - high, rows)
     y, x = (grid.ravel() for grid in np.meshgrid(top, left, indexing="ij"))
     tiles = np.stack([x, y, x + wide, y + high], axis=1).round().astype(np.int64)
-    return TileView(columns, np.concatenate([whole, tiles]))
+    return TileView(columns, np.concatenate([frame, tiles]))
 
 
 def parse_view(text: str) -> tuple[int, int | None] | None:
@@ -110,7 +113,7 @@ class TiledDetector:
         detector: finds people in pictures.
         view: for frames of one size.
         workers: calls of ``detector`` at a time; the result is the same with any number.
-        known: the detections in the first of the images, where that was inferred before.
+        first: the detections in the first of the images, where that was inferred before.
 
     Attributes:
         sizes: ``(T, 2)`` height and width at which ``detector`` gets the tiles: that of its input where this shows them
@@ -123,9 +126,9 @@ class TiledDetector:
         detector: SizedDetect,
         view: TileView,
         workers: int = 1,
-        known: Detections | None = None,
+        first: Detections | None = None,
     ) -> None:
-        self.detector, self.view, self.workers, self.known = detector, view, workers, known
+        self.detector, self.view, self.workers, self.first = detector, view, workers, first
         self.sizes = (view.tiles[:, 2:] - view.tiles[:, :2])[:, ::-1]
         if detector.input_size is not None:
             scales = (np.array(detector.input_size) / self.sizes[1:]).min(axis=1, keepdims=True)
@@ -134,8 +137,8 @@ class TiledDetector:
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, each ``(H, W, 3)`` uint8 RGB of the view's size, without doubles at the seams."""
-        known, images = ([], images) if self.known is None else ([self.known], images[1:])
-        return [*known, *(merge(each, self.view.tiles, self.across) for each in self.in_tiles(images))]
+        first, images = ([], images) if self.first is None else ([self.first], images[1:])
+        return [*first, *(merge(in_tiles, self.view.tiles, self.across) for in_tiles in self.in_tiles(images))]
 
     def in_tiles(self, images: Sequence[ImageArray]) -> list[list[Detections]]:
         """People in each tile of each of ``images``, in pixels of the tile."""
@@ -159,7 +162,7 @@ class TiledDetector:
             pictures.append(enlarged(image[y1:y2, x1:x2], height, width))
             scales.append(np.tile([width / (x2 - x1), height / (y2 - y1)], 2))
         detections = self.detector.detect(pictures)
-        return [replace(one, boxes=one.boxes / scale) for one, scale in zip(detections, scales, strict=True)]
+        return [replace(inside, boxes=inside.boxes / scale) for inside, scale in zip(detections, scales, strict=True)]
 
 
 def merge(detections: Sequence[Detections], tiles: IntArray, across: bool = True) -> Detections:
@@ -181,10 +184,10 @@ def merge(detections: Sequence[Detections], tiles: IntArray, across: bool = True
     classes = np.concatenate([d.origin[:, 1] for d in detections])
     cut = _cut_off(boxes, tiles[owner], tiles[0])
     compared = boxes if across else set_apart(boxes, classes)
-    kept = np.flatnonzero(~_covered_by_other_tile(compared, scores, cut, owner))
-    kept = kept[suppress(compared[kept], scores[kept], SAME)]
-    kept_classes = None if all(d.classes is None for d in detections) else classes[kept]
-    return Detections(boxes[kept], scores[kept], classes=kept_classes, names=detections[0].names)
+    chosen = np.flatnonzero(~_covered_by_other_tile(compared, scores, cut, owner))
+    chosen = chosen[suppress(compared[chosen], scores[chosen], SAME)]
+    chosen_classes = None if all(d.classes is None for d in detections) else classes[chosen]
+    return Detections(boxes[chosen], scores[chosen], classes=chosen_classes, names=detections[0].names)
 
 
 def shown_in(detections: Sequence[Detections], merged: Detections, tiles: IntArray) -> BoolArray:
@@ -195,43 +198,43 @@ def shown_in(detections: Sequence[Detections], merged: Detections, tiles: IntArr
         merged: the N people of the frame, as `merge` gives them.
         tiles: ``(T, 4)``, the whole frame first.
     """
-    shown = np.zeros((len(merged), len(tiles)), dtype=np.bool_)
+    visible = np.zeros((len(merged), len(tiles)), dtype=np.bool_)
     for tile, inside in enumerate(detections):
-        alike = iou_matrix(merged.boxes, inside.boxes + np.tile(tiles[tile, :2], 2)) >= _ALIKE
+        similar = iou_matrix(merged.boxes, inside.boxes + np.tile(tiles[tile, :2], 2)) >= _ALIKE
         scored = inside.scores[None] >= _SCORED[tile > 0] * merged.scores[:, None]
-        shown[:, tile] = (alike & scored).any(axis=1)
-    return shown
+        visible[:, tile] = (similar & scored).any(axis=1)
+    return visible
 
 
-def busy_tiles(shown: BoolArray, scores: FloatArray) -> IntArray:
+def busy_tiles(visible: BoolArray, scores: FloatArray) -> IntArray:
     """Numbers of the fewest tiles, by the greedy rule, that show all but `_LOST` of the people; all where none are.
 
     Args:
-        shown: ``(N, T)``, see `shown_in`; the first tile, the whole frame, is always kept.
+        visible: ``(N, T)``, see `shown_in`; the first tile, the whole frame, is always kept.
         scores: ``(N,)`` what each counts.
     """
-    kept = np.arange(shown.shape[1])
-    while len(scores) and len(kept) > 1:
-        alone = shown[:, kept[1:]] & (shown[:, kept].sum(axis=1) == 1)[:, None]
-        missed = scores @ ~shown[:, kept].any(axis=1) + scores @ alone
+    tiles = np.arange(visible.shape[1])
+    while len(scores) and len(tiles) > 1:
+        alone = visible[:, tiles[1:]] & (visible[:, tiles].sum(axis=1) == 1)[:, None]
+        missed = scores @ ~visible[:, tiles].any(axis=1) + scores @ alone
         if missed.min() > _LOST * scores.sum():
             break
-        kept = np.delete(kept, 1 + int(missed.argmin()))
-    return kept
+        tiles = np.delete(tiles, 1 + int(missed.argmin()))
+    return tiles
 
 
 def _cut_off(boxes: FloatArray, tiles: IntArray, frame: IntArray) -> BoolArray:
     """``(N,)`` whether a box ends at a border of its tile that is no border of the frame."""
     margin = _NEAR_SEAM * (tiles[:, 2:] - tiles[:, :2])
-    before = (boxes[:, :2] - tiles[:, :2] < margin) & (tiles[:, :2] > frame[:2])
-    after = (tiles[:, 2:] - boxes[:, 2:] < margin) & (tiles[:, 2:] < frame[2:])
-    return np.asarray((before | after).any(axis=1))
+    at_start = (boxes[:, :2] - tiles[:, :2] < margin) & (tiles[:, :2] > frame[:2])
+    at_end = (tiles[:, 2:] - boxes[:, 2:] < margin) & (tiles[:, 2:] < frame[2:])
+    return np.asarray((at_start | at_end).any(axis=1))
 
 
 def _covered_by_other_tile(boxes: FloatArray, scores: FloatArray, cut: BoolArray, owner: IntArray) -> BoolArray:
     """``(N,)`` cut-off boxes that a box of another tile covers: a whole one, or a larger one that is cut off, too."""
     size = areas(boxes)
     covered = intersections(boxes[:, None], boxes[None]) >= _COVERED * size[:, None]
-    whole = ~cut[None] & (scores[None] >= 0.5 * scores[:, None])
+    uncut = ~cut[None] & (scores[None] >= 0.5 * scores[:, None])
     larger = cut[None] & (size[None] > size[:, None])
-    return np.asarray(cut & (covered & (whole | larger) & (owner[:, None] != owner[None])).any(axis=1))
+    return np.asarray(cut & (covered & (uncut | larger) & (owner[:, None] != owner[None])).any(axis=1))

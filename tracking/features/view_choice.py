@@ -32,21 +32,30 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, ImageArra
 
 # Up to `LARGEST_SCALE` more tiles are worth their time where they find this many times the people.
 WORTH = 1.1
-# Beyond, up to this many pixels of the input for one of the frame, tiles must find so many times the people, and at
-# least so many more.
+# Most pixels of the input for one of the frame beyond that.
 ENLARGED_SCALE = 4.0
+# There tiles must find this many times the people,
 WORTH_ENLARGED = 1.5
+# and so many people more.
 MORE_ENLARGED = 1.0
+# Score from which a detection counts as a person.
 _CERTAIN = 0.3
+# Trials with people after which the view is settled, and frames of a trial at most.
 _TRIALS = 3
 # Below this many people in a frame the trial goes on: all of them may be too small so far.
 _SOMEBODY = 0.5
-# Seconds from one trial to the next, twice as many each time: at first while no person was detected, at least once one
-# was, and at most.
-_FIRST_WAIT, _SPREAD, _LONGEST_WAIT = 0.15, 1.0, 60.0
-# Seconds from one inference on all tiles to the next, and from how many on and of how many of the last ones the busy
-# tiles follow.
-_ALL_TILES, _ENOUGH, _LATELY = 1.0, 3, 30
+# Seconds from the first trial to the next; twice as many each time.
+_FIRST_WAIT = 0.15
+# Least seconds between trials once a person was detected.
+_SPREAD = 1.0
+# Most seconds between trials.
+_LONGEST_WAIT = 60.0
+# Seconds from one inference on all tiles to the next.
+_ALL_TILES = 1.0
+# Inferences on all tiles from which on the busy tiles follow.
+_ENOUGH = 3
+# Latest such inferences that they follow from.
+_LATELY = 30
 
 
 @dataclass(frozen=True)
@@ -93,18 +102,18 @@ def choose_view(
     tried = images[:: max(1, len(images) // _TRIALS)][:_TRIALS]
     chosen, cost = view_of(size, 1, 1.0), None
     usual = most_columns(size, detector.input_size)
-    most = most_columns(size, detector.input_size, ENLARGED_SCALE) if enlarge else usual
-    if most == 1 or detector.input_size is None:
+    largest = most_columns(size, detector.input_size, ENLARGED_SCALE) if enlarge else usual
+    if largest == 1 or detector.input_size is None:
         return ViewChoice(chosen, None, {})
     people: dict[int, float] = {}
-    for columns in range(1, most + 1):
+    for columns in range(1, largest + 1):
         if columns > usual and people[chosen.columns] < _SOMEBODY:
             break
         view = view_of(size, columns, detector.input_size[1] / detector.input_size[0])
-        detections, taken = _timed(TiledDetector(detector, view, workers), tried)
+        detections, milliseconds = _timed(TiledDetector(detector, view, workers), tried)
         people[columns] = sum(float(d.scores[d.scores >= _CERTAIN].sum()) for d in detections) / len(tried)
         if columns == 1 or worth_more(people[chosen.columns], people[columns], enlarged=columns > usual):
-            chosen, cost = view, taken
+            chosen, cost = view, milliseconds
         elif people[chosen.columns] >= _SOMEBODY:
             break
     return ViewChoice(chosen, cost, people)
@@ -119,8 +128,8 @@ def worth_more(people: float, with_more: float, enlarged: bool) -> bool:
         enlarged: whether they show the frame larger than at `LARGEST_SCALE`.
     """
     if enlarged:
-        somebody = people >= _SOMEBODY
-        return somebody and with_more > WORTH_ENLARGED * people and with_more - people > MORE_ENLARGED
+        peopled = people >= _SOMEBODY
+        return peopled and with_more > WORTH_ENLARGED * people and with_more - people > MORE_ENLARGED
     return with_more > WORTH * people
 
 
@@ -131,7 +140,7 @@ class ViewHistory:
     Attributes:
         frame_rate: frames a second.
         choice: the view by now.
-        somebody: choices of the trials that detected people.
+        peopled: choices of the trials that detected people.
         changes: 0-based frame, counted from the first one, from which each view was taken.
         frames: so far.
         due: frame of the next trial; None where none is needed any more.
@@ -140,13 +149,13 @@ class ViewHistory:
 
     frame_rate: float
     choice: ViewChoice | None = None
-    somebody: list[ViewChoice] = field(default_factory=list)
+    peopled: list[ViewChoice] = field(default_factory=list)
     changes: list[tuple[int, ViewChoice]] = field(default_factory=list)
     frames: int = 0
     due: float | None = 0.0
     enlarge: bool = True
     _wait: float = _FIRST_WAIT
-    _shown: deque[tuple[BoolArray, FloatArray]] = field(default_factory=lambda: deque(maxlen=_LATELY))
+    _visible: deque[tuple[BoolArray, FloatArray]] = field(default_factory=lambda: deque(maxlen=_LATELY))
     _of: TileView | None = None
     _all_due: float = 0.0
 
@@ -160,46 +169,46 @@ class ViewHistory:
         self.frames += len(images)
         return self.choice
 
-    def busy(self, images: Sequence[ImageArray], every: TiledDetector) -> TiledDetector:
+    def busy(self, images: Sequence[ImageArray], detector: TiledDetector) -> TiledDetector:
         """The detector on the tiles that show nearly all the people of late.
 
         Args:
             images: those that were taken last.
-            every: the detector on all tiles of the choice.
+            detector: on all tiles of the choice.
         """
-        view, now = every.view, self.frames - len(images)
+        view, now = detector.view, self.frames - len(images)
         if view is not self._of:
-            self._shown.clear()
+            self._visible.clear()
             self._of, self._all_due = view, now
-        known = None
+        first = None
         if now >= self._all_due:
-            (detections,) = every.in_tiles(images[:1])
-            known = merge(detections, view.tiles, every.across)
-            self._shown.append((shown_in(detections, known, view.tiles), known.scores))
+            (detections,) = detector.in_tiles(images[:1])
+            first = merge(detections, view.tiles, detector.across)
+            self._visible.append((shown_in(detections, first, view.tiles), first.scores))
             self._all_due = now + _ALL_TILES * self.frame_rate
-        if len(self._shown) >= _ENOUGH:
-            shown, scores = (np.concatenate(part) for part in zip(*self._shown, strict=True))
-            view = TileView(view.columns, view.tiles[busy_tiles(shown, scores)])
-        return TiledDetector(every.detector, view, known=known)
+        if len(self._visible) >= _ENOUGH:
+            visible, scores = (np.concatenate(part) for part in zip(*self._visible, strict=True))
+            view = TileView(view.columns, view.tiles[busy_tiles(visible, scores)])
+        return TiledDetector(detector.detector, view, first=first)
 
     def _add(self, trial: ViewChoice) -> None:
         if trial.sees_somebody:
-            self.somebody.append(trial)
+            self.peopled.append(trial)
         # The lower median; where no person was detected so far, the last trial may have detected more than those
         # before.
-        ordered = sorted(self.somebody, key=lambda each: each.view.columns)
+        ordered = sorted(self.peopled, key=lambda choice: choice.view.columns)
         chosen = ordered[(len(ordered) - 1) // 2] if ordered else trial
         if self.choice is None or chosen.view.columns != self.choice.view.columns:
             self.changes.append((self.frames, chosen))
             self.choice = chosen
-        wait = max(self._wait, _SPREAD) if self.somebody else self._wait
+        wait = max(self._wait, _SPREAD) if self.peopled else self._wait
         self._wait = min(2 * wait, _LONGEST_WAIT)
-        settled = not trial.people or len(self.somebody) >= _TRIALS
+        settled = not trial.people or len(self.peopled) >= _TRIALS
         self.due = None if settled else self.frames + wait * self.frame_rate
 
     def __str__(self) -> str:
         parts = [str(choice) if not n else f"from frame {n + 1} on {choice}" for n, choice in self.changes]
-        unseen = self.choice is not None and len(self.choice.people) > 1 and not self.somebody
+        unseen = self.choice is not None and len(self.choice.people) > 1 and not self.peopled
         return ", ".join(parts) + (", but no person was detected at any scale" if unseen else "")
 
 
@@ -208,7 +217,7 @@ class ViewedDetector:
 
     Args:
         detector: finds people in pictures.
-        wanted: tiles across and down (None: as many as cover the frame), see `parse_view`; by default chosen by trials.
+        tiles: across and down (None: as many as cover the frame), see `parse_view`; by default chosen by trials.
         frame_rate: frames a second, by which the trials are spread.
         enlarge: see `choose_view`. One that has learnt its camera knows people as large as they are there, and never
             sees them larger.
@@ -222,13 +231,13 @@ class ViewedDetector:
     def __init__(
         self,
         detector: SizedDetect,
-        wanted: tuple[int, int | None] | None = None,
+        tiles: tuple[int, int | None] | None = None,
         frame_rate: float = 25.0,
         enlarge: bool = True,
         sparing: bool = False,
     ) -> None:
         self.enlarge, self.sparing = enlarge and not scores_are_probabilities(detector), sparing
-        self.detector, self.wanted, self.frame_rate = detector, wanted, frame_rate
+        self.detector, self.tiles, self.frame_rate = detector, tiles, frame_rate
         self.histories: dict[tuple[int, ...], ViewHistory] = {}
 
     @property
@@ -246,28 +255,28 @@ class ViewedDetector:
         size = images[0].shape[:2]
         if size not in self.histories:
             self.histories[size] = ViewHistory(self.frame_rate, enlarge=self.enlarge)
-            if self.wanted is not None:
-                choice = self._as_wanted(self.wanted, images[0])
+            if self.tiles is not None:
+                choice = self._fixed_view(self.tiles, images[0])
                 self.histories[size] = ViewHistory(self.frame_rate, choice, changes=[(0, choice)], due=None)
         return self.histories[size].take(images, self.detector, workers)
 
-    def _as_wanted(self, wanted: tuple[int, int | None], image: ImageArray) -> ViewChoice:
+    def _fixed_view(self, tiles: tuple[int, int | None], image: ImageArray) -> ViewChoice:
         """The view that was asked for, and what it takes."""
         size = image.shape[:2]
         high, wide = self.detector.input_size or size
-        columns = most_columns(size, self.detector.input_size) if wanted == EVERY_TILE else wanted[0]
-        view = view_of(size, columns, wide / high, wanted[1])
+        columns = most_columns(size, self.detector.input_size) if tiles == EVERY_TILE else tiles[0]
+        view = view_of(size, columns, wide / high, tiles[1])
         if len(view) == 1:
             return ViewChoice(view, None, {})
         return ViewChoice(view, _timed(TiledDetector(self.detector, view), [image])[1], {})
 
     def prepared(self, images: Sequence[ImageArray], workers: int = 1) -> TiledDetector:
         view = self.prepare(images, workers).view
-        every = TiledDetector(self.detector, view, workers)
+        detector = TiledDetector(self.detector, view, workers)
         if self.sparing and len(view) > 1:
-            return self.histories[images[0].shape[:2]].busy(images, every)
-        every.workers = 1
-        return every
+            return self.histories[images[0].shape[:2]].busy(images, detector)
+        detector.workers = 1
+        return detector
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
         """People in ``images``, the next ones of a video, each ``(H, W, 3)`` uint8 RGB, all of one size."""
@@ -304,23 +313,23 @@ def _timed(detector: TiledDetector, images: Sequence[ImageArray]) -> tuple[list[
     return detections, 1000 * (time.perf_counter() - start) / len(images)
 
 
-def most_columns(size: tuple[int, ...], wanted: tuple[int, int] | None, largest: float = LARGEST_SCALE) -> int:
+def most_columns(size: tuple[int, ...], input_size: tuple[int, int] | None, largest: float = LARGEST_SCALE) -> int:
     """Most tiles across at which the input shows the frame at no more than ``largest``; 1 where two show more.
 
     Args:
         size: height and width of the frame, pixels.
-        wanted: those of the input; None where it takes any.
+        input_size: those of the input; None where it takes any.
         largest: pixels of the input for one of the frame.
     """
-    if wanted is None:
+    if input_size is None:
         return 1
-    most = 1
+    largest_count = 1
     for columns in range(2, MOST_COLUMNS + 1):
-        x1, y1, x2, y2 = view_of((size[0], size[1]), columns, wanted[1] / wanted[0]).tiles[-1].tolist()
-        if min(wanted[1] / max(x2 - x1, 1), wanted[0] / max(y2 - y1, 1)) > largest:
+        x1, y1, x2, y2 = view_of((size[0], size[1]), columns, input_size[1] / input_size[0]).tiles[-1].tolist()
+        if min(input_size[1] / max(x2 - x1, 1), input_size[0] / max(y2 - y1, 1)) > largest:
             break
-        most = columns
-    return most
+        largest_count = columns
+    return largest_count
 
 
 def report_models(detect: object, *others: object) -> dict[str, Any]:

@@ -259,7 +259,7 @@ class FlowInput:
         for step in steps:
             known = np.isfinite(step.deviation)
             deviation = step.deviation / height if known else LOST
-            self.camera.append(step.similarity, deviation, known=known, moving=not known)
+            self.camera.append(step.similarity, deviation, reliable=known, moving=not known)
 
     def _stand_still(self) -> None:
         """Pictures show that the camera did not move into a frame."""
@@ -277,7 +277,7 @@ class FlowInput:
             self.camera.append(steps.similarity[index])
         elif moving and support > 0:
             doubt = doubt_of(support, rate)
-            self.camera.append(steps.similarity[index], doubt, known=False, moving=True)
+            self.camera.append(steps.similarity[index], doubt, reliable=False, moving=True)
         else:
             self.camera.append(None, usual * times if moving else STILL, moving=moving)
 

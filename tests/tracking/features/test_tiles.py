@@ -220,9 +220,9 @@ def test_an_empty_street_is_looked_at_again_until_somebody_comes():
 def test_looks_end_with_the_third_that_shows_somebody_and_are_a_minute_apart_at_most():
     busy = frame_with(SMALL)
     looks = seen([busy] * 3)[1].histories[240, 320]
-    assert (len(looks.somebody), looks.due) == (2, 3)
+    assert (len(looks.peopled), looks.due) == (2, 3)
     looks = seen([busy] * 4)[1].histories[240, 320]
-    assert (len(looks.somebody), looks.due) == (3, None)
+    assert (len(looks.peopled), looks.due) == (3, None)
     empty, dues = ViewedDetector(MarkDetector(), frame_rate=1.0), []
     for _ in range(240):
         empty.prepare([frame_with([], size=(70, 130))])
