@@ -25,7 +25,11 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 CameraT = TypeVar("CameraT", bound=PinholeCamera | OmnidirectionalCamera)
-FEWEST_POINTS, FEWEST_OF_FLOOR = 6, 4
+# Points that fix a projection matrix, eleven numbers by two equations each.
+FEWEST_POINTS = 6
+# Points of the floor that fix the pose of a camera over it.
+FEWEST_OF_FLOOR = 4
+# Share of the largest spread of points below which they lie on a line or a plane.
 FLATNESS = 1e-3
 # A second direction that fits this much less badly than the third best means that the points leave the camera open.
 AMBIGUITY = 1e-5
@@ -129,8 +133,8 @@ def locate_camera(points: FloatArray, pixels: FloatArray, lens: PinholeCamera) -
     _refuse_flat(points, smallest=1, shape="line")
     normalised = lens.normalised(pixels)
     _refuse_outside(normalised, pixels, "intrinsics belong")
-    found, turn, shift = cv2.solvePnP(points, normalised, np.eye(3), np.zeros(5), flags=cv2.SOLVEPNP_SQPNP)
-    if not found:
+    solved, turn, shift = cv2.solvePnP(points, normalised, np.eye(3), np.zeros(5), flags=cv2.SOLVEPNP_SQPNP)
+    if not solved:
         raise RequestError("expected points that fix the camera's pose, got a degenerate set: add points elsewhere")
     rotation = Rotation.from_rotvec(turn[:, 0]).as_matrix()
     start = replace(lens, rotation=rotation, position=-rotation.T @ shift[:, 0])
@@ -305,10 +309,12 @@ def _rq(matrix: FloatArray) -> tuple[FloatArray, FloatArray]:
 Coefficients = Literal[5, 8, 12]
 FEWEST = 4
 """Fewest pictures that determine focal length and lens."""
+# Largest angle between two boards below which they all face one way, radians.
 SMALLEST_TILT = np.deg2rad(5.0)
 UNFIXED = "expected pictures of the board from different sides, got some that do not fix the camera"
 # OpenCV counts pixels from the first one's centre.
 HALF_PIXEL = 0.5
+# What OpenCV fits for a number of coefficients.
 FLAGS: dict[Coefficients, int] = {
     5: 0,
     8: cv2.CALIB_RATIONAL_MODEL,
@@ -324,8 +330,8 @@ def find_corners(image: ImageArray, corners: tuple[int, int]) -> FloatArray | No
         corners: inner corners along a row and along a column.
     """
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-    found, places = cv2.findChessboardCornersSB(grey, corners, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
-    return np.asarray(places, dtype=np.float64).reshape(-1, 2) if found else None
+    complete, places = cv2.findChessboardCornersSB(grey, corners, flags=cv2.CALIB_CB_NORMALIZE_IMAGE)
+    return np.asarray(places, dtype=np.float64).reshape(-1, 2) if complete else None
 
 
 def fit_checkerboards(
@@ -358,7 +364,7 @@ def fit_checkerboards(
     board[:, :2] = np.mgrid[: corners[0], : corners[1]].T.reshape(-1, 2)
     try:
         _, matrix, lens, turns, _, deviations, _, errors = cv2.calibrateCameraExtended(
-            [board] * len(detections), [each.astype(np.float32) for each in detections], size, None, None,  # type: ignore[call-overload]
+            [board] * len(detections), [places.astype(np.float32) for places in detections], size, None, None,  # type: ignore[call-overload]
             flags=FLAGS[coefficients],
         )  # fmt: skip
     except cv2.error as error:

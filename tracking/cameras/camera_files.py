@@ -127,7 +127,9 @@ def write_cameras(
     path: Path, cameras: Sequence[CameraOverFloor], beside: Sequence[Mapping[str, Any]] | None = None
 ) -> None:
     """Write `cameras.yaml`, overwriting ``path``; ``beside`` are fields of each that are for people to read."""
-    entries = [_entry(one) | dict(more) for one, more in zip(cameras, beside or [{}] * len(cameras), strict=True)]
+    entries = [
+        _entry(camera) | dict(extra) for camera, extra in zip(cameras, beside or [{}] * len(cameras), strict=True)
+    ]
     text = yaml.safe_dump({"cameras": entries}, sort_keys=False, default_flow_style=None, width=120)
     path.write_text(text, encoding="utf-8")
 
@@ -204,8 +206,8 @@ def _read_projective(entry: Mapping[str, Any], where: str, values: Mapping[str, 
     shape = (len(lens),) if isinstance(lens, list) and len(lens) in (8, 12) else (5,)
     distortion = _numbers(lens, shape, f"{where}: distortion")
     width, height = map(int, values["image_size"])
-    rest = {name: value for name, value in values.items() if name != "image_size"}
-    return PinholeCamera(width=width, height=height, distortion=distortion, **rest)
+    fields = {name: value for name, value in values.items() if name != "image_size"}
+    return PinholeCamera(width=width, height=height, distortion=distortion, **fields)
 
 
 def _write_projective(camera: PinholeCamera) -> dict[str, Any]:
@@ -238,7 +240,7 @@ def _numbers(value: Any, shape: tuple[int, ...], where: str) -> FloatArray:
     """``value`` as finite numbers of ``shape``; otherwise a `RequestError` that begins with ``where``."""
     try:
         array = np.asarray(value, dtype=np.float64)
-        if any(isinstance(one, bool) for one in np.asarray(value, dtype=np.object_).flat):
+        if any(isinstance(item, bool) for item in np.asarray(value, dtype=np.object_).flat):
             array = np.empty(0)
     except (TypeError, ValueError):
         array = np.empty(0)
@@ -253,6 +255,7 @@ def _plain(array: FloatArray) -> list[Any]:
     return rounded
 
 
+# By the name in the file.
 MODELS: Mapping[str, CameraModel] = {
     "projective": CameraModel(
         PinholeCamera, {"focal": (2,), "principal_point": (2,)}, _read_projective, _write_projective

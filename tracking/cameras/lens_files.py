@@ -46,7 +46,8 @@ from tsuiseki.tracking.types import FloatArray
 # What programs call the same things.
 MATRIX_NAMES = ("camera_matrix", "cameraMatrix", "K", "K-matrix", "mtx", "k")
 DISTORTION_NAMES = ("distortion_coefficients", "distCoeffs", "dist_coeffs", "D", "distCoeff", "dist", "d")
-WIDTH_NAMES, HEIGHT_NAMES = ("image_width", "width"), ("image_height", "height")
+WIDTH_NAMES = ("image_width", "width")
+HEIGHT_NAMES = ("image_height", "height")
 LensModel = Literal["pinhole", "fisheye", "omnidirectional"]
 # ROS's and Kalibr's words for the distortion.
 MODELS: dict[str, LensModel] = {
@@ -64,6 +65,7 @@ LensFormat = Literal["ocam", "py-ocam", "kalibr-omni", "kalibr-equidistant", "op
 # A fit that worked needs about ten; one that failed had 1,574 zeros.
 MOST_COEFFICIENTS = 40
 OCAM_ROWS = ("direct polynomial", "inverse polynomial", "centre", "affine", "image size")
+# From angles to the image plane, as OCamCalib counts them, to py-OCamCalib's, radians.
 TURN = np.pi / 2
 
 
@@ -102,15 +104,15 @@ def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> Pi
     Raises:
         RequestError: something is missing, or the lens is another, as a fisheye or a tilted sensor's.
     """
-    given = read_lens_file(path, image_size)
-    if given.model in ("fisheye", "omnidirectional"):
+    intrinsics = read_lens_file(path, image_size)
+    if intrinsics.model in ("fisheye", "omnidirectional"):
         raise RequestError(
-            f"{path}: expected the intrinsics of a pinhole camera, got a calibration of the {given.model} model; give "
-            "it to tsuiseki calibrate pose without --projective"
+            f"{path}: expected the intrinsics of a pinhole camera, got a calibration of the {intrinsics.model} model; "
+            "give it to tsuiseki calibrate pose without --projective"
         )
-    if abs(given.skew) > 1e-6 * given.focal[0]:
-        raise RequestError(f"{path}: expected intrinsics without skew, got {given.skew:g}")
-    coefficients = given.coefficients
+    if abs(intrinsics.skew) > 1e-6 * intrinsics.focal[0]:
+        raise RequestError(f"{path}: expected intrinsics without skew, got {intrinsics.skew:g}")
+    coefficients = intrinsics.coefficients
     if len(coefficients) == 14 and not coefficients[12:].any():
         coefficients = coefficients[:12]
     if len(coefficients) not in (4, 5, 8, 12):
@@ -118,20 +120,20 @@ def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> Pi
             f"{path}: expected 4, 5, 8 or 12 distortion coefficients (k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4), "
             f"got {len(coefficients)}; calibrate without the tilted and fisheye models"
         )
-    if given.model is None and np.abs(coefficients[2:]).max() > TANGENTIAL:
+    if intrinsics.model is None and np.abs(coefficients[2:]).max() > TANGENTIAL:
         raise RequestError(
             f"{path}: expected k1, k2, p1, p2, got {coefficients.tolist()}, whose last look like a fisheye's; add the "
             "line distortion_model: equidistant, or plumb_bob"
         )
-    if given.model is None:
+    if intrinsics.model is None:
         warnings.warn(
             f"{path}: its four coefficients are taken as k1, k2, p1, p2; where they are a fisheye's, add the line "
             "distortion_model: equidistant",
             InputWarning,
             stacklevel=2,
         )
-    lens = np.pad(coefficients, (0, max(5 - len(coefficients), 0)))
-    return PinholeCamera(*given.size, given.focal, given.principal_point, distortion=lens)
+    distortion = np.pad(coefficients, (0, max(5 - len(coefficients), 0)))
+    return PinholeCamera(*intrinsics.size, intrinsics.focal, intrinsics.principal_point, distortion=distortion)
 
 
 def read_lens_file(path: Path, image_size: tuple[int, int] | None = None) -> LensFile:
@@ -273,8 +275,8 @@ def read_lens_fitted(path: Path, image_size: tuple[int, int] | None = None) -> t
         lens = fit_omnidirectional(model)
         return lens, distances(lens, model)
     except RequestError as error:
-        known = str(error).startswith(str(path))
-        raise RequestError(str(error) if known else f"{path}: {error}") from error
+        names_file = str(error).startswith(str(path))
+        raise RequestError(str(error) if names_file else f"{path}: {error}") from error
     except (ValueError, KeyError, TypeError, IndexError, yaml.YAMLError) as error:
         raise RequestError(f"{path}: expected a lens calibration, got one that is broken ({error})") from error
 
@@ -287,18 +289,18 @@ def _read(path: Path, text: str, image_size: tuple[int, int] | None) -> Omnidire
         return _read_py_ocam(text, image_size)
     if re.search(r"\b(distortion_coeffs|camera_model|cam\d+)\b", text):
         return _read_kalibr(text)
-    given = read_lens_file(path, image_size)
-    if given.model == "pinhole":
+    lens = read_lens_file(path, image_size)
+    if lens.model == "pinhole":
         raise RequestError(
             "expected a fisheye or omnidirectional calibration, got a pinhole's of "
-            f"{len(given.coefficients)} coefficients; give it to tsuiseki calibrate pose with --projective"
+            f"{len(lens.coefficients)} coefficients; give it to tsuiseki calibrate pose with --projective"
         )
-    if given.coefficients.shape != (4,):
-        raise RequestError(f"expected four coefficients of the {given.model} model, got {len(given.coefficients)}")
-    place = (*given.size, given.focal, given.principal_point)
-    if given.model == "omnidirectional":
-        return UnifiedLens(*place, given.coefficients, given.skew, given.xi)
-    return EquidistantLens(*place, given.coefficients, given.skew)
+    if lens.coefficients.shape != (4,):
+        raise RequestError(f"expected four coefficients of the {lens.model} model, got {len(lens.coefficients)}")
+    place = (*lens.size, lens.focal, lens.principal_point)
+    if lens.model == "omnidirectional":
+        return UnifiedLens(*place, lens.coefficients, lens.skew, lens.xi)
+    return EquidistantLens(*place, lens.coefficients, lens.skew)
 
 
 def write_lens(path: Path, lens: OmnidirectionalLens, kind: LensFormat) -> FloatArray:

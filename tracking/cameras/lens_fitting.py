@@ -21,9 +21,12 @@ from tsuiseki.tracking.types import BoolArray, FloatArray
 
 # Degree of F that others are fitted by; OCamCalib's usual 4 leaves whole pixels near the rim of some lenses.
 DEGREE = 8
+# Degree of the inverse polynomial.
 INVERSE_DEGREE = 14
-# Pixels along the longer side of the grid on which two lenses are compared, and directions about the axis.
-GRID, RING = 60, 24
+# Pixels along the longer side of the grid on which two lenses are compared, and angles to the axis.
+GRID = 60
+# Directions about the axis.
+RING = 24
 # Angle to the axis beyond which no point of another model is compared, radians.
 WIDEST = 2.6
 
@@ -79,16 +82,16 @@ class EquidistantLens:
         def errors(x: FloatArray) -> FloatArray:
             return np.asarray(np.nan_to_num(cls._of(lens, x).project(rays) - pixels, nan=1e3).ravel())
 
-        focal, *own = cls.START
-        start = np.array([focal, focal, *lens.centre / lens.direct[0], *own, 0, 0, 0, 0], dtype=np.float64)
+        focal, *extra = cls.START
+        start = np.array([focal, focal, *lens.centre / lens.direct[0], *extra, 0, 0, 0, 0], dtype=np.float64)
         fit = least_squares(errors, start, x_scale="jac", max_nfev=500)
         return cls._of(lens, fit.x), np.hypot(*fit.fun.reshape(-1, 2).T)
 
     @classmethod
     def _of(cls, lens: OmnidirectionalLens, x: FloatArray) -> Self:
         """From numbers that are fitted: focal length and principal point in those of ``lens``, own ones, distortion."""
-        scale, own = lens.direct[0], [float(value) for value in x[4:-4]]
-        return cls(lens.width, lens.height, x[:2] * scale, x[2:4] * scale, x[-4:], 0.0, *own)
+        scale, extra = lens.direct[0], [float(value) for value in x[4:-4]]
+        return cls(lens.width, lens.height, x[:2] * scale, x[2:4] * scale, x[-4:], 0.0, *extra)
 
 
 @dataclass(frozen=True)
@@ -202,8 +205,8 @@ def inverse_error(lens: OmnidirectionalLens) -> float:
     )
 
 
-def distances(lens: OmnidirectionalLens, other: OmnidirectionalLens | EquidistantLens) -> FloatArray:
+def distances(lens: OmnidirectionalLens, second: OmnidirectionalLens | EquidistantLens) -> FloatArray:
     """``(N,)`` pixels between where two lenses put the same rays, over what both see of the image."""
     pixels, rays = image_rays(lens)
-    away = np.hypot(*(other.project(rays) - pixels).T)
+    away = np.hypot(*(second.project(rays) - pixels).T)
     return np.asarray(away[np.isfinite(away)])

@@ -33,8 +33,15 @@ from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
 CORNERS = ("x1", "y1", "x2", "y2")
 ANKLES = ("ankle_u", "ankle_v")
-WILDTRACK_SIZE, WILDTRACK_RATE, WILDTRACK_STEP = (1920, 1080), 2.0, 5
+# Width and height of WILDTRACK's pictures, pixels.
+WILDTRACK_SIZE = (1920, 1080)
+# Its labelled frames a second.
+WILDTRACK_RATE = 2.0
+# From the number of one labelled frame to the next.
+WILDTRACK_STEP = 5
+# x1, y1, x2, y2 of its floor, metres.
 WILDTRACK_FLOOR = np.array([-3.0, -9.0, 9.0, 27.0])
+# Frames a second of Shelf, assumed.
 SHELF_RATE = 25.0
 
 
@@ -113,8 +120,8 @@ def read_standing(path: Path, length: int | None = None, step: int = 1) -> list[
     scores = table.numbers(("score",))[:, 0] if "score" in table.names else np.ones(len(boxes))
     ankles = set(ANKLES) <= set(table.names)
     feet = _ankles(table) if ankles else np.full((len(boxes), 2), np.nan)
-    own = [frames == frame for frame in range(last if length is None else length)]
-    return [StandingPeople(Detections(boxes[rows], scores[rows]), feet[rows]) for rows in own]
+    of_frames = [frames == frame for frame in range(last if length is None else length)]
+    return [StandingPeople(Detections(boxes[rows], scores[rows]), feet[rows]) for rows in of_frames]
 
 
 def _ankles(table: NamedRows) -> FloatArray:
@@ -191,8 +198,10 @@ def _read_wildtrack(path: Path) -> FloorFolder:
 
 def _wildtrack_camera(folder: Path, name: str) -> CameraOverFloor:
     def numbers(path: Path, tag: str, count: int) -> FloatArray:
-        found = re.search(rf"<{tag}[^>]*>(.*?)</{tag}>", read_text(path, "a calibration"), re.DOTALL)
-        text = re.search(r"<data>(.*?)</data>", found[1], re.DOTALL) if found and "<data>" in found[1] else found
+        element = re.search(rf"<{tag}[^>]*>(.*?)</{tag}>", read_text(path, "a calibration"), re.DOTALL)
+        text = (
+            re.search(r"<data>(.*?)</data>", element[1], re.DOTALL) if element and "<data>" in element[1] else element
+        )
         values = text[1].split() if text else []
         if len(values) != count:
             raise RequestError(f"{path}: expected {count} numbers in {tag}, got {len(values)}")
@@ -221,9 +230,9 @@ def _read_shelf(path: Path) -> FloorFolder:
     cameras, people = [], []
     try:
         content = json.loads(read_text(file, "a calibration"))
-        for name, one in content.items():
-            lens, pose = (np.array(one[key], dtype=np.float64).reshape(3, -1) for key in ("K", "RT"))
-            width, height = one["imgSize"]
+        for name, entry in content.items():
+            lens, pose = (np.array(entry[key], dtype=np.float64).reshape(3, -1) for key in ("K", "RT"))
+            width, height = entry["imgSize"]
             place = np.asarray(-pose[:, :3].T @ pose[:, 3])
             cameras.append(_placed(f"camera{name}", (width, height), lens, pose[:, :3], place, SHELF_RATE, None))
     except (ValueError, KeyError, TypeError, AttributeError) as error:
@@ -232,6 +241,6 @@ def _read_shelf(path: Path) -> FloorFolder:
     for camera in cameras:
         people.append(read_standing(path / f"{camera.name}_detections.csv"))
         length = max(length, len(people[-1]))
-    for each in people:
-        each += [StandingPeople.of(Detections.empty())] * (length - len(each))
+    for frames in people:
+        frames += [StandingPeople.of(Detections.empty())] * (length - len(frames))
     return FloorFolder(cameras, people, truth)

@@ -28,8 +28,10 @@ from tsuiseki.tracking.cameras.projective import PosedCamera
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
 Resize: TypeAlias = Literal["cut", "widen"]
-# Entries of the table that starts Newton's method, and points that are worked on at a time: as many as fit the cache.
-ENTRIES, CHUNK = 8192, 16384
+# Entries of the table that starts Newton's method.
+ENTRIES = 8192
+# Points that are worked on at a time: as many as fit the cache.
+CHUNK = 16384
 # Steps along the radius in which the polynomial is checked.
 CHECKS = 4096
 

@@ -21,6 +21,7 @@ import numpy as np
 from tsuiseki.tracking.cameras.projective import PinholeCamera, distort
 from tsuiseki.tracking.types import FloatArray
 
+# Points at which a bent ellipse is sampled, enough for harmonics up to the third.
 POINTS_ON_BENT_ELLIPSE = 8
 
 

@@ -39,14 +39,23 @@ from tsuiseki.tracking.cameras.people_views import (
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
+# Root mean square distance below which two paths are one person's, metres, round by round.
 TOLERANCES = (2.5, 1.5, 1.0, 0.8, 0.8)
-# Ratio of an alignment's score to its rival's, and places, from which it is taken.
-SURE, LEAST_SCORE = 1.25, 12.0
-# Places of two cameras that are compared at most, metres that a foot is uncertain by, weight of each place among those
-# of a walk, seconds a second by which clocks usually differ.
-MOST, FOOT, WEIGHT, DRIFTING = 200, 0.1, 0.5, 1e-2
-# Scales of `NUMBERS` in the fit.
+# Ratio of an alignment's score to its rival's from which it is taken.
+SURE = 1.25
+# Places that must agree for that.
+LEAST_SCORE = 12.0
+# Places of two cameras that are compared at most.
+MOST = 200
+# Deviation of a foot from where the box shows it, metres.
+FOOT = 0.1
+# Weight of each place: those of one walk are not independent.
+WEIGHT = 0.5
+# Deviation of the drift of a clock, seconds a second.
+DRIFTING = 1e-2
+# Scales of `NUMBERS` in the fit, in their units.
 SCALE = np.array([0.1, 20, 20, 0.05, 0.02, 0.1, 0.1, 1, 1, 0.2, 1e-3])
+# Step of the numerical derivatives, in units of `SCALE`.
 DIFFERENCE = 1e-5
 
 
@@ -57,11 +66,11 @@ def placed(cameras: FloatArray, names: Sequence[str], aligned: Mapping[tuple[int
         RequestError: a camera shares too few people with the others.
     """
     count, sure = len(cameras), np.zeros((len(cameras), len(cameras)))
-    for pair, one in aligned.items():
-        if one.score >= max(SURE * one.rival, LEAST_SCORE):
-            sure[pair] = 1 / (one.score - one.rival)
+    for pair, alignment in aligned.items():
+        if alignment.score >= max(SURE * alignment.rival, LEAST_SCORE):
+            sure[pair] = 1 / (alignment.score - alignment.rival)
     tree = scipy.sparse.csgraph.minimum_spanning_tree(sure)
-    order, before = scipy.sparse.csgraph.breadth_first_order(tree, 0, directed=False)
+    order, predecessor = scipy.sparse.csgraph.breadth_first_order(tree, 0, directed=False)
     if len(order) < count:
         alone = ", ".join(names[k] for k in range(count) if k not in order)
         raise RequestError(
@@ -71,15 +80,15 @@ def placed(cameras: FloatArray, names: Sequence[str], aligned: Mapping[tuple[int
     placed = cameras.copy()
     placed[:, 6:] = 0
     for k in order[1:].tolist():
-        base = int(before[k])
-        one = aligned[min(base, k), max(base, k)]
+        base = int(predecessor[k])
+        alignment = aligned[min(base, k), max(base, k)]
         if base > k:
-            back = complex(np.conj(one.turn))
-            one = replace(one, offset=-one.offset, turn=back, shift=-back * one.shift)
+            back = complex(np.conj(alignment.turn))
+            alignment = replace(alignment, offset=-alignment.offset, turn=back, shift=-back * alignment.shift)
         here, turned = placed[base], np.exp(1j * placed[base, 6])
-        position = here[7] + 1j * here[8] + turned * one.shift
-        placed[k, PLACE] = np.angle(turned * one.turn), position.real, position.imag
-        placed[k, OFFSET] = here[OFFSET] + one.offset
+        position = here[7] + 1j * here[8] + turned * alignment.shift
+        placed[k, PLACE] = np.angle(turned * alignment.turn), position.real, position.imag
+        placed[k, OFFSET] = here[OFFSET] + alignment.offset
     return placed
 
 
@@ -127,9 +136,9 @@ def _matched(views: Sequence[PeopleView], cameras: FloatArray, height: float, to
     parts = []
     for i, j in combinations(range(len(views)), 2):
         rows, k = _rows(views, cameras, i, j, _partners(paths[i], paths[j], tolerance))
-        view, other = views[i], views[j]
-        speed = (other.boxes[k + 1] - other.boxes[k]) / (other.times[k + 1] - other.times[k])[:, None]
-        boxes = view.times[rows], view.boxes[rows], other.times[k], other.boxes[k], speed
+        view, second = views[i], views[j]
+        speed = (second.boxes[k + 1] - second.boxes[k]) / (second.times[k + 1] - second.times[k])[:, None]
+        boxes = view.times[rows], view.boxes[rows], second.times[k], second.boxes[k], speed
         parts.append((np.full(len(k), i), np.full(len(k), j), *boxes, begin[i] + view.people[rows]))
     pairs = CrossViewPairs(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
     if not len(pairs.first):
@@ -175,8 +184,10 @@ def _rows(
     inside = (second.people[others] == person) & (second.people[others + 1] == person)
     inside &= (second.times[others] <= times) & (second.times[others + 1] - second.times[others] < GAP)
     rows, others = rows[inside], others[inside]
-    kept = np.unique(np.linspace(0, len(rows) - 1, MOST).astype(np.int64)) if len(rows) > MOST else np.arange(len(rows))
-    return rows[kept], others[kept]
+    sampled = (
+        np.unique(np.linspace(0, len(rows) - 1, MOST).astype(np.int64)) if len(rows) > MOST else np.arange(len(rows))
+    )
+    return rows[sampled], others[sampled]
 
 
 @dataclass(frozen=True)
@@ -188,7 +199,7 @@ class CrossViewPairs:
         second: ``(M,)`` of the second.
         times: ``(M,)`` of the first camera's clock, seconds.
         boxes: ``(M, 4)`` there.
-        before: ``(M,)`` times of the second camera's box before that.
+        earlier: ``(M,)`` times of the second camera's box before that.
         others: ``(M, 4)`` that box.
         speed: ``(M, 4)`` pixels a second from there to the next.
         groups: ``(M,)`` people of the first camera, numbered through.
@@ -198,7 +209,7 @@ class CrossViewPairs:
     second: IntArray
     times: FloatArray
     boxes: FloatArray
-    before: FloatArray
+    earlier: FloatArray
     others: FloatArray
     speed: FloatArray
     groups: IntArray
@@ -206,19 +217,19 @@ class CrossViewPairs:
     def apart(self, first: FloatArray, second: FloatArray, height: float) -> FloatArray:
         """``(M,)`` complex metres from the second camera's places to the first's, by ``(M, 11)`` cameras of each."""
         place = on_floor(first, self.boxes, height)
-        own = _own_times(_common_times(self.times, first), second)
-        boxes = self.others + self.speed * (own - self.before)[:, None]
+        second_times = _own_times(_common_times(self.times, first), second)
+        boxes = self.others + self.speed * (second_times - self.earlier)[:, None]
         return place - on_floor(second, boxes, height)
 
     def errors(self, cameras: FloatArray, height: float) -> FloatArray:
         """``(C,)`` see `refined`; NaN where a camera shares no person."""
         apart = self.apart(cameras[self.first], cameras[self.second], height)
         both = self.groups * len(cameras) + self.second
-        kept, first, person, counts = np.unique(both, return_index=True, return_inverse=True, return_counts=True)
-        sums = [np.bincount(person, part, len(kept)) for part in (apart.real, apart.imag)]
+        tracks, first, person, counts = np.unique(both, return_index=True, return_inverse=True, return_counts=True)
+        sums = [np.bincount(person, part, len(tracks)) for part in (apart.real, apart.imag)]
         away, who = np.hypot(*sums) / counts, (self.first[first], self.second[first])
-        own = [away[(who[0] == k) | (who[1] == k)] for k in range(len(cameras))]
-        return np.array([np.median(part) if len(part) else np.nan for part in own])
+        of_cameras = [away[(who[0] == k) | (who[1] == k)] for k in range(len(cameras))]
+        return np.array([np.median(part) if len(part) else np.nan for part in of_cameras])
 
     def whitening(self, cameras: FloatArray, noises: FloatArray, height: float) -> FloatArray:
         """``(M, 2, 2)`` that make `apart` independent of deviation `WEIGHT`."""

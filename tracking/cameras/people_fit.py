@@ -20,21 +20,49 @@ from tsuiseki.tracking.cameras.people_views import CELL, LENS, NUMBERS, PeopleVi
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, IntArray
 
-FEWEST_PEOPLE, FEWEST_BOXES, MOST_PEOPLE = 2, 20, 60
+# People that must be seen.
+FEWEST_PEOPLE = 2
+# Boxes that must be seen.
+FEWEST_BOXES = 20
+# People that are fitted, those of the longest tracks.
+MOST_PEOPLE = 60
 # Ratio of a person's heights in the picture from near to far that tells the horizon.
 DEPTH = 1.15
+# Time over which speeds are taken, seconds.
 WALK = 4.0
-# Metres a second and its deviation in the logarithm: of all, of each walker, of a step; heights of a box a second
-# from which somebody walks.
-SPEED, SPEED_OF_ALL, SPEED_OF_ONE, SPEED_OF_STEP, WALKING = 1.3, 0.25, 0.2, 0.3, 0.2
-# Before any detection: focal length over the longer side, its deviation in the logarithm; roll in radians.
-FOCAL, FOCAL_SPREAD, ROLL_SPREAD, POINT_SPREAD = 1.0, 0.35, np.radians(3.0), 0.04
+# Usual speed of walkers, metres a second.
+SPEED = 1.3
+# Deviation of the log speed of all walkers of a video from that.
+SPEED_OF_ALL = 0.25
+# Deviation of the log speed of each walker from that of all.
+SPEED_OF_ONE = 0.2
+# Deviation of the log speed of a step from its walker's.
+SPEED_OF_STEP = 0.3
+# Speed in the picture from which somebody walks, heights of the box a second.
+WALKING = 0.2
+# Prior focal length, longer sides of the picture.
+FOCAL = 1.0
+# Deviation of its logarithm.
+FOCAL_SPREAD = 0.35
+# Deviation of the roll, radians.
+ROLL_SPREAD = np.radians(3.0)
+# Deviation of the principal point from the picture's middle, longer sides.
+POINT_SPREAD = 0.04
 # Standard deviation of the heights of people, metres.
 HEIGHT_SPREAD = 0.1
-# Deviation of log heights of one person's boxes.
-NOISE, LEAST_NOISE, MOST_NOISE = 0.04, 0.01, 0.1
+# Deviation of log heights of one person's boxes, to begin with.
+NOISE = 0.04
+# Least such deviation that is fitted.
+LEAST_NOISE = 0.01
+# Largest such deviation that is fitted.
+MOST_NOISE = 0.1
+# Rounds of the fit, each with the noise of the one before.
 ROUNDS = 3
-STEPS, DIFFERENCE = 40, 1e-6
+# Steps of least squares at most.
+STEPS = 40
+# Step of the numerical derivatives.
+DIFFERENCE = 1e-6
+# A pixel down, of the lower edge of a box.
 DOWN = np.array([0.0, 0.0, 0.0, 1.0])
 
 
@@ -104,10 +132,10 @@ def _residuals(view: PeopleView, height: float, noise: float) -> Callable[[Float
     return errors
 
 
-def longest(view: PeopleView, most: int) -> PeopleView:
-    """The ``most`` people with the longest tracks."""
+def longest(view: PeopleView, count: int) -> PeopleView:
+    """The ``count`` people with the longest tracks."""
     counts = np.bincount(view.people)
-    rows = np.isin(view.people, np.argsort(-counts, kind="stable")[:most])
+    rows = np.isin(view.people, np.argsort(-counts, kind="stable")[:count])
     numbers = np.unique(view.people[rows], return_inverse=True)[1].astype(np.int64)
     return replace(view, times=view.times[rows], boxes=view.boxes[rows], people=numbers)
 
@@ -223,7 +251,7 @@ def least_robust(
 
 def _differences(errors: Callable[[FloatArray], FloatArray], x: FloatArray) -> FloatArray:
     here = errors(x)
-    return np.stack([(errors(x + DIFFERENCE * one) - here) / DIFFERENCE for one in np.eye(len(x))], axis=1)
+    return np.stack([(errors(x + DIFFERENCE * axis) - here) / DIFFERENCE for axis in np.eye(len(x))], axis=1)
 
 
 def _steps(view: PeopleView) -> tuple[IntArray, IntArray]:

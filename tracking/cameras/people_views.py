@@ -29,13 +29,23 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import rows_of_each
 
 NUMBERS = ("log_focal", "x", "y", "tilt", "roll", "log_height", "turn", "east", "north", "offset", "drift")
-LENS, PLACE, OFFSET, DRIFT = slice(0, 6), slice(6, 9), 9, 10
+# Columns of `NUMBERS` that one camera's own people tell.
+LENS = slice(0, 6)
+# Columns of its place over the floor.
+PLACE = slice(6, 9)
+# Column of its clock's offset.
+OFFSET = 9
+# Column of its clock's drift.
+DRIFT = 10
 # Seconds that are averaged: noise falls, and a walker stays on a line.
 CELL = 0.4
 # Longest gap within a track over which a place is interpolated, seconds.
 GAP = 1.6
-# Pixels from the border within which a box may be cut off, and the covered share from which it may be too short.
-BORDER, COVERED = 2.0, 0.25
+# Distance from the border within which a box may be cut off, pixels.
+BORDER = 2.0
+# Covered share from which a box may be too short.
+COVERED = 0.25
+# Averages of boxes, one a `CELL`, that a person must have.
 FEWEST_CELLS = 3
 
 
@@ -86,14 +96,14 @@ def view_of(
     frames = np.concatenate([np.empty(0, np.int64), *(row[0] for row in rows)])
     boxes = np.concatenate([np.empty((0, 4)), *(row[1] for row in rows)])
     people = np.concatenate([np.empty(0, np.int64), *(row[2] for row in rows)])
-    whole = (boxes[:, :2] > BORDER).all(axis=1) & (boxes[:, 2:] < np.array(size) - BORDER).all(axis=1)
-    whole &= ~_covered(frames, boxes)
-    frames, boxes, people = frames[whole], boxes[whole], people[whole]
+    uncut = (boxes[:, :2] > BORDER).all(axis=1) & (boxes[:, 2:] < np.array(size) - BORDER).all(axis=1)
+    uncut &= ~_covered(frames, boxes)
+    frames, boxes, people = frames[uncut], boxes[uncut], people[uncut]
     seconds = frames / frame_rate if times is None else times[frames]
     cells = people * 10**8 + np.floor(seconds / CELL).astype(np.int64)
-    kept, cell, counts = np.unique(cells, return_inverse=True, return_counts=True)
-    means = [np.bincount(cell, column, len(kept)) / counts for column in (seconds, *boxes.T)]
-    people = kept // 10**8
+    used_cells, cell, counts = np.unique(cells, return_inverse=True, return_counts=True)
+    means = [np.bincount(cell, column, len(used_cells)) / counts for column in (seconds, *boxes.T)]
+    people = used_cells // 10**8
     enough = np.bincount(people, minlength=len(tracks))[people] >= FEWEST_CELLS
     numbers = np.unique(people[enough], return_inverse=True)[1].astype(np.int64)
     return PeopleView(name, size, frame_rate, means[0][enough], np.stack(means[1:], axis=1)[enough], numbers)
@@ -103,9 +113,11 @@ def _covered(frames: IntArray, boxes: FloatArray) -> BoolArray:
     """``(N,)`` boxes of which somebody nearer may hide the feet."""
     hidden = np.zeros(len(frames), dtype=np.bool_)
     for rows in rows_of_each(frames):
-        own = boxes[rows]
-        shared = intersections(own[:, None], own[None]) * (own[None, :, 3] > own[:, None, 3])
-        hidden[rows] = shared.max(axis=1, initial=0.0) / areas(own) > COVERED
+        frame_boxes = boxes[rows]
+        shared = intersections(frame_boxes[:, None], frame_boxes[None]) * (
+            frame_boxes[None, :, 3] > frame_boxes[:, None, 3]
+        )
+        hidden[rows] = shared.max(axis=1, initial=0.0) / areas(frame_boxes) > COVERED
     return hidden
 
 
@@ -169,14 +181,28 @@ def pinhole(camera: FloatArray, size: tuple[int, int]) -> PinholeCamera:
     return PinholeCamera(*size, np.full(2, focal), camera[1:3], rolled @ np.stack([right, down, forward]), position)
 
 
-# Seconds between places that are compared, and between clock differences that are tried first.
-STEP, COARSE = 0.5, 2
-# Common places of two paths; their deviation from the middle in metres; what fits: metres and share of that.
-FEWEST, SPREAD, MISFIT, SHARE = 4, 0.6, 0.25, 0.2
-# Metres, share of the distance and radians within which pairs agree.
-AWAY, AWAY_SHARE, TURN = 1.0, 0.1, 0.35
-# Hypotheses, and places of a pair that count.
-MOST, LONGEST = 150, 20
+# Time between places that are compared, seconds.
+STEP = 0.5
+# Clock differences are tried first at every so many such steps.
+COARSE = 2
+# Common places that two paths must have.
+FEWEST = 4
+# Deviation of the places of a path from their middle from which a pair tells a turn, metres.
+SPREAD = 0.6
+# Two paths fit whose distance is below this, metres, and
+MISFIT = 0.25
+# a share of that deviation.
+SHARE = 0.2
+# Distance within which pairs agree, metres, and
+AWAY = 1.0
+# a share of how far the place is from the middle.
+AWAY_SHARE = 0.1
+# Turn within which pairs agree, radians.
+TURN = 0.35
+# Most hypotheses.
+MOST = 150
+# Most places of a pair that count.
+LONGEST = 20
 # Pairs of paths up to which two make a hypothesis.
 FEW = 100
 # Seconds by which a rival clock difference differs.
@@ -204,16 +230,16 @@ class Alignment:
 
 def places_at(view: PeopleView, places: FloatArray, times: FloatArray) -> FloatArray:
     """``(tracks, T)`` complex places at increasing ``times`` of the camera's clock, NaN where a person is missed."""
-    found = np.full((view.count, len(times)), complex(np.nan, np.nan))
+    placed = np.full((view.count, len(times)), complex(np.nan, np.nan))
     edges = np.searchsorted(view.people, np.arange(view.count + 1))
     for k, (a, b) in enumerate(pairwise(edges)):
-        own = view.times[a:b]
-        low, high = np.searchsorted(times, [own[0], own[-1]])
-        after = np.clip(np.searchsorted(own, times[low:high]), 1, len(own) - 1)
-        inside = own[after] - own[after - 1] < GAP
-        row = np.interp(times[low:high], own, places[a:b])
-        found[k, low:high] = np.where(inside, row, complex(np.nan, np.nan))
-    return found
+        seconds = view.times[a:b]
+        low, high = np.searchsorted(times, [seconds[0], seconds[-1]])
+        following = np.clip(np.searchsorted(seconds, times[low:high]), 1, len(seconds) - 1)
+        inside = seconds[following] - seconds[following - 1] < GAP
+        row = np.interp(times[low:high], seconds, places[a:b])
+        placed[k, low:high] = np.where(inside, row, complex(np.nan, np.nan))
+    return placed
 
 
 def align(first: FloatArray, second: FloatArray, reach: int) -> Alignment | None:
@@ -240,7 +266,7 @@ def align(first: FloatArray, second: FloatArray, reach: int) -> Alignment | None
     score, turn, shift, elsewhere = tried[best]
     if score <= 0:
         return None
-    rival = max((one[0] for lag, one in tried.items() if abs(lag - best) * STEP > APART), default=0.0)
+    rival = max((result[0] for lag, result in tried.items() if abs(lag - best) * STEP > APART), default=0.0)
     return Alignment(best * STEP, turn, shift, score, max(rival, elsewhere))
 
 
@@ -255,9 +281,9 @@ def _sums(first: FloatArray, second: FloatArray) -> FloatArray:
     """``(6, A, B)`` over the common places of two paths: count, both sums, sums of both squares, of the product."""
     both = [np.isfinite(places).astype(np.float64) for places in (first, second)]
     a, b = np.nan_to_num(first), np.nan_to_num(second)
-    one, other = both[0], both[1].T
-    squares = (np.abs(a) ** 2) @ other, one @ (np.abs(b) ** 2).T
-    return np.stack([one @ other + 0j, a @ other, one @ b.T, *squares, a @ b.conj().T])
+    here, there = both[0], both[1].T
+    squares = (np.abs(a) ** 2) @ there, here @ (np.abs(b) ** 2).T
+    return np.stack([here @ there + 0j, a @ there, here @ b.T, *squares, a @ b.conj().T])
 
 
 def _fitted(sums: FloatArray) -> tuple[FloatArray, ...]:
@@ -280,9 +306,9 @@ def _agreed(first: FloatArray, second: FloatArray) -> tuple[float, complex, comp
     sums = sums[:, i, j]
     turn, a, b, spread, left = _fitted(sums)
     few = len(i) <= FEW
-    alike = left < MISFIT + SHARE * spread
-    hypotheses = np.flatnonzero(alike & (spread > SPREAD))
-    used = np.flatnonzero(alike) if few else hypotheses
+    fitting = left < MISFIT + SHARE * spread
+    hypotheses = np.flatnonzero(fitting & (spread > SPREAD))
+    used = np.flatnonzero(fitting) if few else hypotheses
     guesses = [sums[:, hypotheses]]
     if few:
         pairs = [(p, q) for p, q in combinations(used.tolist(), 2) if i[p] != i[q] and j[p] != j[q]]

@@ -28,14 +28,17 @@ from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.types import FloatArray
 
+# Of the tables on disk; those of another version are made anew.
 VERSION = 2
 # Points about each of a cylinder's two rims.
 AROUND = 16
 # A box along the body is taken for the box of least area where it is at most this much larger. Near the point below
 # the camera the least box is almost square, and its direction would jump from one side to the next.
 NEARLY_LEAST = 1.15
-# The upper part of the height that is the head, and its radius, metres.
-HEAD_HEIGHT, HEAD_RADIUS = 0.3, 0.12
+# The upper part of the height that is the head, metres.
+HEAD_HEIGHT = 0.3
+# Radius of the head, metres.
+HEAD_RADIUS = 0.12
 # Steps between foot positions in the image, pixels, and on the floor, metres. The two grids are joined, for the first
 # is coarse on the floor near the rim, the second in the image near the middle.
 STEPS = (4.0, 0.06)
@@ -199,10 +202,10 @@ def _smallest_boxes(outline: NDArray[np.float32], upward: FloatArray, outward: F
 
     Right under the camera head and feet fall together; there the body points away from that place.
     """
-    found = np.array([(*c, *s, a) for c, s, a in map(cv2.minAreaRect, outline)], dtype=np.float64).reshape(-1, 5)
+    rectangles = np.array([(*c, *s, a) for c, s, a in map(cv2.minAreaRect, outline)], dtype=np.float64).reshape(-1, 5)
     weak = np.linalg.norm(upward, axis=1) < 1.0
     upward = np.where(weak[:, None], outward - np.array([0.0, 1e-6]), upward)
-    least = headed(found[:, :2], found[:, 2:4], np.radians(found[:, 4]), upward)
+    least = headed(rectangles[:, :2], rectangles[:, 2:4], np.radians(rectangles[:, 4]), upward)
     along = _boxes_along(outline, upward)
     return np.where((along[:, 2] * along[:, 3] <= NEARLY_LEAST * least[:, 2] * least[:, 3])[:, None], along, least)
 
@@ -262,8 +265,8 @@ def cached_table(
     path = folder / f"person-{hashlib.sha256(described.encode()).hexdigest()[:24]}.npz"
     if path.is_file():
         try:
-            with np.load(path, allow_pickle=False) as kept:
-                return PersonTable(kept["upright"], kept["rotated"], kept["places"])
+            with np.load(path, allow_pickle=False) as arrays:
+                return PersonTable(arrays["upright"], arrays["rotated"], arrays["places"])
         except (OSError, ValueError, KeyError, EOFError, BadZipFile):
             pass  # made anew below
     table = build_table(camera, floor, person, steps)

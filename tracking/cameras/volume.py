@@ -12,8 +12,9 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 SMALLEST_RADIUS = 2.5
 """In pixels, of a ball that can be searched for."""
-# Of the image height.
+# Largest radius of a ball, share of the image height.
 LARGEST_SHARE = 0.25
+# How far about the cameras places are searched, metres.
 FARTHEST = 15.0
 
 
