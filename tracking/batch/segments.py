@@ -162,7 +162,7 @@ class SegmentPlan:
                     rate, choices[-1][1], changes=choices, frames=count, due=None
                 )
                 seen = [choice for _, choice in choices if choice.sees_somebody]
-                inputs.detect.histories[tuple(size)].somebody = seen
+                inputs.detect.histories[tuple(size)].peopled = seen
         if inputs.choice is not None and self.threshold is not None:
             assert isinstance(network, ForeignDetector)
             inputs.choice.floor, network.score_threshold = self.floor, self.threshold
@@ -304,8 +304,8 @@ class Again:
         plan.prepare(opened, plan.parts[-1][0])
         self._images = isinstance(camera, CameraPath)
         if isinstance(camera, StandingCamera):
-            camera.known = standing(plan.parts[0][0], files)
-            self._images = camera.known is None
+            camera.comparisons = standing(plan.parts[0][0], files)
+            self._images = camera.comparisons is None
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.source, name)

@@ -21,7 +21,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.features.camera_path import FrameRuns
-from tsuiseki.tracking.types import FloatArray, ImageArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 # Width of the copies, pixels.
 _WIDTH = 160
@@ -58,12 +58,14 @@ class StandingCamera:
         patience: frames after which another frame is what the next ones are compared with.
         settled: see above; more than a frame, and no more than the patience.
         moved: frames, the first among them, for which nothing says that the camera stood still.
+        comparisons: ``(F,)`` by frame, the results of earlier ones, so that pictures need none; None compares them.
         compared: frame that the next one is compared with.
     """
 
     patience: int = 10
     settled: int = 5
     moved: FrameRuns = field(default_factory=FrameRuns)
+    comparisons: BoolArray | None = None
     compared: int = 0
     _count: int = 0
     _moving: bool = False
@@ -75,6 +77,10 @@ class StandingCamera:
 
     def add(self, image: ImageArray) -> bool:
         """Take the next frame ``(H, W, 3)`` uint8; whether it shows what the frame ``compared`` does."""
+        if self.comparisons is not None:
+            same = bool(self.comparisons[self._count])
+            self.take(same)
+            return same
         height = max(round(image.shape[0] * _WIDTH / image.shape[1]), 2)
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         copy = cv2.resize(grey, (_WIDTH, height), interpolation=cv2.INTER_AREA).astype(np.float64)
