@@ -28,8 +28,8 @@ ALLOWED = {
 }  # fmt: skip
 # Inside `tracking` a module imports only what stands before it here; batch runs commands.
 STOREYS = (
-    ("errors", "arguments", "output", "weights", "types", "geometry", "options", "processes", "devices", "onnx",
-     "preprocessing", "interchange", "formats", "video", "stages"),  # nouns and borders
+    ("errors", "bounds", "arguments", "output", "weights", "types", "geometry", "options", "processes", "devices",
+     "onnx", "preprocessing", "interchange", "formats", "video", "stages"),  # nouns and borders
     ("cameras", "features", "filters", "association", "evaluation"),  # methods, which know no target
     ("report", "result", "runs"),
     ("people", "single", "drone", "fisheye", "animals", "bodies", "points", "sphere"),  # rooms: what is followed

@@ -1,8 +1,4 @@
-"""Arguments by their types: made of words and YAML, and checked in calls from Python.
-
-`typed` makes a value of a word, for the command line. `guarded` is put around each public name where it is first used.
-Both say in the same words what was expected, and both refuse numbers out of hand.
-"""
+"""Arguments by their types: `typed` makes a value of a word or YAML, `check_sensible` refuses what is out of hand."""
 
 from __future__ import annotations
 
@@ -10,17 +6,17 @@ import difflib
 import inspect
 import re
 import stat
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import MISSING, Field, fields, is_dataclass
-from functools import cache, wraps
-from numbers import Integral, Real
-from os import PathLike
+from numbers import Real
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import yaml
+from pydantic import ValidationError
 
+from tsuiseki.tracking.bounds import refusal
 from tsuiseki.tracking.errors import RequestError
 
 # What a value of a type is called, and several.
@@ -28,14 +24,6 @@ KINDS = {int: "a whole number", float: "a number", bool: "True or False", str: "
 LISTS = {int: "whole numbers", float: "numbers"}
 NAMES = {"NoneType": "None", "ndarray": "array", "Callable": "a function"}
 SEVERAL = (tuple, list, Sequence, Collection, Iterable)
-# What types say badly, by the name of the argument and whether it may be a text.
-SPELT_OUT = {
-    ("frames", True): "FIRST-LAST as a text, such as 301-400",
-    ("detections", True): "a file, or boxes of each frame in a list",
-    ("source", True): "a video file, a folder of images, a camera's number or a list of images (H, W, 3) uint8",
-}
-# Made by the thousand.
-PLENTY = ("Detections", "Targets")
 TIMES, LARGEST, SMALLEST = 1000, 1e6, 1e-9
 
 
@@ -59,8 +47,7 @@ def shown(kind: Any) -> str:
     """
     origin, inner = get_origin(kind), get_args(kind)
     if origin in (Union, UnionType):
-        words = ["an array"] if _of_arrays(inner) else []
-        words += [shown(each) for each in inner if not words or each not in (bool, int, float, complex, bytes)]
+        words = [shown(each) for each in inner]
         if Path in inner:
             words = [word for word in words if word != KINDS[str]]
         return " or ".join(word for word in dict.fromkeys(words) if not word.startswith("_"))
@@ -161,6 +148,8 @@ def _settings(kind: Any, value: Any, name: str, default: Any, optional: bool) ->
         raise RequestError(f"missing: {option_shown(f'{name}.{missing[0]}')}")
     try:
         return kind(**made)
+    except ValidationError as error:
+        raise RequestError(refusal(error, name)) from error
     except ValueError as error:
         # It speaks of the field: of `min_time` for --flow.min-time.
         meant = [field for field in value if re.search(rf"\b{re.escape(field)}\b", str(error))]
@@ -215,157 +204,8 @@ def check_regular(name: str, path: Path) -> None:
         raise RequestError(f"{option}expected a file or a folder, but {path} is a device or a pipe; copy it to a file")
 
 
-def check_argument(name: str, value: Any, kind: Any, default: Any, bounded: bool = True) -> Any:
-    """The value, a number of NumPy as one of Python; refused unless it is of its type, no NaN, and ends.
-
-    Args:
-        name: of the argument, with those above it before dots.
-        value: what came.
-        kind: its type, resolved.
-        default: of the argument; empty where there is none, and its numbers are of any size.
-        bounded: check the size of numbers, and inside settings.
-
-    Raises:
-        RequestError: it cannot be used.
-    """
-    if not fits(value, kind):
-        wanted = SPELT_OUT.get((name, str in get_args(kind))) or shown(kind)
-        raise RequestError(f"`{name}`: expected {wanted}, got {_short(value)}")
-    if name.rpartition(".")[2] in ("seed", "threads") and isinstance(value, Real) and value < 0:
-        raise RequestError(f"`{name}`: expected a whole number from 0, got {value!r}")
-    if bounded and isinstance(value, Real):
-        any_size = default is inspect.Parameter.empty and value == value  # NaN has none
-        check_sensible(name, value, value if any_size else default)
-    elif bounded and is_settings(value):
-        usual, types = type(value)(), get_type_hints(type(value))
-        for one in fields(value):
-            check_argument(f"{name}.{one.name}", getattr(value, one.name), types[one.name], getattr(usual, one.name))
-    if isinstance(value, Real) and not isinstance(value, int | float):
-        return int(value) if isinstance(value, Integral) else float(value)
-    return value
-
-
 def is_settings(value: Any) -> bool:
     """Whether this is a dataclass that can be made without any argument."""
     if not is_dataclass(value) or isinstance(value, type):
         return False
     return all(p.default is not p.empty for p in inspect.signature(type(value)).parameters.values())
-
-
-def fits(value: Any, kind: Any) -> bool:
-    """Whether ``value`` is of the type ``kind``, without reading arrays and iterators."""
-    origin, inner = get_origin(kind), get_args(kind)
-    base = origin or kind
-    if base in (Union, UnionType):
-        return (_of_arrays(inner) and _like_array(value)) or any(fits(value, each) for each in inner)
-    if base is Literal:
-        return any(isinstance(value, type(each)) and value == each for each in inner)
-    if base is Path:
-        return isinstance(value, str | PathLike)
-    if base in (float, int, bool):
-        truth = type(value).__name__ == "bool"
-        number = isinstance(value, Real if base is float else Integral) and not truth and value == value
-        return truth if base is bool else number
-    if getattr(base, "_is_protocol", False):
-        asked = [name for each in base.__mro__ for name in vars(each) if not name.startswith("_")]
-        if not asked and not any("__call__" in vars(each) for each in base.__mro__):  # of NumPy
-            return hasattr(value, "__array__")
-        return all(hasattr(value, name) for name in asked) if asked else callable(value)
-    if base is Any or not isinstance(base, type):
-        return True
-    if base.__name__ == "ndarray":
-        return _like_array(value)
-    if base in (tuple, list, Sequence, Collection, Iterable):
-        if isinstance(value, str | bytes | Mapping):
-            return False
-        listed = isinstance(value, list | tuple)
-        if base is tuple and inner[-1:] != (...,):
-            return listed and len(value) == len(inner) and all(map(fits, value, inner))
-        if hasattr(value, "__array__") and inner:  # its first tells of which kind all are
-            return getattr(value, "ndim", 1) > 0 and all(fits(each, inner[0]) for each in value[:1])
-        if listed and inner:
-            return all(fits(each, inner[0]) for each in value)
-        return isinstance(value, Iterable) and (base is Iterable or hasattr(value, "__len__"))
-    return isinstance(value, base)
-
-
-def _of_arrays(kinds: tuple[Any, ...]) -> bool:
-    return any(getattr(each, "__module__", "").startswith("numpy._typing") for each in kinds)
-
-
-def _like_array(value: Any) -> bool:
-    return hasattr(value, "__array__") or (isinstance(value, Collection) and not isinstance(value, str | bytes))
-
-
-def _short(value: Any) -> str:
-    text = repr(value) if isinstance(value, str | Real | NoneType | list | tuple) else ""
-    return text if 0 < len(text) < 80 else type(value).__name__
-
-
-def guarded(public: Any) -> Any:
-    """A public function that checks its arguments, or a public class whose making and whose methods do.
-
-    Of `PLENTY`, which check themselves, only what they raise becomes a RequestError.
-    """
-    if inspect.isfunction(public):
-        checked = _checked(public)
-        # Where another process finds it.
-        checked.__module__ = "tsuiseki"
-        return checked
-    if inspect.isclass(public) and not issubclass(public, Exception):
-        plenty = public.__name__ in PLENTY
-        for name, member in [*vars(public).items()]:
-            if name == "__init__":
-                setattr(public, name, _refusing(member if plenty else _checked(member, not is_dataclass(public))))
-            elif not (name.startswith("_") or plenty):
-                if inspect.isfunction(member):
-                    setattr(public, name, _checked(member))
-                elif isinstance(member, classmethod):
-                    setattr(public, name, classmethod(_checked(member.__func__)))
-    return public
-
-
-def _refusing(make: Callable[..., None]) -> Callable[..., None]:
-    @wraps(make)
-    def made(self: Any, *given: Any, **named: Any) -> None:
-        try:
-            make(self, *given, **named)
-        except RequestError:
-            raise
-        except (AttributeError, IndexError, OverflowError, TypeError, ValueError) as error:
-            inspect.signature(make).bind(self, *given, **named)  # raises TypeError for unknown names
-            raise RequestError(str(error)) from error
-
-    return made
-
-
-def _checked(function: Callable[..., Any], bounded: bool = True) -> Callable[..., Any]:
-    """``function`` whose arguments are checked, and ``bounded`` numbers; those of settings are where these are used."""
-    signature = inspect.signature(function)
-
-    @cache
-    def kinds() -> dict[str, Any]:
-        try:
-            return get_type_hints(function)
-        except NameError:  # one of a package that need not be there
-            return {}
-
-    @wraps(function)
-    def checked(*given: Any, **named: Any) -> Any:
-        bound = signature.bind(*given, **named)
-        for name, value in bound.arguments.items():
-            parameter = signature.parameters[name]
-            if name not in kinds() or parameter.kind is parameter.VAR_POSITIONAL:
-                continue
-            if parameter.kind is not parameter.VAR_KEYWORD:
-                bound.arguments[name] = check_argument(name, value, kinds()[name], parameter.default, bounded)
-                continue
-            known = get_type_hints(*get_args(kinds()[name])) if get_args(kinds()[name]) else {}
-            for inner, each in value.items():
-                if known and inner not in known:
-                    kind = TypeError if function.__name__ == "__init__" else RequestError
-                    raise kind(f"expected the keywords {', '.join(known)}, got {inner!r}")
-                value[inner] = check_argument(inner, each, known.get(inner, Any), parameter.empty)
-        return function(*bound.args, **bound.kwargs)
-
-    return checked

@@ -26,6 +26,18 @@ def a_path(value: object, name: str = "path") -> Path:
     return Path(value)
 
 
+def check_choice(value: object, choices: Sequence[object], name: str) -> None:
+    """Refuse an argument that is none of its choices.
+
+    >>> check_choice("sort", ("flow", "flow-saf"), "method")
+    Traceback (most recent call last):
+    tsuiseki.tracking.errors.RequestError: `method`: expected flow or flow-saf, got 'sort'
+    """
+    if value not in choices:
+        *first, last = map(str, choices)
+        raise RequestError(f"`{name}`: expected {', '.join(first)} or {last}, got {value!r}")
+
+
 def hint_at(name: str, known: Sequence[str]) -> str:
     """What to write in place of an unknown name: the nearest of those known, or one of all."""
     near = difflib.get_close_matches(name, known, n=1)

@@ -541,5 +541,5 @@ def convert(
         RequestError: the result cannot be read, or see `Result.save`.
     """
     format_named(to)
-    loaded: Result[Any] = result if isinstance(result, Result) else Result.load(result)
+    loaded: Result[Any] = result if isinstance(result, Result) else Result.load(a_path(result, "result"))
     return loaded.save(out, overwrite, to, video)

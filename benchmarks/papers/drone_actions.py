@@ -45,7 +45,6 @@ from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import Appearance, Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.people.motion_compensated import MotionCompensated
 from tsuiseki.tracking.people.printed_flow import ITERATIONS, PrintedFlow
 from tsuiseki.tracking.people.sort import DeepSort, DeepSortSettings
@@ -73,7 +72,7 @@ TUNED_ON = frozenset(
 # Chosen by IDF1 on the same clips as the settings of the flow (seeds 2000 to 2002 and 20500 to 20505); its tracks are
 # where the detector reports people, as the flow's are.
 DEEPSORT = DeepSortSettings(
-    feature_gate=0.5, position_gate=0.95, lifecycle=LifecycleSettings(2, 60, start_score=0.35, boxes="detected")
+    feature_gate=0.5, position_gate=0.95, min_hits=2, max_age=60, start_score=0.35, boxes="detected"
 )
 MOST_ITERATIONS, SAMPLES = 10, 2000
 # Table 5.3: recall, precision, IDs, MOTA, MOTP.

@@ -45,8 +45,9 @@ from tsuiseki.tracking.people.contract import run_tracker
 from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.points.settings import BlobSettings, Lag, SetMethod
 from tsuiseki.tracking.points.tracker import BlobTracker, MeasurementTracker
-from tsuiseki.tracking.types import Detections, FloatArray, Frame, measurements
-from tsuiseki.tracking.types.measurements import Scan, SensingModel
+from tsuiseki.tracking.types import Detections, FloatArray, Frame, sensing_model
+from tsuiseki.tracking.types.measurements import Scan
+from tsuiseki.tracking.types.sensing_model import SensingModel
 
 PointFilter = Running[Any, FloatArray, SetInfo]
 METHODS = ("phd-literal", "phd", "labelled")
@@ -283,12 +284,12 @@ class Scenarios:
         """For `MeasurementTracker`."""
         half, rate = 0.5 * self.side, self.births / max(len(self.places), 1)
         spread = (self.place_spread, self.speed, self.place_spread, self.speed)
-        places = tuple(measurements.BirthPlace((x, 0.0, y, 0.0), spread, rate) for x, y in self.places)
+        places = tuple(sensing_model.BirthPlace((x, 0.0, y, 0.0), spread, rate) for x, y in self.places)
         return SensingModel(
-            measurements.SensorSettings("linear", (self.deviation,)),
-            (measurements.MotionSettings("constant-velocity", self.acceleration),),
+            sensing_model.SensorSettings("linear", (self.deviation,)),
+            (sensing_model.MotionSettings("constant-velocity", self.acceleration),),
             detection=self.detection, survival=self.survival, clutter=self.clutter,
-            region=((-half, half), (-half, half)), births=measurements.BirthSettings(self.births, self.speed, places),
+            region=((-half, half), (-half, half)), births=sensing_model.BirthSettings(self.births, self.speed, places),
         )  # fmt: skip
 
 

@@ -11,10 +11,10 @@ from __future__ import annotations
 import itertools
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import cv2
 import numpy as np
@@ -38,7 +38,6 @@ from tsuiseki.tracking.fisheye.tracker import FloorMethod, link_on_floor
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, ceiling_detector
 from tsuiseki.tracking.fisheye.view import CeilingView, Crops
 from tsuiseki.tracking.people.contract import run_tracker
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.people.sort import DeepSort, DeepSortSettings, Sort, SortSettings
 from tsuiseki.tracking.report.overlay import Overlay, draw_label
 from tsuiseki.tracking.runs.progress import progress
@@ -230,9 +229,19 @@ def _command(
     return [one.track for one in link_on_floor(detections, rate, method, settings, StageTimes())]
 
 
-def _lifecycle(rate: float, choice: Choice) -> LifecycleSettings:
-    hits, age = max(1, round(CONFIRM * rate)), round(PATIENCE * rate)
-    return LifecycleSettings(hits, age, choice.get("start_score", 0.0), "detected")
+S = TypeVar("S", SortSettings, DeepSortSettings)
+
+
+def _in_frames(settings: S, rate: float, choice: Choice) -> S:
+    """Settings whose times and motion are those of the choice at this frame rate."""
+    return replace(
+        settings,
+        min_hits=max(1, round(CONFIRM * rate)),
+        max_age=round(PATIENCE * rate),
+        start_score=choice.get("start_score", 0.0),
+        boxes="detected",
+        motion=_motion(rate, choice["walk"]),
+    )
 
 
 def _motion(rate: float, walk: float) -> BoxMotion:
@@ -241,7 +250,7 @@ def _motion(rate: float, walk: float) -> BoxMotion:
 
 
 def _sort(detections: Frames, rate: float, choice: Choice) -> list[Track]:
-    settings = SortSettings(choice["min_iou"], _lifecycle(rate, choice), _motion(rate, choice["walk"]))
+    settings = _in_frames(SortSettings(min_iou=choice["min_iou"]), rate, choice)
     return run_tracker((each.detections for each in detections), Sort(settings))
 
 
@@ -253,10 +262,8 @@ def _deepsort(detections: Frames, rate: float, choice: Choice) -> list[Track]:
         reach=choice["reach"] + growth,
         reach_growth=growth,
         memory=0.7,
-        lifecycle=_lifecycle(rate, choice),
-        motion=_motion(rate, choice["walk"]),
     )
-    return run_tracker((each.detections for each in detections), DeepSort(settings))
+    return run_tracker((each.detections for each in detections), DeepSort(_in_frames(settings, rate, choice)))
 
 
 # Chosen values are meant to lie within these. A cosine distance of 1 is as good as no gate, an overlap of .01 as any.

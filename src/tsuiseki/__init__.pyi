@@ -80,7 +80,7 @@ from .tracking.types.measurements import PersonOnFloor as PersonOnFloor
 from .tracking.types.measurements import Scan as Scan
 from .tracking.types.measurements import SensedTargets as SensedTargets
 from .tracking.types.measurements import SensedTrack as SensedTrack
-from .tracking.types.measurements import SensingModel as SensingModel
+from .tracking.types.sensing_model import SensingModel as SensingModel
 from .tracking.types.tracks import ActingTrack as ActingTrack
 from .tracking.types.tracks import BodyTrack as BodyTrack
 from .tracking.weights import shipped as shipped

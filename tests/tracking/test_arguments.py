@@ -1,37 +1,40 @@
-"""Whatever is given to a public name, it works or is a RequestError; a wrong type is always one."""
+"""What public calls say of wrong arguments: settings refuse values, borders say what they expected and got."""
 
 from __future__ import annotations
 
+import importlib
 import inspect
 import pickle
-from collections.abc import Callable, Iterator, Sequence
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import is_dataclass
 from pathlib import Path
 from typing import Any, get_args, get_type_hints
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 import tsuiseki
-from tsuiseki.tracking.arguments import fits
 
-NAN, NOTHING = float("nan"), object()
-VALUES = (NOTHING, "a", -1, NAN, None)
+NOTHING = object()
 IMAGES = [np.full((48, 64, 3), 90 + 4 * n, np.uint8) for n in range(3)]
 BOXES = np.array([[4.0, 4, 14, 24]])
-FOUND = [np.column_stack([BOXES + n, [[0.9]]]) for n in range(3)]
+DETECTIONS = [np.column_stack([BOXES + n, [[0.9]]]) for n in range(3)]
 TRACK = tsuiseki.Track(1, np.arange(3), BOXES + np.arange(3)[:, None], np.ones(3))
 SCANS = [tsuiseki.Scan(float(n), np.array([[n, 2.0 * n]])) for n in range(3)]
-MODEL = {"sensor": {"kind": "position"}, "region": [[0, 10], [0, 10]]}
-PEOPLE = {"source": IMAGES, "detections": FOUND, "appearance": "none", "affinity": "none"}
+MODEL = {"sensor": {"model": "linear"}, "region": [[0, 10], [0, 10]]}
+PEOPLE = {"source": IMAGES, "detections": DETECTIONS, "appearance": "none", "affinity": "none"}
 BLOBS, BODIES = {"source": IMAGES, "colour": "red"}, {"source": IMAGES, "body": "goldfish"}
 SINGLE, PLACES = {"source": IMAGES, "box": BOXES[0], "method": "kcf"}, {"measured": [BOXES[:, :2]], "extent": (64, 48)}
 
 
-def good(folder: Path) -> dict[str, dict[str, Any]]:
+def working(folder: Path) -> dict[str, dict[str, Any]]:
     """Arguments of each public function with which it works, or ends at a file that is not there."""
     missing, out = folder / "missing", folder / "out"
     return {
-        "as_detections": {"detections": FOUND[0]},
+        "as_detections": {"detections": DETECTIONS[0]},
         "batch": {"command": "track people", "sources": missing, "out": out},
         "calibrate_people": {"sources": [missing, missing]},
         "check_cameras": {"given": [], "found": NOTHING},
@@ -55,7 +58,7 @@ def good(folder: Path) -> dict[str, dict[str, Any]]:
         "track_animals": {"source": IMAGES},
         "track_blobs": BLOBS,
         "track_deformable": BODIES,
-        "track_drone": {"source": IMAGES, "method": "flow", "detections": FOUND, "appearance": "none"},
+        "track_drone": {"source": IMAGES, "method": "flow", "detections": DETECTIONS, "appearance": "none"},
         "track_fisheye": {"source": IMAGES, "cameras": missing},
         "track_floor": {"sources": [IMAGES], "cameras": missing},
         "track_measurements": {"measured": SCANS, "model": MODEL},
@@ -64,6 +67,7 @@ def good(folder: Path) -> dict[str, dict[str, Any]]:
         "track_single": SINGLE,
         "track_sphere": {"sources": [IMAGES, IMAGES], "cameras": missing, "radius": 0.1},
         "track_sphere_points": {"files": [missing], "cameras": missing},
+        "with_page": {"result": tsuiseki.Result([TRACK])},
         "write_tracks": {"path": folder / "tracks.txt", "tracks": [TRACK]},
         "Appearance": {"path": tsuiseki.shipped("appearance_people")},
         "Counter": {"scene": tsuiseki.Scene()},
@@ -77,113 +81,101 @@ def good(folder: Path) -> dict[str, dict[str, Any]]:
     }
 
 
-# Made by the toolkit alone.
-RESULTS = {"ActingTrack", "Answers", "BodyTrack", "GroundTruth", "Position", "Result", "SensedTargets", "SensedTrack"}
-RESULTS |= {
-    "Linked",
-    "PeopleCalibration",
-    "PersonOnFloor",
-    "SensingModel",
-    "Target",
-    "Targets",
-    "RequestError",
-    "RunError",
-}
+PUBLIC = {name: getattr(tsuiseki, name) for name in tsuiseki.__all__ if name != "__version__"}
+SETTINGS = {kind for kind in PUBLIC.values() if hasattr(kind, "__pydantic_validator__")}
 
 
-def parameters(function: Callable[..., Any]) -> Iterator[tuple[str, Any]]:
-    """Names of the arguments and their types, those of a `TypedDict` of keywords among them."""
-    kinds = get_type_hints(function if inspect.isroutine(function) else function.__init__)
-    for name, parameter in inspect.signature(function).parameters.items():
-        if parameter.kind is parameter.VAR_KEYWORD:
-            yield from (get_type_hints(*inner).items() if (inner := get_args(kinds.get(name))) else ())
-        elif name != "self":
-            yield name, kinds[name]
+def arguments_of(function: Callable[..., Any], kind: Callable[[Any], bool]) -> Iterator[str]:
+    """Names of the arguments one of whose types is of a kind."""
+    hints = get_type_hints(function.__init__ if inspect.isclass(function) else function)
+    for name in inspect.signature(function).parameters:
+        types = get_args(hints.get(name)) or (hints.get(name),)
+        if any(kind(part) for part in types):
+            yield name
 
 
-def used(made: object) -> None:
-    """What comes while it is asked for only, comes."""
+def first_of(made: object) -> None:
+    """An iterator opens what it needs when it is asked for the first."""
     if isinstance(made, Iterator):
-        next(made, None)
+        next(made)
 
 
-def tried(wrong: list[str], name: str, function: Callable[..., Any], known: dict[str, Any]) -> None:
-    """Give ``function`` each wrong value for each argument; what is neither right nor refused goes into ``wrong``."""
-    for argument, kind in parameters(function):
-        for value in VALUES:
-            try:
-                used(function(**{**known, argument: value}))
-                if value is NOTHING or not fits(value, kind):
-                    wrong.append(f"{name}({argument}={value!r}) is taken")
-            except (tsuiseki.RequestError, tsuiseki.RunError):
-                continue
-            except Exception as error:
-                wrong.append(f"{name}({argument}={value!r}): {type(error).__name__}: {error}")
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore")
-def test_every_argument_of_every_public_name_works_or_is_refused(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("name", [name for name in PUBLIC if inspect.isfunction(PUBLIC[name])])
+def test_an_array_is_no_path_and_a_word_no_settings(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    known, wrong = good(tmp_path), list[str]()
-    for name in sorted({*tsuiseki.__all__} - RESULTS - {"__version__"}):
-        tried(wrong, name, getattr(tsuiseki, name), known.get(name, {}))
-    assert not wrong, "\n".join(wrong)
+    call, arguments = PUBLIC[name], working(tmp_path)[name]
+    wrong = {argument: np.zeros(3) for argument in arguments_of(call, lambda part: part is Path)}
+    wrong |= dict.fromkeys(arguments_of(call, lambda part: part in SETTINGS), "word")
+    for argument, value in wrong.items():
+        with pytest.raises((tsuiseki.RequestError, ValidationError), match="xpected"):
+            first_of(call(**{**arguments, argument: value}))
 
 
-@pytest.mark.filterwarnings("ignore")
-def test_every_argument_of_every_method_works_or_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    result, found = tsuiseki.Result([TRACK], frame_rate=10.0, size=(64, 48)), tsuiseki.as_detections(FOUND[0])
-    known: dict[Any, dict[str, dict[str, Any]]] = {
-        result: {
-            "at": {"frame": 0},
-            "draw": {"image": IMAGES[0], "frame": 0},
-            "overlay": {"path": tmp_path / "o.webm", "source": IMAGES, "overwrite": True},
-            "save": {"path": tmp_path / "tracks.csv", "overwrite": True},
-            "load": {"path": tmp_path / "missing"},
-        },
-        tsuiseki.Detector(tsuiseki.shipped("detector_street")): {"detect": {"images": IMAGES}},
-        tsuiseki.Appearance(tsuiseki.shipped("appearance_people")): {"describe": {"image": IMAGES[0], "boxes": BOXES}},
-        tsuiseki.Sort(): {"update": {"detections": found}},
-        tsuiseki.FlowTracker(): {"update": {"detections": found}},
-    }
-    wrong: list[str] = []
-    for made, methods in known.items():
-        for name, arguments in methods.items():
-            tried(wrong, f"{type(made).__name__}.{name}", getattr(made, name), arguments)
-    assert not wrong, "\n".join(wrong)
-
-
-NAMED = [
-    ("track_single", {**SINGLE, "seed": "a"}, "`seed`: expected a whole number, got 'a'"),
-    ("track_single", {**SINGLE, "method": "zz"}, "`method`: expected one of 'combined', "),
-    ("track_people", {**PEOPLE, "frame_rate": 1e-320}, "`frame_rate`: expected 0 or a number from 1e-09"),
-    ("track_people", {**PEOPLE, "nonsense": 1}, "expected the keywords detections, .*, got 'nonsense'"),
-    ("track_drone", {"source": IMAGES, "threads": -1}, "`threads`: expected a whole number from 0, got -1"),
-    ("track_points", {**PLACES, "extent": (64, "a")}, "`extent`: expected 2 numbers, got .64, 'a'."),
-    ("BlobSettings", {"particles": "a"}, "`particles`: expected a whole number, got 'a'"),
-    (
-        "track_blobs",
-        {**BLOBS, "settings": tsuiseki.BlobSettings(particles=10**9)},
-        "`settings.particles`: expected a n",
-    ),
-    ("FlowTracker", {"settings": tsuiseki.FlowSettings(fill=1e300)}, "`settings.fill`: expected a number below"),
-    ("track_measurements", {"measured": SCANS, "model": MODEL, "particles": 10**9}, "`particles`: expected a number b"),
-    ("evaluate_people", {"truth": [1], "tracks": [TRACK]}, "`truth`: expected a path or GroundTruth or "),
-    ("link", {"results": np.zeros(3)}, "`results`: expected .*, got ndarray"),
-    ("calibrate_people", {"sources": np.zeros(3)}, "`sources`: expected .*, got ndarray"),
-    ("evaluate_target", {"truth": BOXES, "target": len}, "`target`: expected .*, got builtin_function_or_method"),
+WRONG = [
+    ("track_single", {**SINGLE, "method": "zz"}, "expected the method combined, "),
+    ("track_points", {**PLACES, "extent": (64, "a")}, "`extent`: expected width and height"),
+    ("evaluate_people", {"truth": [1], "tracks": [TRACK]}, "expected the truth as a folder, a file or tracks"),
+    ("link", {"results": [1, 2]}, "expected .*, got int"),
     ("Detections", {"boxes": np.zeros((2, 3)), "scores": np.zeros(2)}, r"expected boxes of shape \(N, 4\), got"),
+    ("FlowTracker", {"frame_rate": float("nan")}, "expected a frame rate above 0"),
+    ("Sort", {"settings": tsuiseki.FlowSettings()}, "`settings`: expected SortSettings, got FlowSettings"),
 ]
 
 
-@pytest.mark.parametrize(("name", "given", "said"), NAMED)
-def test_a_refusal_names_the_argument_and_says_what_came(name: str, given: dict[str, Any], said: str) -> None:
-    with pytest.raises(tsuiseki.RequestError, match=said):
-        getattr(tsuiseki, name)(**given)
+@pytest.mark.parametrize(("name", "arguments", "line"), WRONG)
+def test_a_refusal_says_what_was_expected_and_what_came(name: str, arguments: dict[str, Any], line: str) -> None:
+    with pytest.raises(ValueError, match=line):
+        PUBLIC[name](**arguments)
+
+
+OUT_OF_BOUNDS = [
+    ("SortSettings", {"max_age": 20_000}, "max_age\n.*less than or equal to 10000"),
+    ("Sort", {"max_age": 20_000}, "max_age\n.*less than or equal to 10000"),
+    ("Sort", {"min_iou": float("nan")}, "min_iou\n.*finite number"),
+    ("BlobSettings", {"particles": "a"}, "particles\n.*valid integer"),
+    ("BlobSettings", {"particles": 10**9}, "particles\n.*less than or equal to 1000000"),
+    ("FlowSettings", {"fill": 1e300}, "fill\n.*less than or equal to 86400"),
+    ("FlowTracker", {"fill": 1e300}, "fill\n.*less than or equal to 86400"),
+    ("SortSettings", {"min_hitz": 1}, "min_hitz\n.*[Uu]nexpected keyword argument"),
+]
+
+
+@pytest.mark.parametrize(("name", "arguments", "lines"), OUT_OF_BOUNDS)
+def test_settings_and_trackers_refuse_by_the_same_rule(name: str, arguments: dict[str, Any], lines: str) -> None:
+    with pytest.raises(ValidationError, match=lines):
+        PUBLIC[name](**arguments)
+
+
+def test_a_class_is_the_same_from_everywhere() -> None:
+    """The package hands out what the modules define, and nothing changes by being named."""
+    for name, public in PUBLIC.items():
+        assert getattr(importlib.import_module(public.__module__), name) is public
+    code = """
+from tsuiseki.tracking.people.sort import Sort
+from tsuiseki.tracking.types import Detections
+def said():
+    for wrong in (lambda: Sort(max_age="a"), lambda: Sort(nonsense=1), lambda: Sort(5), lambda: Detections([1], [1])):
+        try:
+            wrong()
+        except Exception as error:
+            yield type(error), str(error)
+before = [*said()]
+import tsuiseki
+_ = [getattr(tsuiseki, name) for name in tsuiseki.__all__]
+assert len(before) == 4 and before == [*said()], before
+"""
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
+@pytest.mark.parametrize("name", [kind.__name__ for kind in SETTINGS])
+def test_settings_are_frozen_and_have_defaults_within_their_bounds(name: str) -> None:
+    kind = PUBLIC[name]
+    assert is_dataclass(kind)
+    assert kind.__dataclass_params__.frozen  # type: ignore[attr-defined]
+    settings = kind()
+    kind.__pydantic_validator__.validate_python({}, self_instance=kind())
+    for field, value in vars(settings).items():
+        assert kind(**{field: value}) == settings
 
 
 def test_public_functions_and_what_they_give_go_to_other_processes() -> None:
@@ -192,19 +184,29 @@ def test_public_functions_and_what_they_give_go_to_other_processes() -> None:
 
 
 def test_an_argument_that_there_is_not_is_a_type_error() -> None:
-    with pytest.raises(TypeError):
+    with pytest.raises(TypeError, match="nonsense"):
         tsuiseki.track_single(IMAGES, BOXES[0], nonsense=1)  # type: ignore[call-arg]
-    with pytest.raises(TypeError):
+    with pytest.raises(TypeError, match="nonsense"):
         tsuiseki.Detections(BOXES, np.ones(1), nonsense=1)  # type: ignore[call-arg]
+    with pytest.raises(TypeError, match="min_hitz"):
+        tsuiseki.Sort(min_hitz=1)  # type: ignore[call-arg]
 
 
-def test_numbers_and_lists_of_numpy_are_numbers_and_lists() -> None:
-    assert fits(np.float32(1), float)
-    assert fits(np.int16(1), int)
-    assert fits(np.bool_(True), bool)
-    assert not fits(True, int)
-    assert not fits(np.float64("nan"), float | None)
-    assert fits(np.zeros(4), Sequence[float] | None)
-    tracker = tsuiseki.Sort(max_age=np.int64(3), min_hits=np.uint8(1), min_iou=np.float32(0.25))
-    assert type(tracker.settings.lifecycle.max_age) is int
-    assert tracker.update(BOXES, time=np.float32(0)).ids.tolist() == [1]
+def test_every_public_call_names_its_keywords() -> None:
+    for name in ("Sort", "DeepSort", "ByteTrack", "OcSort", "FlowTracker", "PointTracker"):
+        assert_named(name, PUBLIC[name])
+    for name, public in PUBLIC.items():
+        if name.startswith(("track_", "follow_")):
+            assert_named(name, public)
+
+
+def assert_named(name: str, function: Callable[..., Any]) -> None:
+    for parameter in inspect.signature(function).parameters.values():
+        assert parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL), name
+        assert parameter.annotation is not parameter.empty, (name, parameter.name)
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    tracker = tsuiseki.Sort(max_age=np.int64(3), min_hits=np.uint8(1), min_iou=np.float32(0.25))  # type: ignore[arg-type]
+    assert type(tracker.settings.max_age) is int
+    assert tracker.update(BOXES, time=np.float32(0)).ids.tolist() == [1]  # type: ignore[arg-type]

@@ -20,6 +20,7 @@ from tsuiseki.tracking.animals.skeleton import (
     with_centre,
 )
 from tsuiseki.tracking.animals.tracker import AnimalTracker
+from tsuiseki.tracking.bounds import as_settings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
 from tsuiseki.tracking.formats.body_points import point_files
@@ -65,9 +66,9 @@ def track_animals(
         RunError: the video breaks off.
     """
     opened = Video.given(source, frames).open(images=True, replayable=True)
-    skeleton = skeleton or SkeletonSettings()
+    skeleton = as_settings(skeleton, SkeletonSettings, "skeleton")
     made = {"contrast": contrast, "source": named(source), "seed": seed}
-    choice = AnimalChoice(contrast, threshold, animals=settings or AnimalSettings())
+    choice = AnimalChoice(contrast, threshold, animals=as_settings(settings, AnimalSettings))
     choice.check()
     return animal_result(opened, opened.frames(), skeleton, skeleton.table(), choice, StageTimes(), made)
 

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast
 from tsuiseki.tracking.formats.body_points import read_poses_file
@@ -14,7 +18,7 @@ from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.types.tracks import PointTable
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class AnimalSettings:
     """Settings of the tracker of animals.
 
@@ -22,11 +26,7 @@ class AnimalSettings:
         smallest: share of the usual animal's core from which a region holds one, in (0, 1).
     """
 
-    smallest: float = 0.3
-
-    def __post_init__(self) -> None:
-        if not 0 < self.smallest < 1:
-            raise RequestError(f"`smallest`: expected a share between 0 and 1, got {self.smallest:g}")
+    smallest: Annotated[float, Field(gt=0, lt=1)] = 0.3
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ class AnimalChoice(Shared):
             raise RequestError(f"`corrections`: expected a file that is there, got {self.corrections}")
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class SkeletonSettings(Shared):
     """What is known of the animals' points.
 

@@ -22,9 +22,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import PositiveFloat
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.association.detection_tables import DetectionTable, Measurements
 from tsuiseki.tracking.association.network_flow import predecessors
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 
 # Which covariance belongs to x, y, log width and log height.
@@ -35,7 +38,7 @@ BLOCK = 64
 RUN_UP = 48
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class MotionNoise:
     """Noise of the filter, for places, log widths and log heights.
 
@@ -45,13 +48,9 @@ class MotionNoise:
         velocity: v, deviation of the velocity at the start, heights and logarithms a second.
     """
 
-    measurement: tuple[float, float, float] = (0.03, 0.14, 0.05)
-    acceleration: tuple[float, float, float] = (0.246, 0.49, 0.099)
-    velocity: tuple[float, float, float] = (0.75, 0.15, 0.11)
-
-    def __post_init__(self) -> None:
-        if min(*self.measurement, *self.acceleration, *self.velocity) <= 0:
-            raise ValueError("expected measurement, acceleration and velocity above 0")
+    measurement: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (0.03, 0.14, 0.05)
+    acceleration: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (0.246, 0.49, 0.099)
+    velocity: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = (0.75, 0.15, 0.11)
 
 
 @dataclass(frozen=True)

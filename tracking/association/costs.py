@@ -22,8 +22,11 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 import numpy as np
+from pydantic import NonNegativeFloat
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.association.nearby import gaps, sizes
+from tsuiseki.tracking.bounds import SETTINGS, Seconds
 from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.types import Columns, FloatArray, IntArray
 
@@ -207,7 +210,7 @@ def unit_means(sums: FloatArray) -> FloatArray:
 ActionFeatures = Literal["single", "centred", "one-sided"]
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class ActionCost:
     """Cost of a link by the cosine distance d of the action probabilities at its ends: weight · (d − neutral).
 
@@ -221,14 +224,10 @@ class ActionCost:
     """
 
     features: ActionFeatures = "one-sided"
-    window: float = 0.5
-    weight: tuple[float, float] = (10.0, 25.0)
+    window: Seconds = 0.5
+    weight: tuple[NonNegativeFloat, NonNegativeFloat] = (10.0, 25.0)
     neutral: tuple[float, float] = (0.05, 0.04)
     least: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.window < np.inf and 0 <= min(self.weight) <= max(self.weight) < np.inf):
-            raise ValueError(f"expected window and weights from 0, got {self.window} and {self.weight}")
 
     @property
     def averaged(self) -> bool:

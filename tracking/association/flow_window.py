@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from copy import copy
-from dataclasses import dataclass, field
+from dataclasses import field
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field, NonNegativeFloat
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.association.chain_motion import RUN_UP, TrackMotion, followed
 from tsuiseki.tracking.association.costs import TransitionCost
@@ -37,13 +40,14 @@ from tsuiseki.tracking.association.places import (
     starts_and_ends,
 )
 from tsuiseki.tracking.association.sliding_flow import Decision, SlidingFlow
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 # Seconds of decided detections that the estimates at undecided ones need.
 CONTEXT = 1.0
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class FlowCosts:
     """Costs of the flow over detections, nats.
 
@@ -56,16 +60,10 @@ class FlowCosts:
     """
 
     link: LinkCost = field(default_factory=LinkCost)
-    entry: float = 5.0
-    exit: float = 5.0
-    rounds: int = 5
+    entry: NonNegativeFloat = 5.0
+    exit: NonNegativeFloat = 5.0
+    rounds: Annotated[int, Field(ge=0, le=1000)] = 5
     places: bool = True
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.entry < np.inf and 0 <= self.exit < np.inf):
-            raise ValueError("expected finite entry and exit costs of 0 or more")
-        if self.rounds < 0:
-            raise ValueError(f"expected rounds from 0, got {self.rounds}")
 
 
 class FlowWindow:

@@ -16,14 +16,17 @@ coordinates are one of a product.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import TypeAlias
 
 import numpy as np
+from pydantic import NonNegativeFloat, PositiveFloat
+from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.association.chain_motion import GROUPS, Beliefs, MotionNoise
 from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.detection_tables import Measurements
+from tsuiseki.tracking.bounds import SETTINGS, Share
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 # However well two chains fit, a link is worth no more: a track's end may always be bought.
@@ -103,7 +106,7 @@ class _Columns:
         self.side = np.maximum(*self.place[2:])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SETTINGS)
 class LinkCost:
     """What links cost.
 
@@ -121,20 +124,14 @@ class LinkCost:
     """
 
     motion: MotionNoise = field(default_factory=MotionNoise)
-    miss: float = 1.5
+    miss: NonNegativeFloat = 1.5
     appearance: tuple[float, float] = (14.0, 18.0)
     neutral: tuple[float, float] = (0.27, 0.24)
     action: ActionCost | None = None
-    reach: tuple[float, float] = (0.3, 0.3)
-    speed: tuple[float, float] = (2.1, 1.2)
-    size: float = 0.5
-    velocity_confidence: float = 0.3
-
-    def __post_init__(self) -> None:
-        if not (self.miss >= 0 and self.size > 0 and min(self.reach) > 0 and min(self.speed) >= 0):
-            raise ValueError("expected size and reach above 0, miss and speed from 0")
-        if not 0 <= self.velocity_confidence <= 1:
-            raise ValueError(f"expected velocity_confidence from 0 to 1, got {self.velocity_confidence}")
+    reach: tuple[PositiveFloat, PositiveFloat] = (0.3, 0.3)
+    speed: tuple[NonNegativeFloat, NonNegativeFloat] = (2.1, 1.2)
+    size: PositiveFloat = 0.5
+    velocity_confidence: Share = 0.3
 
     def at_speed(self, speed: float) -> LinkCost:
         """The same where targets move at ``speed``, longer sides a second, as `VideoEvidence.speed` tells it.

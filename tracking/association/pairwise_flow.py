@@ -8,17 +8,21 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field, NonNegativeFloat, PositiveFloat
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.association.costs import PairFeatures, TransitionCost, pair_features
 from tsuiseki.tracking.association.detection_tables import DetectionRows
 from tsuiseki.tracking.association.nearby import near_pairs, sizes
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class GateSettings:
     """Limits of a plausible move between two detections.
 
@@ -29,19 +33,10 @@ class GateSettings:
         size_ratio: the larger height over the smaller at most, at least 1.
     """
 
-    window: int = 30
-    reach: float = 0.5
-    speed: float = 0.1
-    size_ratio: float = 1.6
-
-    def __post_init__(self) -> None:
-        if self.window < 1:
-            raise ValueError(f"expected a window of at least 1 frame, got {self.window}")
-        if not (self.reach > 0 and self.speed >= 0 and self.size_ratio >= 1):
-            raise ValueError(
-                "expected reach > 0, speed >= 0 and size_ratio >= 1, "
-                f"got {self.reach}, {self.speed} and {self.size_ratio}"
-            )
+    window: Annotated[int, Field(ge=1, le=10_000)] = 30
+    reach: PositiveFloat = 0.5
+    speed: NonNegativeFloat = 0.1
+    size_ratio: Annotated[float, Field(ge=1)] = 1.6
 
 
 # Of the thesis's flow as printed, which names no gate: as far as a drone's camera jumps from one frame to the next.

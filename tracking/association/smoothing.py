@@ -9,17 +9,20 @@ copying the errors of the neighbours would predict best. What persists still lon
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import scipy
+from pydantic import NonNegativeFloat
+from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.association.nearby import sizes
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SETTINGS)
 class SmoothingSettings:
     """How far boxes are smoothed: the squared noise of a detected box over that of its change of velocity.
 
@@ -28,12 +31,8 @@ class SmoothingSettings:
         size: for width and height, which change more slowly; 0 leaves them as they were detected.
     """
 
-    position: float = 250.0
-    size: float = 20_000.0
-
-    def __post_init__(self) -> None:
-        if not (0 <= self.position < np.inf and 0 <= self.size < np.inf):
-            raise ValueError("expected finite strengths of smoothing, 0 or more")
+    position: NonNegativeFloat = 250.0
+    size: NonNegativeFloat = 20_000.0
 
 
 def fill_gaps(track: Track, longest: int, clock: Callable[[IntArray], IntArray] = np.asarray) -> Track:

@@ -24,12 +24,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import copy
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
 import scipy
+from pydantic import Field
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.association.detection_tables import boxes_of_frames
 from tsuiseki.tracking.association.nearby import dense_reach, near_pairs, nearest, ranges, sizes
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray
 
@@ -125,7 +129,7 @@ def _triples(i: IntArray, j: IntArray, count: int) -> tuple[IntArray, IntArray, 
     return i[first], j[first], j[order[second]]
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class DetectionCost:
     """Cost of using a detection of probability p: -(offset + weight logit p) max(1, 30 / frame rate)^interval.
 
@@ -138,12 +142,8 @@ class DetectionCost:
 
     offset: float = 3.5
     weight: float = 1.0
-    least: float = 0.1
+    least: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
     interval: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not 0 < self.least < 0.5:
-            raise ValueError("expected least in (0, 0.5)")
 
     def __call__(self, probability: FloatArray, frame_rate: float) -> FloatArray:
         """``(N,)`` costs of detections of ``(N,)`` probabilities in (0, 1)."""

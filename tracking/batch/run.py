@@ -21,8 +21,8 @@ from tsuiseki.tracking.batch.schedule import JOURNAL, Row, Schedule, note
 from tsuiseki.tracking.batch.sources import jobs_of
 from tsuiseki.tracking.batch.tasks import TOKEN, Doing
 from tsuiseki.tracking.cli.commands import EVALUATE, TRACK
-from tsuiseki.tracking.cli.parser import Option, arguments_of, documentation, options_of, parse, plain, read
-from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
+from tsuiseki.tracking.cli.parser import Option, arguments_of, documentation, options_of, plain, read
+from tsuiseki.tracking.errors import Interrupted, RequestError, a_path, signal_of
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.output import held, whole_file, writable
 from tsuiseki.tracking.report.page import html_page, html_table, listing, section
@@ -96,15 +96,32 @@ class BatchResult(Sequence[Row]):
         return [row for row in self.rows if row.status == "failed"]
 
 
-def batch(command: str, sources: str | Path | Sequence[str | Path], out: str | Path, **options: Any) -> BatchResult:
+def batch(
+    command: str,
+    sources: str | Path | Sequence[str | Path],
+    out: str | Path,
+    *,
+    overwrite: bool = False,
+    workers: int = 0,
+    ray: str | None = None,
+    gpus: float = 0.0,
+    segment: float = 60.0,
+    continuous: bool = False,
+    **options: object,
+) -> BatchResult:
     """A command on many videos; results that are there stay, and what was interrupted goes on.
 
     Args:
         command: such as ``track people`` or ``count``.
         sources: as on the command line, see ``tsuiseki batch``.
         out: folder for the results.
-        options: of the batch, see `BatchOptions`, and of the command, by their names with underscores. ``ray="here"``
-            starts Ray on this machine.
+        overwrite: see `BatchOptions`, as for all up to ``continuous``.
+        workers: 0 takes a process a core.
+        ray: ``here`` starts Ray on this machine.
+        gpus: on Ray, share of a GPU that a task takes.
+        segment: seconds of video in one task of track people.
+        continuous: the files of track people follow each other.
+        options: of the command, by their names with underscores.
 
     Returns:
         What became of each video. One that failed is a row that says why; the others go on.
@@ -113,13 +130,19 @@ def batch(command: str, sources: str | Path | Sequence[str | Path], out: str | P
         RequestError: an option, a source or the folder is wrong, or Ray does not answer.
         RunError: the disk is full, or Ray has gone; the same call goes on from there.
     """
-    own = [option.name for option in options_of(_how)]
-    theirs = {name: value for name, value in options.items() if name not in own}
-    given = {name: value for name, value in options.items() if name in own} | {"out": out}
-    how: BatchOptions = parse("batch", _how, [], plain(given))["how"]
-    job = Job(tuple(command.split()), "", "", plain(theirs))
-    known = [option.name for option in options_of(job.function)]
-    if unknown := [name for name in theirs if name not in known]:
+    how = BatchOptions(
+        out=a_path(out, "out"),
+        overwrite=overwrite,
+        workers=workers,
+        ray=ray,
+        gpus=gpus,
+        segment=segment,
+        continuous=continuous,
+    )
+    how.check()
+    job = Job(tuple(command.split()), "", "", plain(options))
+    own = [option.name for option in options_of(job.function)]
+    if unknown := [name for name in options if name not in own]:
         raise RequestError(f"expected options of `{command}`, got {unknown[0]!r}")
     return run_batch([str(one) for one in ([sources] if isinstance(sources, str | Path) else sources)], job, how)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +20,8 @@ from tsuiseki.tracking.bodies.settings import (
     starting_states,
 )
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.bounds import as_settings
+from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.background_difference import StandingOut, video_background
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.formats.body_states import write_states
@@ -32,39 +33,36 @@ from tsuiseki.tracking.types import Frame, ImageArray, as_numbers
 from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import Source, SourceLike, named
 
-
-class BodyKeywords(TypedDict, total=False):
-    """What `track_deformable` and `follow_deformable` take beside the source and the body.
-
-    Attributes:
-        colour: of the bodies, by name or as ``"H1-H2,S1-S2,V1-V2"`` with hues in degrees; or ``any`` (the default),
-            ``bright`` or ``dark`` for what stands out in this way from a background that a fixed camera sees behind
-            them. A live source needs a colour.
-        motion: file of `tsuiseki train motion`, what was learnt of this body.
-        preset: how the body is expected to move; by default ``learnt`` with ``motion`` and ``wide`` without.
-        init: ``(K, D)`` states of the bodies in the first frame; by default they are found there.
-        frames: only these frames, counted from 1 with both ends, such as ``"301-400"``.
-        settings: see `DeformableSettings`.
-        seed: of the particles.
-    """
-
-    colour: str
-    motion: str | Path | None
-    preset: MotionPreset | None
-    init: ArrayLike | None
-    frames: str | None
-    settings: DeformableSettings | None
-    seed: int
+DEFORMABLE = DeformableSettings()
 
 
-def track_deformable(source: SourceLike, body: str = "goldfish", **keywords: Unpack[BodyKeywords]) -> Result[BodyTrack]:
+def track_deformable(
+    source: SourceLike,
+    body: str = "goldfish",
+    *,
+    colour: str = "any",
+    motion: str | Path | None = None,
+    preset: MotionPreset | None = None,
+    init: ArrayLike | None = None,
+    frames: str | None = None,
+    settings: DeformableSettings = DEFORMABLE,
+    seed: int = 0,
+) -> Result[BodyTrack]:
     """Bodies that bend: place, heading and bend of each in every frame.
 
     Args:
         source: a video file, a folder of images, a MOTChallenge sequence folder, or images in a list.
         body: ``goldfish`` or ``ball``, with its sizes in pixels where they differ, such as
             ``"goldfish,length=40,width=14,tail=20"``, or a file of `tsuiseki train body`.
-        keywords: see `BodyKeywords`.
+        colour: of the bodies, by name or as ``"H1-H2,S1-S2,V1-V2"`` with hues in degrees; or ``any``, ``bright`` or
+            ``dark`` for what stands out in this way from a background that a fixed camera sees behind them. A live
+            source needs a colour.
+        motion: file of `tsuiseki train motion`, what was learnt of this body.
+        preset: how the body is expected to move; by default ``learnt`` with ``motion`` and ``wide`` without.
+        init: ``(K, D)`` states of the bodies in the first frame; by default they are found there.
+        frames: only these frames, counted from 1 with both ends, such as ``"301-400"``.
+        settings: see `DeformableSettings`.
+        seed: of the particles.
 
     Returns:
         The tracks by id, frames counted from 0 at the beginning of the video.
@@ -73,43 +71,57 @@ def track_deformable(source: SourceLike, body: str = "goldfish", **keywords: Unp
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    opened, tracker = _opened(source, body, ", or use follow_deformable", **keywords)
-    made = {"body": body, "source": named(source), "seed": keywords.get("seed", 0)}
+    opened = Video.given(source, frames).open(images=True, ends=", or use follow_deformable")
+    tracker = body_tracker(_choice(body, colour, motion, preset, init, settings), opened, seed)
+    made = {"body": body, "source": named(source), "seed": seed}
     return body_result(opened, tracker, opened.frames(), StageTimes(), made)
 
 
 def follow_deformable(
-    source: SourceLike, body: str = "goldfish", **keywords: Unpack[BodyKeywords]
+    source: SourceLike,
+    body: str = "goldfish",
+    *,
+    colour: str = "any",
+    motion: str | Path | None = None,
+    preset: MotionPreset | None = None,
+    init: ArrayLike | None = None,
+    frames: str | None = None,
+    settings: DeformableSettings = DEFORMABLE,
+    seed: int = 0,
 ) -> Iterator[tuple[Frame, list[BodyTrack]]]:
     """Each frame with the bodies in it, each as a track of this one frame, while the video comes.
 
     Arguments and errors are those of `track_deformable`.
     """
-    opened, tracker = _opened(source, body, None, **keywords)
+    opened = Video.given(source, frames).open(images=True)
+    tracker = body_tracker(_choice(body, colour, motion, preset, init, settings), opened, seed)
 
-    def each() -> Iterator[tuple[Frame, list[BodyTrack]]]:
+    def frames_with_bodies() -> Iterator[tuple[Frame, list[BodyTrack]]]:
         for frame in opened.frames():
             tracker.update(frame)
             yield frame, tracker.tracks()
             tracker.forget()
 
-    return each()
+    return frames_with_bodies()
 
 
-def _opened(
-    source: SourceLike, body: str, ends: str | None, **keywords: Unpack[BodyKeywords]
-) -> tuple[Source, DeformableTracker]:
-    opened = Video.given(source, keywords.get("frames")).open(images=True, ends=ends)
-    init, motion = keywords.get("init"), keywords.get("motion")
-    choice = BodyChoice(
+def _choice(
+    body: str,
+    colour: str,
+    motion: str | Path | None,
+    preset: MotionPreset | None,
+    init: ArrayLike | None,
+    settings: DeformableSettings,
+) -> BodyChoice:
+    """What the command line would choose."""
+    return BodyChoice(
         body,
-        None if motion is None else Path(motion),
-        keywords.get("preset"),
+        None if motion is None else a_path(motion, "motion"),
+        preset,
         init=None if init is None else np.atleast_2d(as_numbers(init, "init")).tolist(),
-        colour=keywords.get("colour", "any"),
-        deformable=keywords.get("settings") or DeformableSettings(),
+        colour=colour,
+        deformable=as_settings(settings, DeformableSettings),
     )
-    return opened, body_tracker(choice, opened, keywords.get("seed", 0))
 
 
 def body_pixels(choice: BodyChoice, source: Source) -> BodyPixels:

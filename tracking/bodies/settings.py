@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import AfterValidator, Field, NonNegativeInt, PositiveFloat
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.bodies.contour import wide_noise
+from tsuiseki.tracking.bounds import SETTINGS, Particles
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast
 from tsuiseki.tracking.filters.body_motion import BodyMotion, RandomWalk
@@ -24,7 +27,13 @@ CONTRASTS: dict[str, Contrast] = {"any": "any", "bright": "bright", "dark": "dar
 MotionPreset = Literal["learnt", "paper", "conditional", "independent", "velocity", "walk", "wide"]
 
 
-@dataclass(frozen=True)
+def _odd(pixels: int) -> int:
+    if pixels % 2 == 0:
+        raise ValueError(f"expected an odd number of pixels, got {pixels}")
+    return pixels
+
+
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class DeformableSettings:
     """Settings of the tracker of bodies.
 
@@ -35,19 +44,10 @@ class DeformableSettings:
         smooth: side in pixels of the median filter of the extraction; 1 leaves it out.
     """
 
-    particles: int = 500
-    spread: float = 40.0
-    patience: int = 10
-    smooth: int = 5
-
-    def __post_init__(self) -> None:
-        for name, least in (("particles", 1), ("patience", 0)):
-            if getattr(self, name) < least:
-                raise RequestError(f"`{name}`: expected a whole number from {least}, got {getattr(self, name)}")
-        if self.smooth < 1 or self.smooth % 2 == 0:
-            raise RequestError(f"`smooth`: expected an odd number of pixels, got {self.smooth}")
-        if not 0 < self.spread < np.inf:
-            raise RequestError(f"`spread`: expected squared pixels above 0, got {self.spread:g}")
+    particles: Particles = 500
+    spread: PositiveFloat = 40.0
+    patience: NonNegativeInt = 10
+    smooth: Annotated[int, Field(ge=1, le=99), AfterValidator(_odd)] = 5
 
 
 @dataclass(frozen=True)

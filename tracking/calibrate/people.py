@@ -30,7 +30,7 @@ from tsuiseki.tracking.cameras.people_views import (
     places_at,
     view_of,
 )
-from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
 from tsuiseki.tracking.people.tracks_of_source import boxes_of, frame_times, name_of, rates_of, tracked
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import FloatArray, Track
@@ -255,7 +255,7 @@ class Disagreement:
         return f"{self.name}: {'disagrees with the people: ' if self.wrong else 'agrees: '}{text}"
 
 
-def check_cameras(given: Sequence[CameraOverFloor] | Path, found: PeopleCalibration) -> list[Disagreement]:
+def check_cameras(given: Sequence[CameraOverFloor] | str | Path, found: PeopleCalibration) -> list[Disagreement]:
     """Compare cameras with those that people give.
 
     Their floor is laid on the one of the people by the turn and shift that most cameras agree with.
@@ -267,7 +267,7 @@ def check_cameras(given: Sequence[CameraOverFloor] | Path, found: PeopleCalibrat
     Raises:
         RequestError: there is another number of cameras, or a camera sees none of its people on the floor.
     """
-    cameras = read_cameras(given) if isinstance(given, Path) else given
+    cameras = given if isinstance(given, list | tuple) else read_cameras(a_path(given, "given"))
     if len(cameras) != len(found.views):
         raise RequestError(f"`cameras`: expected {len(found.views)} cameras, one a source, got {len(cameras)}")
     places = [_by_both(one, found, k) for k, one in enumerate(cameras)]

@@ -21,6 +21,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args, get_origin, get_type_hints
 
 import yaml
+from pydantic import ValidationError
 
 from tsuiseki.tracking.arguments import (
     check_regular,
@@ -32,6 +33,7 @@ from tsuiseki.tracking.arguments import (
     unknown,
     usual_of,
 )
+from tsuiseki.tracking.bounds import refusal
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.runs.options import Output
@@ -65,7 +67,10 @@ def call(prog: str, function: Callable[..., Any], words: Sequence[str]) -> Any:
     """What ``function`` makes of the words of a command line; see `parse`."""
     arguments = parse(prog, function, words)
     by_place = [arguments.pop(p.name) for p in _parameters(function) if p.kind is p.POSITIONAL_ONLY]
-    return function(*by_place, **arguments)
+    try:
+        return function(*by_place, **arguments)
+    except ValidationError as error:
+        raise RequestError(refusal(error)) from error
 
 
 def parse(
@@ -148,7 +153,10 @@ def arguments_of(function: Callable[..., Any], prog: str, values: Mapping[str, A
         names = [field.name for field in _options_in(one.annotation)] if is_shared(one.annotation) else [one.name]
         fields = {name: values[name] for name in names}
         settings |= fields
-        arguments[one.name] = one.annotation(**fields) if is_shared(one.annotation) else values[one.name]
+        try:
+            arguments[one.name] = one.annotation(**fields) if is_shared(one.annotation) else values[one.name]
+        except ValidationError as error:
+            raise RequestError(refusal(error)) from error
     for name, value in arguments.items():
         if isinstance(value, Shared):
             value.check()

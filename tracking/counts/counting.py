@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from tsuiseki.tracking.bounds import as_settings
 from tsuiseki.tracking.counts.companions import with_hidden
 from tsuiseki.tracking.counts.doubt import Doubt
 from tsuiseki.tracking.counts.line_tables import flows, line_tables, sides, turns
@@ -97,8 +98,7 @@ def count(
         RequestError: the scene is wrong or of another video's size, an anchor does not fit it, nothing says the frame
             rate, or the result has no boxes.
     """
-    settings = settings or CountSettings()
-    settings.check()
+    settings = as_settings(settings, CountSettings)
     where = "scene" if isinstance(scene, Scene) else str(scene)
     scene = scene if isinstance(scene, Scene) else read_scene(scene)
     scene.check_video(getattr(result, "size", None), where)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tsuiseki.tracking.bounds import as_settings
 from tsuiseki.tracking.counts.crossings import line_distances, meets, zone_distances
 from tsuiseki.tracking.counts.paths import anchored, counted
 from tsuiseki.tracking.counts.scene import Scene, read_scene
@@ -78,7 +79,7 @@ class Counter:
     patience: int = 1000
 
     def __post_init__(self) -> None:
-        self.settings.check()
+        as_settings(self.settings, CountSettings)
         scene = self.scene if isinstance(self.scene, Scene) else read_scene(self.scene)
         self._scene = scene.on_floor() if self.settings.anchor == "floor" else scene
         anchored(np.empty((0, 4)), self._scene, self.settings.anchor)

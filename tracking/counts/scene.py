@@ -33,7 +33,7 @@ import yaml
 
 from tsuiseki.tracking.cameras.camera_files import AnyCamera, read_cameras
 from tsuiseki.tracking.counts.polygons import crosses_itself, edges_cross
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.formats.rows import read_text
 from tsuiseki.tracking.types import FloatArray
 
@@ -175,7 +175,7 @@ def read_scene(path: str | Path) -> Scene:
         RequestError: the file is missing or no YAML, a field is unknown, missing or wrong, a line has no length, the
             borders of zones cross, or two things have one name.
     """
-    path = Path(path)
+    path = a_path(path)
     try:
         content = yaml.safe_load(read_text(path, "a scene"))
     except (yaml.YAMLError, RecursionError) as error:

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
-from tsuiseki.tracking.errors import RequestError
+from pydantic import Field
+from pydantic.dataclasses import dataclass
+
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.options import Shared
 
 Anchor = Literal["feet", "centre", "head", "floor"]
 PERSON = 1.7
 """Height of a person, metres: the unit of shares of a height on a floor."""
+Heights = Annotated[float, Field(ge=0, le=10)]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SETTINGS)
 class CountSettings(Shared):
     """How people are counted.
 
@@ -28,17 +31,7 @@ class CountSettings(Shared):
     """
 
     anchor: Anchor | None = None
-    band: float = 0.2
-    interval: float = 60.0
-    waiting: float = 0.2
-    gathering: float = 0.8
-
-    def check(self) -> None:
-        """See `Shared.check`."""
-        if self.anchor not in (None, "feet", "centre", "head", "floor"):
-            raise RequestError(f"`anchor`: expected feet, centre, head or floor, got {self.anchor!r}")
-        for name in ("band", "waiting", "gathering"):
-            if not 0 <= getattr(self, name) <= 10:
-                raise RequestError(f"`{name}`: expected 0 to 10 heights, got {getattr(self, name):g}")
-        if not 0.1 <= self.interval <= 1e6:
-            raise RequestError(f"`interval`: expected 0.1 to 1000000 seconds, got {self.interval:g}")
+    band: Heights = 0.2
+    interval: Annotated[float, Field(ge=0.1, le=1e6)] = 60.0
+    waiting: Heights = 0.2
+    gathering: Heights = 0.8

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 import numpy as np
 
@@ -16,12 +16,13 @@ from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE
+from tsuiseki.tracking.bounds import as_settings
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.drone.drone_models import DroneMethod, DroneModels, tracks_as_detections
 from tsuiseki.tracking.drone.observations import Observation, observe, video_observations
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track
-from tsuiseki.tracking.errors import RequestError, RunError, a_path
+from tsuiseki.tracking.errors import RequestError, RunError, a_path, check_choice
 from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.camera_path import line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
@@ -91,6 +92,9 @@ def track_drone(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
+    check_choice(method, get_args(DroneMethod), "method")
+    check_choice(preset, get_args(DronePreset), "preset")
+    settings = as_settings(settings, DroneSettings)
     opened = Video.given(source, frames).open(images=True, replayable=True)
     given: Any = {"detections": detections, "detector": detector}
     finding = FindingOptions(**given, threads=threads, device=device, view="auto")
@@ -101,7 +105,7 @@ def track_drone(
     costs = link_costs(affinity, preset, method, threads)
     observations = observe(opened.frames(), models.observers, times)
     made = {"method": method, "source": named(source), "seed": seed}
-    return link(observations, opened, models, method, settings or DRONE, times, made, costs)
+    return link(observations, opened, models, method, settings, times, made, costs)
 
 
 def link_costs(

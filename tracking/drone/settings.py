@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 
-import numpy as np
+from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.association.chain_motion import MotionNoise
 from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.flow_window import FlowCosts
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.association.video_evidence import DetectionCost
+from tsuiseki.tracking.bounds import SETTINGS, Seconds
 from tsuiseki.tracking.people.flow_input import FlowSettings, InputSettings
 
 # Measured on generated clips with a detector of drawn people: its boxes of people from above are off by more than those
@@ -37,7 +38,7 @@ DRONE_FLOW = FlowSettings(
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, config=SETTINGS)
 class DroneSettings:
     """Settings of the drone tracker.
 
@@ -47,8 +48,4 @@ class DroneSettings:
     """
 
     flow: FlowSettings = field(default_factory=lambda: DRONE_FLOW)
-    window: float = 0.5
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.window < np.inf:
-            raise ValueError(f"expected a window from 0, got {self.window}")
+    window: Seconds = 0.5

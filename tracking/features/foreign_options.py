@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import AfterValidator, Field, NonNegativeInt, PositiveFloat
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.preprocessing import letterbox, standardised, stretched
 from tsuiseki.tracking.types import ImageArray
 
@@ -47,7 +49,17 @@ IMAGENET_MEAN = (0.485, 0.456, 0.406)
 IMAGENET_STD = (0.229, 0.224, 0.225)
 
 
-@dataclass(frozen=True)
+# Of an input, pixels.
+InputSide = Annotated[int, Field(ge=1, le=100_000)]
+
+
+def _no_name_twice(names: tuple[str, ...]) -> tuple[str, ...]:
+    if twice := [name for name in names if names.count(name) > 1]:
+        raise ValueError(f"`detector_options.classes`: expected each name once, got {twice[0]!r} twice")
+    return names
+
+
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class DetectorOptions:
     """What a detector of others cannot tell by itself; None leaves it to the file and its layout.
 
@@ -67,24 +79,19 @@ class DetectorOptions:
     """
 
     layout: LayoutName | None = None
-    classes: tuple[str, ...] | None = None
-    person: int | None = None
+    classes: Annotated[tuple[str, ...], AfterValidator(_no_name_twice)] | None = None
+    person: NonNegativeInt | None = None
     scores: ScoreKind | None = None
-    height: int | None = None
-    width: int | None = None
+    height: InputSide | None = None
+    width: InputSide | None = None
     resize: Resize | None = None
     colour: Colour | None = None
     pixels: PixelRange | None = None
     mean: tuple[float, float, float] | None = None
-    std: tuple[float, float, float] | None = None
-
-    def __post_init__(self) -> None:
-        twice = [name for name in self.classes or () if (self.classes or ()).count(name) > 1]
-        if twice:
-            raise RequestError(f"`detector_options.classes`: expected each name once, got {twice[0]!r} twice")
+    std: tuple[PositiveFloat, PositiveFloat, PositiveFloat] | None = None
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class AppearanceOptions:
     """What an appearance network of others wants its crops to be; by default as torchvision's classifiers do.
 
@@ -97,12 +104,12 @@ class AppearanceOptions:
         std: divides them after that.
     """
 
-    height: int | None = None
-    width: int | None = None
+    height: InputSide | None = None
+    width: InputSide | None = None
     colour: Colour = "RGB"
     pixels: PixelRange = "unit"
     mean: tuple[float, float, float] = IMAGENET_MEAN
-    std: tuple[float, float, float] = IMAGENET_STD
+    std: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = IMAGENET_STD
 
 
 @dataclass(frozen=True)

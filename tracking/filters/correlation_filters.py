@@ -28,7 +28,10 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
+from pydantic import PositiveFloat
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.types import Columns
 
 Float32Array = NDArray[np.float32]
@@ -61,7 +64,7 @@ def transform(features: Float32Array) -> Samples:
     return Samples(scipy.fft.rfft2(features), energies, (features.shape[2], features.shape[3]))
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class GaussianKernel:
     """``exp(-|a - b|^2 / (sigma^2 n))`` with ``n`` features in a window, KCF equation 30.
 
@@ -71,7 +74,7 @@ class GaussianKernel:
         sigma: bandwidth, > 0.
     """
 
-    sigma: float = 0.5
+    sigma: PositiveFloat = 0.5
 
     def __call__(self, windows: Samples, templates: Samples) -> ComplexArray:
         rows, columns = windows.shape

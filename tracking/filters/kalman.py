@@ -15,7 +15,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from pydantic import NonNegativeFloat, PositiveFloat
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.types import Columns, FloatArray
 
 
@@ -64,7 +67,7 @@ def update(state: Gaussians, measured: FloatArray, observation: FloatArray, nois
     return Gaussians(state.mean + (gain @ residual[..., None])[..., 0], covariance)
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class BoxMotion:
     """Noise of boxes that move with constant velocity, in heights of the person.
 
@@ -74,13 +77,9 @@ class BoxMotion:
         start_velocity: standard deviation of the velocity of a new track, a frame.
     """
 
-    measurement: float = 0.05
-    acceleration: float = 0.01
-    start_velocity: float = 0.1
-
-    def __post_init__(self) -> None:
-        if not (self.measurement > 0 and self.acceleration >= 0 and self.start_velocity >= 0):
-            raise ValueError("expected a positive measurement noise and no negative one")
+    measurement: PositiveFloat = 0.05
+    acceleration: NonNegativeFloat = 0.01
+    start_velocity: NonNegativeFloat = 0.1
 
 
 @dataclass(frozen=True)

@@ -6,13 +6,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
+from tsuiseki.tracking.bounds import as_settings
 from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
 from tsuiseki.tracking.devices import Device
-from tsuiseki.tracking.errors import RequestError, a_path
+from tsuiseki.tracking.errors import RequestError, a_path, check_choice
 from tsuiseki.tracking.features.exported import (
     AppearanceLike,
     Describe,
@@ -86,7 +87,10 @@ def track_fisheye(
     from tsuiseki.tracking.fisheye.page import floor_page, floor_section
 
     given: Any = {"detector": detector, "appearance": appearance, "threads": threads, "device": device}
-    files = None if detections is None else [Path(detections)]
+    check_choice(method, get_args(FloorMethod), "method")
+    files = None if detections is None else [a_path(detections, "detections")]
+    options = as_settings(options, CeilingOptions, "options")
+    hungarian = as_settings(hungarian, FisheyeSettings, "hungarian")
     cameras = a_path(cameras, "cameras")
     (inputs,) = opened_ceiling([source], cameras, options, replace(DETECTING, **given), files, camera)
     video, times = inputs.ceiling.source, StageTimes()
@@ -270,7 +274,8 @@ def opened_ceiling(
     """Sources, cameras and models, opened and checked; of several cameras ``only`` that of a name."""
     if detections is not None and (len(detections) != len(source) or finding.detector is not None):
         raise RequestError(f"`detections`: expected {len(source)} files, one a source, and no `detector`")
-    network = None if str(finding.appearance) == NONE else finding.appearance or shipped("appearance_people")
+    appearance = shipped("appearance_people") if finding.appearance is None else finding.appearance
+    network = None if str(appearance) == NONE else appearance
     person = PersonModel(height=options.person_height, body_radius=options.body_radius)
     needs_images = detections is None or network is not None or options.overlay
     views = open_ceiling(source, cameras, options.resize, needs_images=needs_images, only=only)
@@ -279,7 +284,8 @@ def opened_ceiling(
     detects: list[Detect | list[Detections]] = []
     detector: Detect | None = None
     if detections is None:
-        path, turned = finding.detector or shipped(DETECTORS[options.view]), options.view == "image"
+        path = shipped(DETECTORS[options.view]) if finding.detector is None else finding.detector
+        turned = options.view == "image"
         how = finding.threads, options.detector_options, finding.device
         detector = as_detector(path, finding.score_threshold, *how, turned=turned)
         detects += [ceiling_detector(detector, each.placed.camera, options.view) for each in views]

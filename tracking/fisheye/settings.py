@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, Self
 
+from pydantic import Field, NonNegativeFloat, model_validator
+from pydantic.dataclasses import dataclass as pydantic_dataclass
+
+from tsuiseki.tracking.bounds import SETTINGS, CosineDistance, Seconds
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
 from tsuiseki.tracking.runs.following import Drawing
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class FisheyeSettings:
     """How detections are matched to tracks.
 
@@ -29,24 +33,22 @@ class FisheyeSettings:
 
     by_appearance: bool = True
     by_place: bool = True
-    feature_gate: float = 0.5
-    reach: float = 0.9
-    speed: float = 1.4
-    place_feature_gate: float = 0.5
-    confirm: float = 0.2
-    max_age: float = 3.0
+    feature_gate: CosineDistance = 0.5
+    reach: NonNegativeFloat = 0.9
+    speed: NonNegativeFloat = 1.4
+    place_feature_gate: CosineDistance = 0.5
+    confirm: Seconds = 0.2
+    max_age: Seconds = 3.0
     start_score: float = 0.5
 
-    def __post_init__(self) -> None:
+    @model_validator(mode="after")
+    def _by_something(self) -> Self:
         if not (self.by_appearance or self.by_place):
             raise ValueError("expected matching by appearance or by place, got neither")
-        if not (0 <= self.feature_gate <= 2 and 0 <= self.place_feature_gate <= 2):
-            raise ValueError("expected feature_gate and place_feature_gate in [0, 2]")
-        if not min(self.reach, self.speed, self.confirm, self.max_age) >= 0:
-            raise ValueError("expected reach, speed, confirm and max_age from 0")
+        return self
 
 
-@dataclass(frozen=True, kw_only=True)
+@pydantic_dataclass(frozen=True, kw_only=True, config=SETTINGS)
 class CeilingOptions(Drawing):
     """The input of ceiling cameras, the model of people, and what is written.
 
@@ -67,8 +69,8 @@ class CeilingOptions(Drawing):
     view: Literal["unrolled", "image"] = "unrolled"
     detector_options: DetectorOptions = field(default_factory=DetectorOptions)
     crops: Literal["upright", "image"] = "upright"
-    person_height: float = 1.7
-    body_radius: float = 0.25
+    person_height: Annotated[float, Field(gt=0, le=3)] = 1.7
+    body_radius: Annotated[float, Field(gt=0, le=3)] = 0.25
     resize: Literal["no", "cut", "widen"] = "no"
     tables: Path = Path("out/cache/person-tables")
     save_detections: bool = False

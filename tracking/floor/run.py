@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
+from pydantic import model_validator
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
+from tsuiseki.tracking.bounds import SETTINGS, Seconds, as_settings
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, read_cameras
 from tsuiseki.tracking.cameras.multicamera import StandingPeople, is_floor_folder, read_floor_folder, read_standing
 from tsuiseki.tracking.cameras.projective import PinholeCamera
@@ -40,7 +43,7 @@ from tsuiseki.tracking.weights import shipped
 OneFloorMethod = Literal["flow", "lmb"]
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class OneFloorSettings(Shared):
     """How people are followed on one floor.
 
@@ -52,17 +55,17 @@ class OneFloorSettings(Shared):
     """
 
     method: OneFloorMethod = "flow"
-    tolerance: float | None = None
+    tolerance: Seconds | None = None
     floor: tuple[float, float, float, float] | None = None
 
-    def check(self) -> None:
-        if self.tolerance is not None and not self.tolerance >= 0:
-            raise RequestError(f"`tolerance`: expected seconds from 0, got {self.tolerance:g}")
+    @model_validator(mode="after")
+    def _floor_has_an_area(self) -> Self:
         if self.floor is not None and not (self.floor[0] < self.floor[2] and self.floor[1] < self.floor[3]):
-            raise RequestError(f"`floor`: expected X1 < X2 and Y1 < Y2, got {self.floor}")
+            raise ValueError(f"`floor`: expected X1 < X2 and Y1 < Y2, got {self.floor}")
+        return self
 
 
-SETTINGS, TIMES, DETECTING = OneFloorSettings(), FrameTimes(), Detecting()
+ONE_FLOOR, TIMES, DETECTING = OneFloorSettings(), FrameTimes(), Detecting()
 NO_SOURCES: list[str] = []
 Watch = Callable[[Iterable[Any], str, int | None], Iterable[Any]]
 
@@ -158,7 +161,7 @@ def open_floor(
     detections: Sequence[str | Path] | None,
     positions: Sequence[str | Path],
     detecting: Detecting = DETECTING,
-    settings: OneFloorSettings = SETTINGS,
+    settings: OneFloorSettings = ONE_FLOOR,
     times: FrameTimes = TIMES,
 ) -> FloorRun:
     """Everything opened and checked; see `track_floor`.
@@ -166,7 +169,8 @@ def open_floor(
     Raises:
         RequestError: something of this cannot be used; the message says what and why.
     """
-    files = [read_floor_positions(Path(path)) for path in positions]
+    settings = as_settings(settings, OneFloorSettings)
+    files = [read_floor_positions(a_path(path, "positions")) for path in positions]
     folder = sources[0] if len(sources) == 1 and cameras is None else None
     if isinstance(folder, str | Path) and is_floor_folder(Path(folder)):
         known = read_floor_folder(Path(folder))
@@ -194,7 +198,7 @@ def open_floor(
     if len(detections) != len(placed):
         raise RequestError(f"`detections`: expected {len(placed)} files, one a camera, got {len(detections)}")
     lengths = [one.length for one in opened] or [None] * len(placed)
-    given = [_read(Path(path), length) for path, length in zip(detections, lengths, strict=True)]
+    given = [_read(a_path(path, "detections"), length) for path, length in zip(detections, lengths, strict=True)]
     for path, people, one in zip(detections, given, placed, strict=True):
         boxes = np.concatenate([np.empty((0, 4)), *(each.detections.boxes for each in people)])
         compare_with_picture(path, boxes, (one.camera.width, one.camera.height))
@@ -220,7 +224,7 @@ def track_floor(
     positions: Sequence[str | Path] = (),
     detector: DetectorLike | None = None,
     appearance: AppearanceLike | None = None,
-    settings: OneFloorSettings = SETTINGS,
+    settings: OneFloorSettings = ONE_FLOOR,
     times: FrameTimes = TIMES,
     seed: int = 0,
 ) -> Result[PersonOnFloor]:
@@ -254,7 +258,7 @@ def floor(
     output: SeededOutput,
     drawing: Drawing,
     detecting: Detecting = DETECTING,
-    settings: OneFloorSettings = SETTINGS,
+    settings: OneFloorSettings = ONE_FLOOR,
     times: FrameTimes,
     cameras: Path | None = None,
     detections: list[Path] | None = None,

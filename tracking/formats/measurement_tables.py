@@ -12,17 +12,18 @@ over. Positions are in the unit of the file, 0-based and continuous.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import fields, replace
+from dataclasses import replace
 from itertools import combinations_with_replacement, pairwise
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 import yaml
+from pydantic import ValidationError
 
+from tsuiseki.tracking.bounds import refusal
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import (
-    LARGEST,
     NamedRows,
     column_names,
     finite_number,
@@ -36,15 +37,8 @@ from tsuiseki.tracking.formats.tracked_video import NONE, boxes_of_tracks
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
-from tsuiseki.tracking.types.measurements import (
-    BirthPlace,
-    BirthSettings,
-    MotionSettings,
-    Scan,
-    SensedTrack,
-    SensingModel,
-    SensorSettings,
-)
+from tsuiseki.tracking.types.measurements import Scan, SensedTrack
+from tsuiseki.tracking.types.sensing_model import SensingModel
 
 
 def read_scans(path: Path, names: Sequence[str], period: float = 1.0) -> list[Scan]:
@@ -140,10 +134,6 @@ def write_sensed_tracks(path: Path, tracks: Sequence[SensedTrack], dimensions: i
     write_columns(path, table | {"frame": table["frame"] + 1}, ".7g", time=".9g")
 
 
-T = TypeVar("T")
-PLAIN = ("switching", "detection", "survival", "clutter")
-
-
 def read_sensing_model(path: Path) -> SensingModel:
     """The model in a YAML file; raises RequestError where it is no YAML, or a key or value is not as expected."""
     try:
@@ -157,65 +147,15 @@ def read_sensing_model(path: Path) -> SensingModel:
 
 
 def sensing_model(content: Mapping[str, Any]) -> SensingModel:
-    """The model of such a mapping; raises RequestError where a key or value is not as expected."""
-    known = ("sensor", "motion", "region", "leave", "births", *PLAIN)
-    _check_keys("the model", content, known)
-    motions = content.get("motion", {})
-    several = motions if isinstance(motions, list) else [motions]
-    births = dict(_mapping("births", content.get("births", {})))
-    places = births.pop("places", [])
-    if not isinstance(places, list):
-        raise RequestError(f"births.places: expected a list, got {places!r}")
-    made = tuple(_made("births.places", BirthPlace, place) for place in places)
-    region = content.get("region", [])
-    if not isinstance(region, list) or any(not isinstance(pair, list) or len(pair) != 2 for pair in region):
-        raise RequestError(f"region: expected a list of pairs low, high, got {region!r}")
-    return SensingModel(
-        sensor=_made("sensor", SensorSettings, content.get("sensor", {})),
-        motions=tuple(_made("motion", MotionSettings, motion) for motion in several),
-        region=tuple((_number("region", low), _number("region", high)) for low, high in region),
-        leave=content.get("leave", "unseen"),
-        births=_made("births", BirthSettings, births, places=made),
-        **{name: _number(name, content[name]) for name in PLAIN if name in content},
-    )
-
-
-def _made(name: str, kind: type[T], content: Any, **more: Any) -> T:
-    """A dataclass of numbers, words and tuples of numbers from a mapping."""
-    types = {field.name: str(field.type) for field in fields(kind) if field.name not in more}  # type: ignore[arg-type]
-    _check_keys(name, content, tuple(types))
-    values = {key: _value(f"{name}.{key}", types[key], value) for key, value in content.items()}
-    try:
-        return kind(**values, **more)
-    except TypeError as error:
-        missing = [key for key in types if key not in values]
-        raise RequestError(f"{name}: expected the keys {', '.join(types)}, found no {missing[0]}") from error
-
-
-def _value(name: str, kind: str, value: Any) -> Any:
-    if kind.startswith("tuple"):
-        return tuple(_number(name, each) for each in (value if isinstance(value, list) else [value]))
-    return _number(name, value) if kind == "float" else value
-
-
-def _mapping(name: str, content: Any) -> Mapping[str, Any]:
+    """The model of such a mapping, whose ``motion`` is one or a list; raises RequestError where it is none."""
     if not isinstance(content, Mapping):
-        raise RequestError(f"{name}: expected keys with values, got {content!r}")
-    return content
-
-
-def _check_keys(name: str, content: Any, known: tuple[str, ...]) -> None:
-    unknown = [key for key in _mapping(name, content) if key not in known]
-    if unknown:
-        raise RequestError(f"{name}: expected the keys {', '.join(known)}, got {unknown[0]!r}")
-
-
-def _number(name: str, value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise RequestError(f"{name}: expected a number, got {value!r}")
-    if not abs(value) <= LARGEST:
-        raise RequestError(f"{name}: expected a number up to {LARGEST:g}, got {value}")
-    return float(value)
+        raise RequestError(f"expected keys with values, got {content!r}")
+    motions = content.get("motion", {})
+    values = {key: value for key, value in content.items() if key != "motion"}
+    try:
+        return SensingModel(motions=motions if isinstance(motions, list) else [motions], **values)  # type: ignore[arg-type]
+    except ValidationError as error:
+        raise RequestError(refusal(error)) from error
 
 
 def is_point_file(path: Path) -> bool:

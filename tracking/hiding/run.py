@@ -11,14 +11,13 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from tsuiseki.tracking.devices import Device
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import DetectorLike
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.hiding.places import WEAK, Places, Style, paint, places_of, unsupported, without_shown
 from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.output import RUN_FILE, check_output_file, is_partial, output_file
 from tsuiseki.tracking.people.detections import PeopleInputs, people_detect, threads_of_a_call
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.people.settings import PeopleFinding
 from tsuiseki.tracking.people.sort import Sort, SortSettings
 from tsuiseki.tracking.report.overlay import write_drawn
@@ -33,7 +32,7 @@ TracksLike: TypeAlias = str | Path | Result[Any] | Sequence[Track]
 # Boxes of the second detection score at least this, and each of its detections begins a track. Where one never scores
 # `SURE`, the place may be empty, and a place that is held for it is no doubt.
 SENSITIVE, SURE = 0.05, 0.3
-LINKS = SortSettings(lifecycle=LifecycleSettings(min_hits=1, start_score=0.0, boxes="detected"))
+LINKS = SortSettings(min_hits=1, start_score=0.0, boxes="detected")
 REASONS = {-1: "before the track", 1: "after the track", 2: "in a gap of the track"}
 VIDEOS, DOUBTS = (".webm", ".mp4"), ".doubtful.csv"
 
@@ -206,7 +205,7 @@ def hide(
     more: Any = {"detector": detector, "score_threshold": score_threshold, "threads": threads, "device": device}
     finding = PeopleFinding(**more)
     finding.check()
-    video, out = Path(video), Path(out)
+    video, out = a_path(video, "video"), a_path(out, "out")
     doubts = _checked_out(out, video, overwrite)
     source, tracks = _opened(video, result)
     wanted.check(tracks)

@@ -12,6 +12,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
+from tsuiseki.tracking.bounds import as_settings
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
@@ -202,6 +203,8 @@ def _opened(keywords: Mapping[str, Any]) -> OpenedPeople:
     linking = Linking(**{option.name: there[option.name] for option in fields(Linking) if option.name in there})
     options = [option.name for option in fields(PeopleFinding) if option.name in there]
     finding = PeopleFinding(**{name: there[name] for name in options})
+    as_settings(finding.detector_options, DetectorOptions, "detector_options")
+    as_settings(finding.appearance_options, AppearanceOptions, "appearance_options")
     linking.check()
     Seed(keywords["seed"]).check()
     video = open_source(keywords["source"], parse_frames(keywords["frames"]), keywords["frame_rate"])

@@ -13,46 +13,47 @@ The paper leaves these points open; here, as in its experiments:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import replace
+from typing import Annotated, Self
 
 import numpy as np
+from pydantic import Field, model_validator
+from pydantic.dataclasses import dataclass
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.bounds import SETTINGS, Age, PositiveShare, changed
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, adjusted, matched
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, ReportedBox, matched
 from tsuiseki.tracking.types import Targets
 
 
-@dataclass(frozen=True)
-class ByteTrackSettings:
-    """Settings of ByteTrack.
+@dataclass(frozen=True, config=SETTINGS)
+class ByteTrackSettings(LifecycleSettings):
+    """Settings of ByteTrack; as in the paper, tracks start at τ + 0.1, are confirmed at once again, and last 30 frames.
 
     Attributes:
         high_score: τ, the score from which on a detection takes part in the first matching, in the detector's units.
         low_score: score below which a detection counts as a false positive.
         min_iou: least overlap of a match with a detection of high score, in (0, 1].
         min_iou_low: least overlap of a match with a detection of low score, in (0, 1].
-        lifecycle: when tracks are confirmed and deleted; the paper starts them at τ + 0.1, confirms them after two
-            detections and keeps them for 30 frames.
-        motion: noise of the Kalman filter.
     """
 
+    min_hits: Annotated[int, Field(ge=1, le=10_000)] = 2
+    max_age: Age = 30
+    start_score: float = 0.7
     high_score: float = 0.6
     low_score: float = 0.1
-    min_iou: float = 0.2
-    min_iou_low: float = 0.5
-    lifecycle: LifecycleSettings = field(
-        default_factory=lambda: LifecycleSettings(min_hits=2, max_age=30, start_score=0.7)
-    )
-    motion: BoxMotion = field(default_factory=BoxMotion)
+    min_iou: PositiveShare = 0.2
+    min_iou_low: PositiveShare = 0.5
 
-    def __post_init__(self) -> None:
-        if not (0 < self.min_iou <= 1 and 0 < self.min_iou_low <= 1):
-            raise RequestError(f"expected min_iou and min_iou_low in (0, 1], got {self.min_iou} and {self.min_iou_low}")
+    @model_validator(mode="after")
+    def _low_is_lower(self) -> Self:
         if self.low_score > self.high_score:
-            raise RequestError(f"expected low_score up to high_score, got {self.low_score} and {self.high_score}")
+            raise ValueError(f"expected low_score up to high_score, got {self.low_score:g} and {self.high_score:g}")
+        return self
+
+
+BYTETRACK = ByteTrackSettings()
 
 
 class ByteTrack(LifecycleTracker[ByteTrackSettings]):
@@ -61,8 +62,9 @@ class ByteTrack(LifecycleTracker[ByteTrackSettings]):
     Args:
         settings: all of them.
         seed: taken as by all trackers; nothing is drawn.
-        given: settings by name, those of `LifecycleSettings` too; they go before ``settings``. Without settings
-            ``start_score`` is ``high_score`` + 0.1, if that is given.
+
+    Any setting can be given by its name as well, which goes before ``settings``. Without settings ``start_score`` is
+    ``high_score`` + 0.1, where that is given.
 
     Somebody who is detected with a low score for two frames stays one track:
 
@@ -75,11 +77,38 @@ class ByteTrack(LifecycleTracker[ByteTrackSettings]):
     [[0, 1, 2, 3, 4]]
     """
 
-    def __init__(self, settings: ByteTrackSettings | None = None, seed: int = 0, **given: Any) -> None:
-        high = given.get("high_score")
-        if high is not None and settings is None and given.get("start_score") is None:
-            given["start_score"] = high + 0.1
-        super().__init__(adjusted(settings, ByteTrackSettings, given), seed)
+    def __init__(
+        self,
+        settings: ByteTrackSettings = BYTETRACK,
+        seed: int = 0,
+        *,
+        high_score: float | None = None,
+        low_score: float | None = None,
+        min_iou: float | None = None,
+        min_iou_low: float | None = None,
+        min_hits: int | None = None,
+        max_age: int | None = None,
+        start_score: float | None = None,
+        boxes: ReportedBox | None = None,
+        motion: BoxMotion | None = None,
+    ) -> None:
+        start_follows = high_score is not None and start_score is None and settings is BYTETRACK
+        settings = changed(
+            settings,
+            ByteTrackSettings,
+            high_score=high_score,
+            low_score=low_score,
+            min_iou=min_iou,
+            min_iou_low=min_iou_low,
+            min_hits=min_hits,
+            max_age=max_age,
+            start_score=start_score,
+            boxes=boxes,
+            motion=motion,
+        )
+        if start_follows:
+            settings = replace(settings, start_score=settings.high_score + 0.1)
+        super().__init__(settings, seed)
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people. A detection without a score counts as sure."""

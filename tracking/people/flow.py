@@ -13,17 +13,18 @@ from tsuiseki.tracking.association.inference_times import InferenceTimes
 from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
+from tsuiseki.tracking.bounds import changed
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory, FrameRuns
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.people.delayed_flow import DelayedFlow
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings, refuse_heaps
-from tsuiseki.tracking.people.lifecycle import adjusted
 from tsuiseki.tracking.people.whole_flow import WholeFlow
 from tsuiseki.tracking.types import FloatArray, Targets, Track
 
 __all__ = ["FlowSettings", "FlowTracker"]
+FLOW = FlowSettings()
 
 
 class FlowTracker:
@@ -68,7 +69,7 @@ class FlowTracker:
 
     def __init__(
         self,
-        settings: FlowSettings | None = None,
+        settings: FlowSettings = FLOW,
         transition: TransitionCost | None = None,
         observation: ScoreCost | None = None,
         frame_rate: float = 25.0,
@@ -83,13 +84,11 @@ class FlowTracker:
         fill: float | None = None,
         smoothing: bool | None = None,
     ) -> None:
-        numbers = isinstance(frame_rate, int | float) and isinstance(stride, int | float)
-        if not (numbers and 0 < frame_rate < np.inf and 1 <= stride < np.inf):
+        if not (0 < frame_rate < np.inf and 1 <= stride < np.inf):
             raise RequestError(f"expected a frame rate above 0 and a stride from 1, got {frame_rate} and {stride}")
         if delay is not None and not 0 <= delay < np.inf:
             raise RequestError(f"expected a delay of 0 seconds or more, got {delay}")
-        given_by_name = {"min_time": min_time, "fill": fill, "smoothing": smoothing}
-        settings = adjusted(settings, FlowSettings, given_by_name)
+        settings = changed(settings, FlowSettings, min_time=min_time, fill=fill, smoothing=smoothing)
         if delay is not None or changes is not None:
             settings = settings.alike()
         self.settings = settings

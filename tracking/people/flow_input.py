@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from statistics import median
 
 import numpy as np
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.association.camera_from_boxes import LEAST, MOVING, CameraSteps, doubt_of, steps_from_boxes
 from tsuiseki.tracking.association.costs import ProbabilityCost, ScoreCost
@@ -18,6 +19,7 @@ from tsuiseki.tracking.association.inference_times import InferenceTimes
 from tsuiseki.tracking.association.nearby import DENSE, hidden_parts, near_pairs, sizes
 from tsuiseki.tracking.association.smoothing import SmoothingSettings, fit_smoothing
 from tsuiseki.tracking.association.video_evidence import DetectionCost, VideoEvidence
+from tsuiseki.tracking.bounds import SETTINGS, PositiveSeconds, Seconds
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath, CameraTrajectory
@@ -41,7 +43,7 @@ FEWEST = 3
 MOST_TIMES = 5.0
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class InputSettings:
     """How detections are prepared.
 
@@ -333,7 +335,7 @@ def duplicates(frames: IntArray, boxes: FloatArray, scores: FloatArray) -> BoolA
     return double
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class FlowSettings:
     """Settings of the flow tracker. Times are in seconds, so that they hold at any frame rate.
 
@@ -348,16 +350,10 @@ class FlowSettings:
 
     input: InputSettings = field(default_factory=InputSettings)
     costs: FlowCosts = field(default_factory=FlowCosts)
-    min_time: float = 0.16
-    fill: float = 2.0
+    min_time: Seconds = 0.16
+    fill: Seconds = 2.0
     smoothing: bool = True
-    decide_every: float | None = 20.0
-
-    def __post_init__(self) -> None:
-        if self.decide_every is not None and self.decide_every <= 0:
-            raise RequestError(f"expected decide_every above 0 seconds, got {self.decide_every}")
-        if min(self.min_time, self.fill) < 0:
-            raise RequestError("expected min_time and fill from 0")
+    decide_every: PositiveSeconds | None = 20.0
 
     def alike(self) -> FlowSettings:
         """These settings with entry and exit costs that take all places alike."""

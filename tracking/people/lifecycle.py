@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
-from inspect import Parameter
-from typing import Any, Generic, Literal, TypeVar, get_args, get_type_hints
+from dataclasses import dataclass, field
+from typing import Annotated, Generic, Literal, TypeVar
 
 import numpy as np
+from pydantic import Field
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
-from tsuiseki.tracking.arguments import check_argument
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.association.inference_times import Intervals
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.bounds import SETTINGS, Age
 from tsuiseki.tracking.filters.kalman import (
     BoxMotion,
     per_longer_frame,
@@ -25,54 +25,30 @@ from tsuiseki.tracking.interchange import BadBoxes
 from tsuiseki.tracking.types import STATUSES, Detections, FloatArray, IntArray, Targets, Track
 from tsuiseki.tracking.types.tracks import rows_of_each
 
-S = TypeVar("S")
 ReportedBox = Literal["filtered", "detected"]
 _STATUSES = np.array(STATUSES)
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class LifecycleSettings:
-    """When a track is confirmed and when it is deleted.
+    """When a track is confirmed and when it is deleted, and how it moves: what all online methods share.
 
     Attributes:
         min_hits: detections in a row that confirm a new track; an earlier miss drops it.
         max_age: inferences for which a confirmed track is kept without a detection.
         start_score: lowest score of a detection that may start a track; one without a score may.
         boxes: box that a detected track reports: the box of its filter after the update, or the detected one.
+        motion: noise of the Kalman filter.
     """
 
-    min_hits: int = 3
-    max_age: int = 10
+    min_hits: Annotated[int, Field(ge=1, le=10_000)] = 3
+    max_age: Age = 10
     start_score: float = 0.5
     boxes: ReportedBox = "filtered"
-
-    def __post_init__(self) -> None:
-        if self.min_hits < 1 or self.max_age < 0:
-            raise RequestError(f"expected min_hits >= 1 and max_age >= 0, got {self.min_hits} and {self.max_age}")
-        if self.boxes not in get_args(ReportedBox):
-            raise RequestError(f"expected the boxes {' or '.join(get_args(ReportedBox))}, got {self.boxes!r}")
+    motion: BoxMotion = field(default_factory=BoxMotion)
 
 
-def adjusted(settings: S | None, kind: type[S], given: Mapping[str, Any]) -> S:
-    """Settings, in which those that are given and not None are others; names of `LifecycleSettings` go there.
-
-    Raises:
-        TypeError: there is no setting of a name.
-        RequestError: ``settings`` are of no such ``kind``, or a value cannot be used.
-    """
-    if settings is not None and not isinstance(settings, kind):
-        raise RequestError(f"expected {kind.__name__}, got {type(settings).__name__}")
-    old: Any = settings or kind()
-    types = get_type_hints(LifecycleSettings) | get_type_hints(kind)
-    own = {one.name for one in fields(old)}
-    if unknown := given.keys() - types.keys():
-        raise TypeError(f"expected the keywords {', '.join(types)}, got {', '.join(sorted(unknown))}")
-    known = {k: check_argument(k, value, types[k], Parameter.empty) for k, value in given.items() if value is not None}
-    life = {name: known.pop(name) for name in [*known] if name not in own}
-    if life:
-        known["lifecycle"] = replace(old.lifecycle, **life)
-    changed: S = replace(old, **known)
-    return changed
+S = TypeVar("S", bound=LifecycleSettings)
 
 
 @dataclass(frozen=True)
@@ -100,7 +76,7 @@ class LifecycleTracker(Generic[S]):
     A track is reported where it was detected. A frame of its filter is the usual interval between inferences.
 
     Args:
-        settings: of the method, with ``lifecycle`` and ``motion``.
+        settings: of the method.
         seed: taken as by all trackers; nothing is drawn.
 
     Attributes:
@@ -110,11 +86,9 @@ class LifecycleTracker(Generic[S]):
 
     def __init__(self, settings: S, seed: int) -> None:
         self.settings, self.seed, self.bad = settings, seed, BadBoxes()
-        own: Any = settings
-        self._life: LifecycleSettings = own.lifecycle
-        self._motion: BoxMotion = own.motion
+        self._motion = settings.motion
         self._record = Record()
-        self._clock = Intervals(self._life.max_age + 2)
+        self._clock = Intervals(settings.max_age + 2)
         # By what factor a frame of the filter has become longer before the last inference.
         self._longer = 1.0
         self._belief = start_boxes(np.empty((0, 4)), self._motion)
@@ -198,10 +172,10 @@ class LifecycleTracker(Generic[S]):
         return origin
 
     def _divide(self, paired: IntArray, detected: IntArray, detections: Detections) -> Survivors:
-        missed = self._hits >= self._life.min_hits
+        missed = self._hits >= self.settings.min_hits
         missed[paired] = False
-        young = self._misses < self._life.max_age
-        free = ~(detections.scores < self._life.start_score)
+        young = self._misses < self.settings.max_age
+        free = ~(detections.scores < self.settings.start_score)
         free[detected] = False
         kept, lost = np.flatnonzero(missed & young), np.flatnonzero(missed & ~young)
         return Survivors(paired, detected, kept, np.flatnonzero(free), lost)
@@ -218,9 +192,9 @@ class LifecycleTracker(Generic[S]):
         if not len(present):
             return scores, boxes
         numbers = self._numbers[present]
-        self._record.confirm(numbers[self._hits[present] == self._life.min_hits])
+        self._record.confirm(numbers[self._hits[present] == self.settings.min_hits])
         scores[present] = np.nan_to_num(detections.scores[detected])
-        if self._life.boxes == "detected":
+        if self.settings.boxes == "detected":
             boxes = boxes.copy()
             boxes[present] = detections.boxes[detected]
         rows = np.concatenate([boxes[present], origin], axis=1)
@@ -237,7 +211,7 @@ class LifecycleTracker(Generic[S]):
         skipped: bool = False,
     ) -> Targets:
         """The confirmed live tracks, then those deleted in this frame: their numbers, boxes and classes."""
-        live, (gone, last_boxes, classes) = np.flatnonzero(self._hits >= self._life.min_hits), lost
+        live, (gone, last_boxes, classes) = np.flatnonzero(self._hits >= self.settings.min_hits), lost
         status = np.append((self._misses[live] > 0) | skipped, np.full(len(gone), 2))
         boxes = np.concatenate([boxes[live], last_boxes])
         # Only a box that was missed can have shrunk.

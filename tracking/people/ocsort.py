@@ -22,13 +22,15 @@ The paper leaves these points open; here:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field, NonNegativeFloat
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.bounds import SETTINGS, Age, PositiveShare, changed
 from tsuiseki.tracking.filters.kalman import (
     BoxBelief,
     BoxMotion,
@@ -39,12 +41,12 @@ from tsuiseki.tracking.filters.kalman import (
 )
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, Survivors, adjusted, matched
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, ReportedBox, Survivors, matched
 from tsuiseki.tracking.types import Columns, Detections, FloatArray, IntArray, Targets
 
 
-@dataclass(frozen=True)
-class OcSortSettings:
+@pydantic_dataclass(frozen=True, config=SETTINGS)
+class OcSortSettings(LifecycleSettings):
     """Settings of OC-SORT.
 
     Attributes:
@@ -52,25 +54,17 @@ class OcSortSettings:
         min_iou: least overlap of a match with the prediction or with the last observation, in (0, 1].
         direction_weight: λ of OCM, at least 0.
         direction_span: Δt of OCM, frames between the two observations that give a track's direction.
-        lifecycle: when tracks are confirmed and deleted.
-        motion: noise of the Kalman filter.
     """
 
+    max_age: Age = 30
+    start_score: float = 0.6
     min_score: float = 0.6
-    min_iou: float = 0.3
-    direction_weight: float = 0.2
-    direction_span: int = 3
-    lifecycle: LifecycleSettings = field(default_factory=lambda: LifecycleSettings(max_age=30, start_score=0.6))
-    motion: BoxMotion = field(default_factory=BoxMotion)
+    min_iou: PositiveShare = 0.3
+    direction_weight: NonNegativeFloat = 0.2
+    direction_span: Annotated[int, Field(ge=1, le=1000)] = 3
 
-    def __post_init__(self) -> None:
-        if not 0 < self.min_iou <= 1:
-            raise RequestError(f"expected min_iou in (0, 1], got {self.min_iou}")
-        if self.direction_weight < 0 or self.direction_span < 1:
-            raise RequestError(
-                "expected direction_weight >= 0 and direction_span >= 1, got "
-                f"{self.direction_weight} and {self.direction_span}"
-            )
+
+OCSORT = OcSortSettings()
 
 
 class OcSort(LifecycleTracker[OcSortSettings]):
@@ -79,8 +73,9 @@ class OcSort(LifecycleTracker[OcSortSettings]):
     Args:
         settings: all of them.
         seed: taken as by all trackers; nothing is drawn.
-        given: settings by name, those of `LifecycleSettings` too; they go before ``settings``. Without settings
-            ``start_score`` is ``min_score``, if that is given.
+
+    Any setting can be given by its name as well, which goes before ``settings``. Without settings ``start_score`` is
+    ``min_score``, where that is given.
 
     Somebody hidden for ten frames who then walks on is one track:
 
@@ -93,10 +88,37 @@ class OcSort(LifecycleTracker[OcSortSettings]):
     [20]
     """
 
-    def __init__(self, settings: OcSortSettings | None = None, seed: int = 0, **given: Any) -> None:
-        if settings is None and given.get("start_score") is None:
-            given["start_score"] = given.get("min_score")
-        super().__init__(adjusted(settings, OcSortSettings, given), seed)
+    def __init__(
+        self,
+        settings: OcSortSettings = OCSORT,
+        seed: int = 0,
+        *,
+        min_score: float | None = None,
+        min_iou: float | None = None,
+        direction_weight: float | None = None,
+        direction_span: int | None = None,
+        min_hits: int | None = None,
+        max_age: int | None = None,
+        start_score: float | None = None,
+        boxes: ReportedBox | None = None,
+        motion: BoxMotion | None = None,
+    ) -> None:
+        if start_score is None and settings is OCSORT:
+            start_score = min_score
+        settings = changed(
+            settings,
+            OcSortSettings,
+            min_score=min_score,
+            min_iou=min_iou,
+            direction_weight=direction_weight,
+            direction_span=direction_span,
+            min_hits=min_hits,
+            max_age=max_age,
+            start_score=start_score,
+            boxes=boxes,
+            motion=motion,
+        )
+        super().__init__(settings, seed)
         columns, none = self.settings.direction_span + 1, start_boxes(np.empty((0, 4)), self.settings.motion)
         self._history = History(none, none.boxes, np.empty((0, columns, 2)), np.empty((0, columns)))
 

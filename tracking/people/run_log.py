@@ -57,7 +57,7 @@ class FirstDetections:
         """What most of the kept detections have in common."""
         scores = np.concatenate([each.scores for each in self.first])
         sides = np.concatenate([each.boxes[:, 2:] - each.boxes[:, :2] for each in self.first])
-        least = getattr(getattr(settings, "lifecycle", None), "start_score", -np.inf)
+        least = getattr(settings, "start_score", -np.inf)
         if np.mean(scores < least) > 0.5:
             low, high = np.nanmin(scores), np.nanmax(scores)
             return f"scores are from {low:.3g} to {high:.3g}, and a track starts from {least:g} on, its start_score"

@@ -19,37 +19,33 @@ The thesis leaves these points of DeepSORT open; here:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Any
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field, NonNegativeFloat
+from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.association.assignment import assign
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.bounds import SETTINGS, Age, CosineDistance, PositiveShare, changed
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, Survivors, adjusted
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, ReportedBox, Survivors
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets
 
 
-@dataclass(frozen=True)
-class SortSettings:
+@dataclass(frozen=True, config=SETTINGS)
+class SortSettings(LifecycleSettings):
     """Settings of SORT.
 
     Attributes:
         min_iou: least overlap of a prediction and a detection that may be the same person, in (0, 1].
-        lifecycle: when tracks are confirmed and deleted.
-        motion: noise of the Kalman filter.
     """
 
-    min_iou: float = 0.3
-    lifecycle: LifecycleSettings = field(default_factory=LifecycleSettings)
-    motion: BoxMotion = field(default_factory=BoxMotion)
+    min_iou: PositiveShare = 0.3
 
-    def __post_init__(self) -> None:
-        if not 0 < self.min_iou <= 1:
-            raise RequestError(f"expected min_iou in (0, 1], got {self.min_iou}")
+
+SORT = SortSettings()
 
 
 class Sort(LifecycleTracker[SortSettings]):
@@ -60,7 +56,8 @@ class Sort(LifecycleTracker[SortSettings]):
     Args:
         settings: all of them.
         seed: taken as by all trackers; nothing is drawn.
-        given: settings by name, those of `LifecycleSettings` too; they go before ``settings``.
+
+    Any setting can be given by its name as well, which goes before ``settings``.
 
     >>> tracker = Sort()
     >>> for t in range(5):
@@ -71,8 +68,29 @@ class Sort(LifecycleTracker[SortSettings]):
     [[0, 1, 2, 3, 4]]
     """
 
-    def __init__(self, settings: SortSettings | None = None, seed: int = 0, **given: Any) -> None:
-        super().__init__(adjusted(settings, SortSettings, given), seed)
+    def __init__(
+        self,
+        settings: SortSettings = SORT,
+        seed: int = 0,
+        *,
+        min_iou: float | None = None,
+        min_hits: int | None = None,
+        max_age: int | None = None,
+        start_score: float | None = None,
+        boxes: ReportedBox | None = None,
+        motion: BoxMotion | None = None,
+    ) -> None:
+        settings = changed(
+            settings,
+            SortSettings,
+            min_iou=min_iou,
+            min_hits=min_hits,
+            max_age=max_age,
+            start_score=start_score,
+            boxes=boxes,
+            motion=motion,
+        )
+        super().__init__(settings, seed)
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people."""
@@ -83,8 +101,8 @@ class Sort(LifecycleTracker[SortSettings]):
         return self._advance(matched, detected, given)[0]
 
 
-@dataclass(frozen=True)
-class DeepSortSettings:
+@dataclass(frozen=True, config=SETTINGS)
+class DeepSortSettings(LifecycleSettings):
     """Settings of DeepSORT.
 
     Attributes:
@@ -93,21 +111,17 @@ class DeepSortSettings:
         memory: weight of the past in a track's running mean of features, in [0, 1).
         reach: distance from the prediction within which appearance may match, in heights.
         reach_growth: additional distance for every frame without a detection, in heights.
-        lifecycle: when tracks are confirmed and deleted.
-        motion: noise of the Kalman filter.
     """
 
-    feature_gate: float = 0.3
-    position_gate: float = 0.7
-    memory: float = 0.9
-    reach: float = 1.0
-    reach_growth: float = 0.1
-    lifecycle: LifecycleSettings = field(default_factory=lambda: LifecycleSettings(max_age=30))
-    motion: BoxMotion = field(default_factory=BoxMotion)
+    max_age: Age = 30
+    feature_gate: CosineDistance = 0.3
+    position_gate: Annotated[float, Field(ge=0, lt=1)] = 0.7
+    memory: Annotated[float, Field(ge=0, lt=1)] = 0.9
+    reach: NonNegativeFloat = 1.0
+    reach_growth: NonNegativeFloat = 0.1
 
-    def __post_init__(self) -> None:
-        if not (0 <= self.feature_gate <= 2 and 0 <= self.position_gate < 1 and 0 <= self.memory < 1):
-            raise RequestError("expected feature_gate in [0, 2], position_gate in [0, 1) and memory in [0, 1)")
+
+DEEPSORT = DeepSortSettings()
 
 
 class DeepSort(LifecycleTracker[DeepSortSettings]):
@@ -116,11 +130,41 @@ class DeepSort(LifecycleTracker[DeepSortSettings]):
     Args:
         settings: all of them.
         seed: taken as by all trackers; nothing is drawn.
-        given: settings by name, those of `LifecycleSettings` too; they go before ``settings``.
+
+    Any setting can be given by its name as well, which goes before ``settings``.
     """
 
-    def __init__(self, settings: DeepSortSettings | None = None, seed: int = 0, **given: Any) -> None:
-        super().__init__(adjusted(settings, DeepSortSettings, given), seed)
+    def __init__(
+        self,
+        settings: DeepSortSettings = DEEPSORT,
+        seed: int = 0,
+        *,
+        feature_gate: float | None = None,
+        position_gate: float | None = None,
+        memory: float | None = None,
+        reach: float | None = None,
+        reach_growth: float | None = None,
+        min_hits: int | None = None,
+        max_age: int | None = None,
+        start_score: float | None = None,
+        boxes: ReportedBox | None = None,
+        motion: BoxMotion | None = None,
+    ) -> None:
+        settings = changed(
+            settings,
+            DeepSortSettings,
+            feature_gate=feature_gate,
+            position_gate=position_gate,
+            memory=memory,
+            reach=reach,
+            reach_growth=reach_growth,
+            min_hits=min_hits,
+            max_age=max_age,
+            start_score=start_score,
+            boxes=boxes,
+            motion=motion,
+        )
+        super().__init__(settings, seed)
         self._appearance = np.empty((0, 0))
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:

@@ -106,8 +106,7 @@ def score_scale(detect: object, method: object, settings: MethodSettings, source
     """
     if method not in METHODS or method == "flow" or isinstance(inner_detector(detect), Detector | ForeignDetector):
         return None
-    lives = [getattr(getattr(each, str(method)), "lifecycle", None) for each in (settings, MethodSettings())]
-    start, usual = (None if life is None else life.start_score for life in lives)
+    start, usual = (getattr(getattr(own, str(method)), "start_score", None) for own in (settings, MethodSettings()))
     return ScoreScale(source.frame_rate, start) if start is not None and start == usual else None
 
 
@@ -154,6 +153,8 @@ def people_affinity(
             return None
         learnt_on_tracks = kind_of(affinity) == "association"
         affinity = CostNetwork(affinity, threads) if learnt_on_tracks else Affinity(affinity, threads)
+    if not isinstance(affinity, Affinity | CostNetwork):
+        raise RequestError(f"`affinity`: expected a path or learnt costs, got {type(affinity).__name__}")
     if "action" in affinity.card.class_names:
         preset = "" if isinstance(affinity, CostNetwork) else " --preset printed"
         raise RequestError(

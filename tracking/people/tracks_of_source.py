@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.formats.exports import format_at
 from tsuiseki.tracking.formats.result_folder import TABLES
 from tsuiseki.tracking.output import RUN_FILE
@@ -29,7 +29,7 @@ def tracked(source: str | Path | Result[Track]) -> Result[Track]:
     Raises:
         RequestError: there is nothing of this, the source does not end, or no person has a box.
     """
-    result = source if isinstance(source, Result) else _read(Path(source))
+    result = source if isinstance(source, Result) else _read(a_path(source, "source"))
     if not result.tracks or not all(isinstance(track, Track) for track in boxes_of(result)):
         raise RequestError(f"{name_of(source)}: expected tracks of people with boxes, got none")
     return result

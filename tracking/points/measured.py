@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
 from tsuiseki.tracking.formats.measurement_tables import (
     read_scans,
     read_sensing_model,
@@ -32,7 +32,8 @@ from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
+from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack
+from tsuiseki.tracking.types.sensing_model import SensingModel
 from tsuiseki.tracking.video.source import open_source
 
 if TYPE_CHECKING:
@@ -102,11 +103,13 @@ def as_model(model: str | Path | Mapping[str, Any] | SensingModel) -> SensingMod
     """The model of a YAML file, of what stands in one, or as it is."""
     if isinstance(model, SensingModel):
         return model
-    return sensing_model(model) if isinstance(model, Mapping) else read_sensing_model(Path(model))
+    return sensing_model(model) if isinstance(model, Mapping) else read_sensing_model(a_path(model, "model"))
 
 
 def with_region(model: SensingModel, scans: Sequence[Scan]) -> SensingModel:
     """The model with the region where the measurements lie, if it has none of its own; warns of others outside."""
+    if wrong := [type(scan).__name__ for scan in scans if not isinstance(scan, Scan)]:
+        raise RequestError(f"`measured`: expected a path, or scans, got {wrong[0]}")
     if not model.region:
         return replace(model, region=region_of(scans))
     every = np.concatenate([np.empty((0, len(model.region))), *(scan.measurements for scan in scans)])

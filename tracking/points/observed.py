@@ -38,7 +38,8 @@ from tsuiseki.tracking.filters.point_motion import (
 )
 from tsuiseki.tracking.points.settings import BlobSettings, PointSettings, SetMethod
 from tsuiseki.tracking.types import BoolArray, FloatArray
-from tsuiseki.tracking.types.measurements import MotionSettings, Scan, SensingModel
+from tsuiseki.tracking.types.measurements import Scan
+from tsuiseki.tracking.types.sensing_model import MotionSettings, SensingModel
 
 SetFilter: TypeAlias = Filter[Any, Any, SetInfo]
 COLUMNS = 6

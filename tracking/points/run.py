@@ -9,6 +9,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tsuiseki.tracking.bounds import as_settings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import ColourRange, colour_of_box, parse_colour
 from tsuiseki.tracking.formats.measurement_tables import is_point_file, read_points, write_point_tracks
@@ -90,7 +91,7 @@ def track_points(
     Raises:
         RequestError: a frame is neither; the message says what was expected.
     """
-    tracker = PointTracker(settings or PointSettings(), extent, seed)
+    tracker = PointTracker(as_settings(settings, PointSettings), extent, seed)
     steps = (as_measured(of_frame, tracker.settings.box) for of_frame in measured)
     return blob_result(None, tracker, steps, StageTimes(), {"seed": seed})
 
@@ -103,7 +104,7 @@ def follow_points(
     seed: int = 0,
 ) -> Iterator[Targets]:
     """The targets of each frame, while the measurements come; see `track_points`."""
-    tracker = PointTracker(settings or PointSettings(), extent, seed)
+    tracker = PointTracker(as_settings(settings, PointSettings), extent, seed)
     for of_frame in measured:
         yield tracker.update(as_measured(of_frame, tracker.settings.box))
         tracker.forget()
@@ -154,7 +155,7 @@ def _prepared(
     ends: str | None = None,
 ) -> tuple[Source, BlobTracker | SingleBlobTracker]:
     opened = Video.given(source, frames).open(images=True, ends=ends)
-    settings = settings or BlobSettings()
+    settings = as_settings(settings, BlobSettings)
     return opened, colour_tracker(chosen_colour(opened, colour), settings, seed)
 
 
@@ -237,12 +238,24 @@ def opened_blobs(choice: BlobChoice, source: Source, seed: int) -> tuple[AnyBlob
         shown = f"{choice.size[0]:g},{choice.size[1]:g}"
         raise RequestError(f"`size`: expected at most the {width:g}x{height:g} pixels of a frame, got {shown}")
     if choice.detections is not None or choice.detector is not None:
-        points = PointSettings(choice.method, choice.particles, choice.detection, choice.clutter, choice.size)
+        points = PointSettings(
+            method=choice.method,
+            particles=choice.particles,
+            detection=choice.detection,
+            clutter=choice.clutter,
+            box=choice.size,
+        )
         tracker = PointTracker(points, extent, seed)
         if choice.detections is None:
             return tracker, None
         return tracker, read_measurements(source, choice.detections, choice.size, choice.score_range)
-    settings = BlobSettings(choice.preset, choice.particles, choice.size, choice.smallest, choice.confirm)
+    settings = BlobSettings(
+        preset=choice.preset,
+        particles=choice.particles,
+        size=choice.size,
+        smallest=choice.smallest,
+        confirm=choice.confirm,
+    )
     if choice.colour_box is None:
         colour = chosen_colour(source, choice.colour or "")
     else:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal, get_args
+from typing import Annotated, Literal, Self
 
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
+from pydantic.dataclasses import dataclass as pydantic_dataclass
+
+from tsuiseki.tracking.bounds import SETTINGS, Particles, Share
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.people.settings import check_score_range
@@ -17,9 +20,11 @@ BlobPreset = Literal["calibrated", "paper", "single"]
 Lag = Literal[0, 1]
 SIZE = (32.0, 32.0)
 """Typical width and height of a coloured object, pixels."""
+# Pixels; of less a region has no likelihood.
+Side = Annotated[float, Field(ge=3)]
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class PointSettings:
     """Settings of the tracker of measured points and boxes.
 
@@ -32,21 +37,13 @@ class PointSettings:
     """
 
     method: SetMethod = "labelled"
-    particles: int = 500
-    detection: float = 0.85
-    clutter: float = 1.0
-    box: tuple[float, float] = (20.0, 20.0)
-
-    def __post_init__(self) -> None:
-        if self.method not in get_args(SetMethod):
-            raise RequestError(f"expected the method labelled or phd, got {self.method!r}")
-        if not 0.0 <= self.detection <= 1.0:
-            raise RequestError(f"expected the probability of detection in [0, 1], got {self.detection}")
-        if not 0.0 <= self.clutter < math.inf or self.particles < 1 or min(self.box) <= 0:
-            raise RequestError("expected clutter >= 0, at least one particle and a box of positive size")
+    particles: Particles = 500
+    detection: Share = 0.85
+    clutter: NonNegativeFloat = 1.0
+    box: tuple[PositiveFloat, PositiveFloat] = (20.0, 20.0)
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class BlobSettings:
     """Settings of the tracker of coloured objects.
 
@@ -61,20 +58,16 @@ class BlobSettings:
     """
 
     preset: BlobPreset = "calibrated"
-    particles: int = 500
-    size: tuple[float, float] = SIZE
-    smallest: float = 12.0
-    confirm: tuple[int, int] = (3, 3)
+    particles: Particles = 500
+    size: tuple[Side, Side] = SIZE
+    smallest: PositiveFloat = 12.0
+    confirm: tuple[PositiveInt, PositiveInt] = (3, 3)
 
-    def __post_init__(self) -> None:
-        if self.preset not in get_args(BlobPreset):
-            raise RequestError(f"expected the preset calibrated, paper or single, got {self.preset!r}")
-        if not 0.0 < self.smallest < math.inf:
-            raise RequestError(f"expected smallest above 0, got {self.smallest}")
-        if self.particles < 1 or not all(3 <= side < math.inf for side in self.size):
-            raise RequestError("expected at least one particle and a size of 3 pixels")
-        if not 1 <= self.confirm[0] <= self.confirm[1]:
-            raise RequestError(f"`confirm`: expected M,N with 1 <= M <= N frames, got {self.confirm}")
+    @model_validator(mode="after")
+    def _confirmed_in_time(self) -> Self:
+        if self.confirm[0] > self.confirm[1]:
+            raise ValueError(f"`confirm`: expected M,N with M <= N frames, got {self.confirm}")
+        return self
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,12 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, check_choice
 from tsuiseki.tracking.features.colour_region import ColourImage, ColourRange, region_contrast
 from tsuiseki.tracking.filters.base import SetInfo, TargetEstimates, bootstrap
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths
@@ -47,7 +47,8 @@ from tsuiseki.tracking.points.observed import (
 )
 from tsuiseki.tracking.points.settings import BlobSettings, Lag, PointSettings, SetMethod
 from tsuiseki.tracking.types import BoolArray, Estimate, FloatArray, Frame, IntArray, Status, Targets, Track
-from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack, SensingModel
+from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack
+from tsuiseki.tracking.types.sensing_model import SensingModel
 from tsuiseki.tracking.types.tracks import rows_of_each
 
 REPORT = 0.5
@@ -250,8 +251,9 @@ class MeasurementTracker(FiniteSetTracker):
     def __init__(
         self, model: SensingModel, method: SetMethod = "labelled", particles: int = 1000, seed: int = 0, lag: Lag = 0
     ) -> None:
-        if particles < 1:
-            raise RequestError(f"`particles`: expected at least 1, got {particles}")
+        check_choice(method, get_args(SetMethod), "method")
+        if not 1 <= particles <= 1_000_000:
+            raise RequestError(f"`particles`: expected 1 to 1000000, got {particles}")
         if lag not in ((0, 1) if method == "labelled" else (0,)):
             raise RequestError(f"`lag`: expected 0, or 1 with the method labelled, got {lag} with {method}")
         moving = with_calm_motion(model) if method == "labelled" else model

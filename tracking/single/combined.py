@@ -20,11 +20,13 @@ recovers by itself. So here
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from statistics import median
 
 import numpy as np
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
+from tsuiseki.tracking.bounds import SETTINGS, Share
 from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.filters.base import bootstrap
 from tsuiseki.tracking.filters.correlation_filters import ComplexArray
@@ -62,7 +64,7 @@ looks at then, evidence from which on it sees the target there, and in how many 
 first box, in pixels, from which on it can."""
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class CombinedSettings:
     """Constants.
 
@@ -72,7 +74,7 @@ class CombinedSettings:
     """
 
     filter: RegularisedSettings = field(default_factory=RegularisedSettings)
-    doubt: float = 0.6
+    doubt: Share = 0.6
 
 
 class Evidence:

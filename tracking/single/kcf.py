@@ -9,11 +9,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Literal
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
+from pydantic import Field, NonNegativeFloat, PositiveFloat
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
+from tsuiseki.tracking.bounds import SETTINGS, Share
 from tsuiseki.tracking.features.hog import hog
 from tsuiseki.tracking.filters.correlation_filters import (
     ComplexArray,
@@ -44,7 +47,7 @@ LOST_BELOW = 0.2
 """Response at which the target counts as lost; the filter goes on all the same."""
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class KcfSettings:
     """Constants of the filter.
 
@@ -59,14 +62,14 @@ class KcfSettings:
         scale_step: ratio of neighbouring sizes that are tried; 1 keeps the size.
     """
 
-    padding: float = 2.5
-    cell: int = 4
+    padding: Annotated[float, Field(gt=1, le=100)] = 2.5
+    cell: Annotated[int, Field(ge=1, le=100)] = 4
     features: Features = "hog"
     kernel: GaussianKernel = field(default_factory=lambda: GaussianKernel(0.6))
-    regularisation: float = 1e-4
-    learning_rate: float = 0.012
-    label_sigma: float = 0.125
-    scale_step: float = 1.05
+    regularisation: NonNegativeFloat = 1e-4
+    learning_rate: Share = 0.012
+    label_sigma: PositiveFloat = 0.125
+    scale_step: Annotated[float, Field(ge=1, le=10)] = 1.05
 
 
 THESIS = KcfSettings(scale_step=1.0)

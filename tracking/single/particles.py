@@ -10,9 +10,13 @@ serves all filters, and one batched transform gives all responses. Outside the w
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field, NonNegativeFloat
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
+from tsuiseki.tracking.bounds import SETTINGS, Age, Particles, Share
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.single import kcf
 from tsuiseki.tracking.single.colours import ForegroundColour
@@ -31,7 +35,7 @@ RELATIVE_SWITCH, DRIFT_SWITCH = 0.65, 0.7
 """Of the additions: shares of the running means of response and colour score under which the filter is doubted."""
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class KcfParticleSettings:
     """Constants; the defaults are Table 3.2 and the choices of 3.3.3, as they are printed.
 
@@ -51,13 +55,13 @@ class KcfParticleSettings:
 
     kcf: kcf.KcfSettings = field(default_factory=lambda: kcf.THESIS)
     switch: float = 0.2
-    plain_frames: int = 50
-    stored: int = 20
-    particles: int = 200
-    past_share: float = 0.5
-    convergence: float = 0.03
-    response_share: float = 0.3
-    hypotheses: int = 20
+    plain_frames: Age = 50
+    stored: Annotated[int, Field(ge=0, le=1000)] = 20
+    particles: Particles = 200
+    past_share: Share = 0.5
+    convergence: NonNegativeFloat = 0.03
+    response_share: Share = 0.3
+    hypotheses: Annotated[int, Field(ge=1, le=1000)] = 20
     past_by_score: bool = False
     additions: bool = False
 

@@ -24,11 +24,15 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import cv2
 import numpy as np
 import scipy.fft
+from pydantic import Field
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
+from tsuiseki.tracking.bounds import SETTINGS, Share
 from tsuiseki.tracking.features.hog import hog
 from tsuiseki.tracking.filters.correlation_filters import (
     ComplexArray,
@@ -74,7 +78,7 @@ LOST_BELOW = 0.25
 """Response under which the target of the filter alone counts as lost; the filter goes on all the same."""
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class RegularisedSettings:
     """Constants.
 
@@ -83,8 +87,8 @@ class RegularisedSettings:
         sizes: number of sizes tried in a frame, odd; 1 keeps the first size.
     """
 
-    colour_share: float = 0.3
-    sizes: int = 11
+    colour_share: Share = 0.3
+    sizes: Annotated[int, Field(ge=1, le=99)] = 11
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tsuiseki.tracking.bounds import as_settings
 from tsuiseki.tracking.cameras.projective import PinholeCamera
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.filters.resampling import Covering
 from tsuiseki.tracking.formats.world_tables import read_ball_points
 from tsuiseki.tracking.result import Result
@@ -159,7 +160,7 @@ def sphere_points_run(
     times: FrameTimes | None = None,
 ) -> SphereRun:
     """A run of `track_sphere_points`, which says what it raises; ``times`` are by default as the camera file says."""
-    settings = settings or SphereSettings()
+    settings = as_settings(settings, SphereSettings)
     for name, expected in (("preset", "extended"), ("likelihood", "contour"), ("faint", None)):
         if getattr(settings, name) != expected:
             raise RequestError(
@@ -168,7 +169,7 @@ def sphere_points_run(
     placed = cameras_of(cameras, len(files), "files", "`points`: ")
     if not 0 < deviation < np.inf or not 0 <= radius < 10:
         raise RequestError(f"expected a `deviation` above 0 and a `radius` from 0, got {deviation:g} and {radius:g}")
-    pixels = [read_ball_points(Path(file)) for file in files]
+    pixels = [read_ball_points(a_path(file, "files")) for file in files]
     stamps = (times or FrameTimes()).of_pixels(pixels, placed)
     pinholes = [p.camera for p in placed]
     likelihood = PointLikelihood(pinholes, np.full(len(placed), float(deviation)))

@@ -6,14 +6,15 @@ from collections.abc import Iterable, Iterator, Sequence
 from functools import partial
 from itertools import takewhile
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from tsuiseki.tracking.bounds import as_settings
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.volume import check_volume, common_volume, in_view
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.formats.world_tables import read_path3d
 from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.result import Result
@@ -50,23 +51,7 @@ from tsuiseki.tracking.video.synchronise import LatestFrames, Moment, moments_wi
 BACKGROUND_FRAMES = 25
 
 
-class SphereKeywords(TypedDict, total=False):
-    """What `track_sphere` and `follow_sphere` take beside sources, cameras, radius and seed.
-
-    Attributes:
-        start: ``(3,)`` the ball in the first frame, metres; by default the volume is searched.
-        volume: ``(2, 3)`` two corners of the box in which the ball is searched, metres; by default where two cameras
-            can see it.
-        settings: see `SphereSettings`.
-        backgrounds: one picture of the empty scene per video; by default the median of the video.
-        times: of the frames; by default as the camera file says.
-    """
-
-    start: ArrayLike | None
-    volume: ArrayLike | None
-    settings: SphereSettings | None
-    backgrounds: Sequence[Path] | None
-    times: FrameTimes | None
+SPHERE, TIMES = SphereSettings(), FrameTimes()
 
 
 def track_sphere(
@@ -74,8 +59,12 @@ def track_sphere(
     cameras: str | Path,
     radius: float,
     *,
+    start: ArrayLike | None = None,
+    volume: ArrayLike | None = None,
+    settings: SphereSettings = SPHERE,
+    backgrounds: Sequence[str | Path] | None = None,
+    times: FrameTimes = TIMES,
     seed: int = 0,
-    **keywords: Unpack[SphereKeywords],
 ) -> Result[Position]:
     """Where a ball of known radius is in space, at every moment.
 
@@ -83,19 +72,26 @@ def track_sphere(
         sources: two or more videos, folders or lists of images, in the order of the cameras.
         cameras: ``cameras.yaml`` with one entry per video; `tsuiseki calibrate points` writes it.
         radius: of the ball, metres.
+        start: ``(3,)`` the ball in the first frame, metres; by default the volume is searched.
+        volume: ``(2, 3)`` two corners of the box in which the ball is searched, metres; by default where two cameras
+            can see it.
+        settings: see `SphereSettings`.
+        backgrounds: one picture of the empty scene per video; by default the median of the video.
+        times: of the frames; by default as the camera file says.
         seed: of all random numbers.
-        keywords: see `SphereKeywords`.
 
     Raises:
         RequestError: something of this cannot be used; the message says what and why.
         RunError: a video breaks off, or no two show the same moment.
     """
-    chosen = sphere_run(sources, cameras, radius, **keywords)
+    chosen = sphere_run(
+        sources, cameras, radius, start=start, volume=volume, settings=settings, backgrounds=backgrounds, times=times
+    )
     if chosen.length is None:
         raise RequestError("live cameras do not end by themselves; use follow_sphere")
-    times = StageTimes()
-    log = chosen.run(np.random.default_rng(seed), times)
-    return sphere_result(chosen, log, times, {"source": [named(source) for source in sources], "seed": seed})
+    stages = StageTimes()
+    log = chosen.run(np.random.default_rng(seed), stages)
+    return sphere_result(chosen, log, stages, {"source": [named(source) for source in sources], "seed": seed})
 
 
 def follow_sphere(
@@ -103,33 +99,48 @@ def follow_sphere(
     cameras: str | Path,
     radius: float,
     *,
+    start: ArrayLike | None = None,
+    volume: ArrayLike | None = None,
+    settings: SphereSettings = SPHERE,
+    backgrounds: Sequence[str | Path] | None = None,
+    times: FrameTimes = TIMES,
     seed: int = 0,
-    **keywords: Unpack[SphereKeywords],
 ) -> Iterator[Position]:
     """Where a ball is, while the videos come; see `track_sphere`.
 
     Sources may be live: numbers of webcams or addresses of streams. Their newest frames are paired by the time at which
     they came, counted from the first; a camera that stalls is left out until it delivers again.
     """
-    return sphere_run(sources, cameras, radius, **keywords).follow(np.random.default_rng(seed))
+    chosen = sphere_run(
+        sources, cameras, radius, start=start, volume=volume, settings=settings, backgrounds=backgrounds, times=times
+    )
+    return chosen.follow(np.random.default_rng(seed))
 
 
 def sphere_run(
-    sources: Sequence[SourceLike], cameras: str | Path, radius: float, **keywords: Unpack[SphereKeywords]
+    sources: Sequence[SourceLike],
+    cameras: str | Path,
+    radius: float,
+    *,
+    start: ArrayLike | None = None,
+    volume: ArrayLike | None = None,
+    settings: SphereSettings = SPHERE,
+    backgrounds: Sequence[str | Path] | None = None,
+    times: FrameTimes = TIMES,
 ) -> SphereRun:
     """A run of `track_sphere`, which says what it raises; all sources may be live."""
-    settings, backgrounds = keywords.get("settings") or SphereSettings(), keywords.get("backgrounds")
+    settings = as_settings(settings, SphereSettings)
     if not 0 < radius < 10:
         raise RequestError(f"`radius`: expected metres above 0 (and below 10), got {radius:g}")
     placed = cameras_of(cameras, len(sources), "videos")
     videos = [open_source(source) for source in sources]
-    live, times = all(video.live for video in videos), keywords.get("times") or FrameTimes()
+    live = all(video.live for video in videos)
     if live and (times.offsets or times.timestamps):
         raise RequestError("`offsets` and `timestamps`: expected only with recorded videos; live frames have their own")
     if live and settings.likelihood == "background" and backgrounds is None:
         raise RequestError("`backgrounds`: expected pictures of the empty scene with live cameras, got none")
     stamps = [] if live else times.of_videos(videos, placed)
-    place, box = _start(keywords.get("start"), keywords.get("volume"), settings, placed, radius)
+    place, box = _start(start, volume, settings, placed, radius)
     weigh = _likelihood(settings, placed, videos, radius, backgrounds)
     broad = weigh.broad() if isinstance(weigh, SphereContourLikelihood) else weigh
     search = partial(find_ball, weigh, broad, [p.camera for p in placed], radius, box, settings.particles)
@@ -196,7 +207,7 @@ def _likelihood(
     placed: Sequence[PlacedCamera],
     sources: Sequence[Source],
     radius: float,
-    backgrounds: Sequence[Path] | None,
+    backgrounds: Sequence[str | Path] | None,
 ) -> ViewLikelihood:
     cameras = [p.camera for p in placed]
     if settings.likelihood == "contour":
@@ -213,8 +224,9 @@ def _likelihood(
         return BackgroundLikelihood(cameras, pictures)
     if len(backgrounds) != len(cameras):
         raise RequestError(f"`backgrounds`: expected {len(cameras)} pictures, one a video, got {len(backgrounds)}")
+    paths = [a_path(path, "backgrounds") for path in backgrounds]
     return BackgroundLikelihood(
-        cameras, [read_image(path, (c.width, c.height)) for path, c in zip(backgrounds, cameras, strict=True)]
+        cameras, [read_image(path, (c.width, c.height)) for path, c in zip(paths, cameras, strict=True)]
     )
 
 
@@ -261,8 +273,7 @@ def sphere(
             TrackNet writes it, Frame,Visibility,X,Y.
         deviation: with --points, standard deviation of a measured pixel.
         start: X,Y,Z of the ball in the first frame, metres; by default the volume is searched.
-        volume: X1,Y1,Z1,X2,Y2,Z2 of the box in which the ball is searched, metres; by default where two cameras can
-            see it.
+        volume: X1,Y1,Z1,X2,Y2,Z2 of the box in which it is searched, metres; by default where two cameras can see it.
         backgrounds: one picture of the empty scene per video, separated by commas; by default the median of the video.
         truth: CSV with the columns time, x, y, z (seconds, metres) to compare with in the report.
     """
@@ -271,8 +282,9 @@ def sphere(
         if radius is None:
             raise RequestError("`radius`: expected the ball's radius in metres, got none")
         box = _corners(volume)
-        keywords = SphereKeywords(start=start, volume=box, settings=settings, backgrounds=backgrounds, times=times)
-        chosen = sphere_run(source, cameras, radius, **keywords)
+        chosen = sphere_run(
+            source, cameras, radius, start=start, volume=box, settings=settings, backgrounds=backgrounds, times=times
+        )
     elif source or drawing.overlay or backgrounds or volume:
         raise RequestError("`points`: expected no videos, `overlay`, `backgrounds` or `volume` beside it")
     else:

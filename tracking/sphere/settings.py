@@ -6,11 +6,14 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
+from tsuiseki.tracking.bounds import SETTINGS, Seconds, Share
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, PlacedCamera, read_projective_cameras
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError, a_path
 from tsuiseki.tracking.filters.base import Motion
@@ -28,7 +31,7 @@ LikelihoodName = Literal["contour", "background"]
 SLACK_FRAMES = 2
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class SphereSettings(Shared):
     """How a ball is followed; lengths in metres.
 
@@ -54,31 +57,23 @@ class SphereSettings(Shared):
     """
 
     preset: PresetName = "extended"
-    spread: float = 0.05
-    particles: int = 500
+    spread: PositiveFloat = 0.05
+    particles: Annotated[int, Field(ge=10, le=1_000_000)] = 500
     motion: MotionName | None = None
-    agitation: float | None = None
+    agitation: PositiveFloat | None = None
     floor: float = 0.0
-    bounce: float = 0.75
-    drag: float = 0.0
+    bounce: Share = 0.75
+    drag: NonNegativeFloat = 0.0
     spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     likelihood: LikelihoodName = "contour"
     faint: bool | None = None
-    tolerance: float | None = None
+    tolerance: Seconds | None = None
 
-    def __post_init__(self) -> None:
-        if not self.spread > 0:
-            raise RequestError(f"`spread`: expected metres above 0, got {self.spread:g}")
-        if self.particles < 10:
-            raise RequestError(f"`particles`: expected at least 10, got {self.particles}")
-        if self.agitation is not None and not self.agitation > 0:
-            raise RequestError(f"`agitation`: expected a number above 0, got {self.agitation:g}")
+    @model_validator(mode="after")
+    def _faint_with_outlines(self) -> Self:
         if self.faint is not None and (self.preset == "paper" or self.likelihood == "background"):
-            raise RequestError("`faint`: expected only with the outline of the preset extended; leave it out")
-        if not 0 <= self.bounce <= 1:
-            raise RequestError(f"`bounce`: expected 0 to 1, got {self.bounce:g}")
-        if not 0 <= self.drag < np.inf:
-            raise RequestError(f"`drag`: expected a number from 0, got {self.drag:g}")
+            raise ValueError("`faint`: expected only with the outline of the preset extended; leave it out")
+        return self
 
 
 def cameras_of(path: str | Path, count: int, what: str, option: str = "") -> Sequence[PlacedCamera]:

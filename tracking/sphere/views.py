@@ -16,12 +16,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field, PositiveFloat
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.cameras.outline import Outlines, sphere_circles, sphere_outlines
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cameras.volume import in_view
@@ -42,7 +45,7 @@ OutlinesOf: TypeAlias = Callable[[PinholeCamera, FloatArray, float], Outlines]
 """Outlines of spheres of a radius at ``(N, 3)`` centres."""
 
 
-@dataclass(frozen=True)
+@pydantic_dataclass(frozen=True, config=SETTINGS)
 class ContourSettings:
     """What is sampled.
 
@@ -53,10 +56,10 @@ class ContourSettings:
         width: standard deviation of the Gaussian over r / r0.
     """
 
-    angles: int = 24
-    radii: int = 16
-    reach: float = 0.5
-    width: float = 0.12
+    angles: Annotated[int, Field(ge=4, le=1000)] = 24
+    radii: Annotated[int, Field(ge=3, le=1000)] = 16
+    reach: Annotated[float, Field(gt=0, lt=1)] = 0.5
+    width: PositiveFloat = 0.12
 
 
 @dataclass(frozen=True)

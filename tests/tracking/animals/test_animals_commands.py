@@ -102,7 +102,7 @@ def test_points_of_sleap_are_observations(film, tmp_path):
         (["--scale", "0"], "--scale: expected millimetres a pixel above 0"),
         (["--centre", "head"], "give --points or --labels"),
         (["--labels", "none.csv"], "found no file"),
-        (["--animals.smallest", "2"], "smallest: expected a share between 0 and 1"),
+        (["--animals.smallest", "2"], "--animals.smallest: expected less than 1"),
         (["--threshold", "400"], "threshold in (0, 255)"),
         (["--contrast", "red"], "contrast"),
     ],

@@ -81,5 +81,5 @@ def test_a_shrinking_size_never_turns_negative() -> None:
 
 @pytest.mark.parametrize("wrong", [-1.0, np.inf, np.nan])
 def test_smoothing_settings_must_make_sense(wrong: float) -> None:
-    with pytest.raises(ValueError, match="expected"):
+    with pytest.raises(ValueError, match="position"):
         SmoothingSettings(position=wrong)

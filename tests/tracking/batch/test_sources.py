@@ -44,10 +44,10 @@ def test_manifests(videos: Path, tmp_path: Path) -> None:
     assert (given["video"].frames, given["finding"].view, given["linking"].method) == ("2-9", "2", "sort")
     assert second.arguments(second.source, tmp_path)["video"].overlay
     lines = tmp_path / "list.yaml"
-    lines.write_text(f"- source: {videos}/web.webm\n  method: ocsort\n  ocsort: {{lifecycle: {{max_age: 7}}}}\n")
+    lines.write_text(f"- source: {videos}/web.webm\n  method: ocsort\n  ocsort: {{max_age: 7}}\n")
     (job,) = jobs_of([str(lines)], SORT)
     linking = job.arguments(job.source, tmp_path)["linking"]
-    assert (linking.method, linking.ocsort.lifecycle.max_age) == ("ocsort", 7)
+    assert (linking.method, linking.ocsort.max_age) == ("ocsort", 7)
 
 
 @pytest.mark.parametrize(

@@ -113,10 +113,10 @@ def refused(words, capsys, expected):
         (["--motion", "none.json"], "found no none.json"),
         (["--body", "shark"], "expected a body of goldfish"),
         (["--colour", "fishy"], "expected a colour"),
-        (["--deformable.particles", "0"], "particles: expected a whole number from 1"),
+        (["--deformable.particles", "0"], "--deformable.particles: expected greater than or equal to 1"),
         (["--deformable.smooth", "2"], "odd number of pixels"),
         (["--widen", "0"], "--widen: expected a number above 0"),
-        (["--deformable.spread", "0"], "spread: expected squared pixels above 0"),
+        (["--deformable.spread", "0"], "--deformable.spread: expected greater than 0"),
     ],
 )
 def test_wrong_requests_get_one_line(clip, tmp_path, capsys, words, expected):

@@ -239,7 +239,7 @@ def test_models_of_another_kind(option: str, other: str, inputs: Any, complaint:
         ("seed: lots", "--seed: expected a whole number, got 'lots'"),
         ("method: magic", "--method: expected one of 'flow', 'deepsort', 'sort', 'bytetrack', 'ocsort', got 'magic'"),
         ("flow:\n  fill: high", "--flow.fill: expected a number, got 'high'"),
-        ("flow: {fill: -1}", "expected min_time and fill from 0"),
+        ("flow: {fill: -1}", "--flow.fill: expected greater than or equal to 0"),
         ("seed: [1", "expected YAML of options"),
     ],
 )

@@ -66,7 +66,7 @@ def test_occupancy_is_of_the_last_frame_and_the_lost_are_passed_over():
 
 def test_bad_settings_are_refused_at_once():
     for settings in ({"anchor": "floor"}, {"band": -1}, {"anchor": "nose"}):
-        with pytest.raises(RequestError):
+        with pytest.raises(ValueError, match=next(iter(settings))):
             tsuiseki.Counter(SCENE, CountSettings(**settings))
     with pytest.raises(RequestError, match="no such file"):
         tsuiseki.Counter("nowhere.yaml")

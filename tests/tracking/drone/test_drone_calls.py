@@ -78,7 +78,7 @@ def test_a_bare_word_names_a_shipped_detector(flight: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "sort"}, "`method`: expected one of 'flow', 'flow-saf', 'flow-maf'"),
+        ({"method": "sort"}, "`method`: expected flow, flow-saf or flow-maf, got 'sort'"),
         ({"detections": [], "detector": "x.onnx"}, "expected `detections` or `detector`, got both"),
         ({"actions": ["nowhere.onnx"]}, "nowhere.onnx"),
         ({"detector": lambda _: None}, "what the detector <lambda> returned"),

@@ -205,7 +205,7 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
         "expected a model of kind 'action'": ["--actions", str(weights / "appearance_people.onnx")],
         "--threshold: expected a number from 0 to 1": ["--threshold", "1.5"],
         "expected one of --detections, --detector and --tracks": ["--tracks", str(clip / "gt/gt.txt")],
-        "--drone.window: expected a window from 0": ["--drone.window", "-1"],
+        "--drone.window: expected greater than or equal to 0": ["--drone.window", "-1"],
         "flow-maf averages the features of actions": ["--drone.flow.costs.link.action.features", "single"],
     }
     save_other(other)

@@ -345,5 +345,5 @@ def test_names_that_are_not_those_of_the_classes_are_refused(tmp_path):
     path = save_constant(tmp_path / "d.onnx", yolov8())
     with pytest.raises(RequestError, match=r"as many classes as .* have, 3 \(layout yolov8\), got 2"):
         open_detector(path, options=DetectorOptions(classes=("person", "car")))
-    with pytest.raises(RequestError, match=r"`detector_options\.classes`: expected each name once, got 'car' twice"):
+    with pytest.raises(ValueError, match=r"`detector_options\.classes`: expected each name once, got 'car' twice"):
         DetectorOptions(classes=("person", "car", "car"))

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
-from typing import Any
+from dataclasses import replace
+from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from tsuiseki import (
     ByteTrack,
@@ -22,15 +25,15 @@ from tsuiseki import (
 )
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.people.contract import OnlineTracker
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings, with_area
+from tsuiseki.tracking.people.lifecycle import with_area
 from tsuiseki.tracking.types import Targets, Track
 
-LIFE = LifecycleSettings(min_hits=3, max_age=2)
+LIFE: dict[str, Any] = {"min_hits": 3, "max_age": 2, "start_score": 0.5}
 MAKERS: dict[str, Callable[[], OnlineTracker]] = {
-    "sort": lambda: Sort(SortSettings(lifecycle=LIFE), seed=1),
-    "deepsort": lambda: DeepSort(DeepSortSettings(lifecycle=LIFE), seed=1),
-    "bytetrack": lambda: ByteTrack(ByteTrackSettings(lifecycle=LIFE), seed=1),
-    "ocsort": lambda: OcSort(OcSortSettings(lifecycle=LIFE), seed=1),
+    "sort": lambda: Sort(SortSettings(**LIFE), seed=1),
+    "deepsort": lambda: DeepSort(DeepSortSettings(**LIFE), seed=1),
+    "bytetrack": lambda: ByteTrack(ByteTrackSettings(**LIFE), seed=1),
+    "ocsort": lambda: OcSort(OcSortSettings(**LIFE), seed=1),
 }
 EACH = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
 
@@ -79,7 +82,7 @@ def test_what_is_answered_is_what_the_tracks_say(make: Callable[[], OnlineTracke
     for key, box in now.items():
         np.testing.assert_array_equal(box, kept[key])
     # Only what made the tracker believe comes before the first answer.
-    assert len(kept) - len(now) == (LIFE.min_hits - 1) * len({id for id, _ in kept})
+    assert len(kept) - len(now) == (LIFE["min_hits"] - 1) * len({id for id, _ in kept})
 
 
 @EACH
@@ -139,19 +142,27 @@ def test_a_sure_detection_is_shown_within_three_frames(make: Callable[..., Onlin
 @pytest.mark.parametrize("make", [Sort, ByteTrack, OcSort, DeepSort])
 def test_settings_by_name_are_those_of_the_settings(make: Callable[..., Any]) -> None:
     named = make(max_age=7, min_hits=4, start_score=0.4, boxes="detected")
-    life = LifecycleSettings(min_hits=4, max_age=7, start_score=0.4, boxes="detected")
-    assert named.settings == type(named.settings)(lifecycle=life)
-    assert make(named.settings, max_age=9).settings.lifecycle.max_age == 9
-    for wrong in ({"min_hits": 0}, {"max_age": "a"}, {"boxes": "whole"}):
-        with pytest.raises(RequestError, match="expected"):
+    assert named.settings == type(named.settings)(min_hits=4, max_age=7, start_score=0.4, boxes="detected")
+    assert make(named.settings, max_age=9).settings == replace(named.settings, max_age=9)
+    for wrong in ({"min_hits": 0}, {"max_age": "a"}, {"boxes": "whole"}, {"max_age": 20_000}):
+        with pytest.raises(ValidationError, match=next(iter(wrong))):
             make(**wrong)
     with pytest.raises(RequestError, match="Settings"):
         make(30)
 
 
+@pytest.mark.parametrize("make", [Sort, ByteTrack, OcSort, DeepSort])
+def test_keywords_are_the_settings(make: Callable[..., Any]) -> None:
+    """The keywords of a tracker have the names and types of the fields of its settings."""
+    keywords = inspect.signature(make, eval_str=True).parameters
+    fields = get_type_hints(type(keywords["settings"].default))
+    assert keywords.keys() - fields.keys() == {"settings", "seed"}
+    assert {name: keywords[name].annotation for name in fields} == {name: kind | None for name, kind in fields.items()}
+
+
 def test_the_score_of_a_start_follows_the_score_of_a_match() -> None:
-    assert ByteTrack(high_score=0.25, low_score=0.05).settings.lifecycle.start_score == 0.35
-    assert OcSort(min_score=0.25).settings.lifecycle.start_score == 0.25
+    assert ByteTrack(high_score=0.25, low_score=0.05).settings.start_score == pytest.approx(0.35)
+    assert OcSort(min_score=0.25).settings.start_score == 0.25
     assert ByteTrack().settings == ByteTrackSettings()
     assert OcSort().settings == OcSortSettings()
 

@@ -15,7 +15,6 @@ from tsuiseki import track_people
 from tsuiseki.tracking.association.clutter import LOWEST, ScoreChoice, score_choice
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.people.detections import PeopleInputs
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.people.opening import open_people
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 from tsuiseki.tracking.people.sort import SortSettings
@@ -113,7 +112,7 @@ def test_a_function_may_score_by_logits_and_a_start_score_of_ones_own_stays() ->
         return Detections(found.boxes, found.scores - 3)
 
     assert len(track_people(images, "sort", detector=logits, frame_rate=10)) == 5
-    settings = Linking(method="sort", sort=SortSettings(lifecycle=LifecycleSettings(start_score=-2.5)))
+    settings = Linking(method="sort", sort=SortSettings(start_score=-2.5))
     finding = PeopleFinding(detections=[walkers_and_flicker(0)])  # type: ignore[arg-type]
     source = open_source([np.zeros((1000, 2000, 3), np.uint8)])
     assert open_people(source, finding, settings, 0).inputs.scale is None

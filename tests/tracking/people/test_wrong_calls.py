@@ -26,13 +26,12 @@ from tsuiseki import (
     Track,
     read_tracks,
     shipped,
-    track_animals,
+    track_drone,
     track_people,
     track_sphere,
     write_tracks,
 )
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings
 from tsuiseki.tracking.single.tracker import as_box
 
 IMAGE = np.zeros((120, 160, 3), np.uint8)
@@ -56,12 +55,12 @@ def source(tmp_path: Path) -> Path:
         ({"threads": -1}, "threads"),
         ({"threads": "a"}, "threads"),
         ({"score_threshold": NAN}, "score_threshold"),
-        ({"detections": 5}, "`detections`: expected a file, or boxes of each frame in a list, got 5"),
-        ({"detections": {0: ROWS[0]}}, "expected a file, or boxes of each frame in a list, got dict"),
+        ({"detections": 5}, "`detections`: expected a file, or boxes of each frame, got int"),
+        ({"detections": {0: ROWS[0]}}, "expected a file, or boxes of each frame, got dict"),
         ({"view": 0}, "view"),
         ({"detections": None}, "no images"),
         ({"method": Sort}, "a tracker"),
-        ({"method": SortSettings()}, "or PeopleTracker, got SortSettings"),
+        ({"method": SortSettings()}, "or a tracker, got SortSettings"),
     ],
 )
 def test_wrong_keywords_are_refused(source: Path, keywords: dict[str, Any], message: str) -> None:
@@ -96,8 +95,8 @@ def test_a_detector_takes_images(images: Any) -> None:
     [
         lambda: Sort(SortSettings(min_iou=NAN)),
         lambda: Sort(min_iou=NAN),
-        lambda: Sort(SortSettings(lifecycle=LifecycleSettings(start_score=NAN))),
-        lambda: Sort(SortSettings(lifecycle=LifecycleSettings(max_age=NAN))),  # type: ignore[arg-type]
+        lambda: Sort(SortSettings(start_score=NAN)),
+        lambda: Sort(SortSettings(max_age=NAN)),  # type: ignore[arg-type]
         lambda: ByteTrack(ByteTrackSettings(high_score=NAN)),
         lambda: FlowTracker(FlowSettings(min_time=NAN)),
         lambda: FlowTracker(frame_rate="25"),  # type: ignore[arg-type]
@@ -105,7 +104,7 @@ def test_a_detector_takes_images(images: Any) -> None:
     ],
 )
 def test_settings_are_numbers(make: Callable[[], object]) -> None:
-    with pytest.raises(RequestError):
+    with pytest.raises((ValueError, TypeError)):
         make()
 
 
@@ -143,18 +142,18 @@ def test_tracks_are_written_as_text_only(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: Sort(5), "`settings`: expected SortSettings or None, got 5"),  # type: ignore[arg-type]
-        (lambda: FlowTracker(5), "`settings`: expected FlowSettings or None, got 5"),  # type: ignore[arg-type]
-        (lambda: PointTracker(PointSettings(), (NAN, 1)), "`extent`: expected 2 numbers"),
-        (lambda: track_animals(".", contrast="x"), "`contrast`: expected one of 'auto'"),  # type: ignore[arg-type]
-        (lambda: read_tracks(5), "`path`: expected a path, got 5"),  # type: ignore[arg-type]
-        (lambda: Detector(None), "`path`: expected a path, got None"),  # type: ignore[arg-type]
-        (lambda: Detector(shipped("detector_street"), threads=-1), "`threads`: expected a whole number from 0"),
+        (lambda: Sort(5), "`settings`: expected SortSettings, got int"),  # type: ignore[arg-type]
+        (lambda: FlowTracker(5), "`settings`: expected FlowSettings, got int"),  # type: ignore[arg-type]
+        (lambda: PointTracker(PointSettings(), (NAN, 1)), "`extent`: expected width and height"),
+        (lambda: track_drone(".", method="x"), "`method`: expected flow, flow-saf or"),  # type: ignore[arg-type]
+        (lambda: read_tracks(5), "`path`: expected a path, got int"),  # type: ignore[arg-type]
+        (lambda: Detector(None), "`path`: expected a path, got NoneType"),  # type: ignore[arg-type]
+        (lambda: Detector(shipped("detector_street"), threads=-1), "`threads`: expected 0 or more, got -1"),
         (
             lambda: Detector(shipped("detector_street"), score_threshold=NAN),
-            "`score_threshold`: expected a number, got nan",
+            "expected a threshold in .0, 1., got nan",
         ),
-        (lambda: track_sphere([], 5, 0.1), "`cameras`: expected a path, got 5"),  # type: ignore[arg-type]
+        (lambda: track_sphere([], 5, 0.1), "`cameras`: expected a path, got int"),  # type: ignore[arg-type]
     ],
 )
 def test_wrong_arguments_are_refused_by_name(call: Callable[[], object], message: str) -> None:

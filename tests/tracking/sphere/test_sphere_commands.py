@@ -89,7 +89,7 @@ def test_an_offset_shifts_one_video_against_the_other(film, track):
         (["--volume", "0,0,0,1,1,0"], {}, "--volume: expected X1,Y1,Z1,X2,Y2,Z2 with X1 < X2"),
         (["--volume", "0.4,0,0,0.6,0.2,2"], {"radius": "0.001"}, "--volume: expected places where two cameras see"),
         (["--offsets", "0"], {}, "--offsets: expected 2 values"),
-        (["--particles", "3"], {}, "--particles: expected at least 10"),
+        (["--particles", "3"], {}, "--particles: expected greater than or equal to 10"),
         (["--backgrounds", "a.png,b.png"], {}, "--backgrounds: expected only with the likelihood background"),
         (["--truth", "nowhere.csv"], {}, "nowhere.csv, found no such file"),
         (["--motion", "flying"], {}, "--motion: expected one of"),

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from tsuiseki.datamodules.scenes.blob_clip import BlobClip, BlobSceneSettings
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS
 from tsuiseki.tracking.filters.finite_sets.region_phd import Confirmation, at_patches
 from tsuiseki.tracking.points.settings import BlobSettings
@@ -70,5 +70,5 @@ def test_flashes_make_no_targets() -> None:
 
 @pytest.mark.parametrize("bad", [(0, 3), (4, 3)])
 def test_impossible_numbers_are_refused(bad: tuple[int, int]) -> None:
-    with pytest.raises(RequestError, match="`confirm`: expected M,N"):
+    with pytest.raises(ValidationError, match="confirm"):
         BlobSettings(confirm=bad)
