@@ -31,6 +31,7 @@ from tsuiseki.tracking.types.tracks import ActingTrack
 if TYPE_CHECKING:
     from rich.table import Table
 
+# Probability above which an action is called.
 THRESHOLD = 0.4
 
 
@@ -108,8 +109,8 @@ def average_precisions(scores: FloatArray, truth: BoolArray) -> FloatArray:
     scores = np.where(scored, scores, -np.inf)
     order = np.argsort(-scores, axis=0, kind="stable")
     ranked, hits = np.take_along_axis(scores, order, axis=0), np.take_along_axis(truth & scored, order, axis=0)
-    found = np.cumsum(hits, axis=0)
-    precision = found / np.arange(1, len(scores) + 1)[:, None]
+    recalled = np.cumsum(hits, axis=0)
+    precision = recalled / np.arange(1, len(scores) + 1)[:, None]
     # Precision at the last row of each group of equal scores, carried back to the others of the group.
     last = np.ones(ranked.shape, dtype=np.bool_)
     last[:-1] = ranked[1:] != ranked[:-1]
@@ -175,23 +176,23 @@ def read_labelled_actions(
     Raises:
         RequestError: there are none, they are broken, or no person to score is labelled in these frames.
     """
-    found = []
+    clips = []
     for video in open_labelled(path, multiple_actions):
         labels = video.actions(size)
         # Every frame of Drone-Action counts, whatever the protocol.
         used: Protocol = "lenient" if labels.class_names == DRONE_ACTION_CLASSES else protocol
         truth, actions = okutama_truth(labels, used)
-        found.append(LabelledActions(video.name, truth, actions, labels.class_names, counted_from(used)))
-    return [_within(labels, frames) for labels in found] if frames != EVERY_FRAME else found
+        clips.append(LabelledActions(video.name, truth, actions, labels.class_names, counted_from(used)))
+    return [_within(labels, frames) for labels in clips] if frames != EVERY_FRAME else clips
 
 
 def _within(labels: LabelledActions, frames: FrameRange) -> LabelledActions:
-    wanted = FrameRange(max(frames.first, labels.frames.first), frames.last)
-    inside = wanted.mask(labels.truth.frames)
+    within = FrameRange(max(frames.first, labels.frames.first), frames.last)
+    inside = within.mask(labels.truth.frames)
     truth = labels.truth.select(inside)
     if not truth.evaluated.any():
         raise RequestError(f"{labels.name}: expected a labelled person who counts in frames {frames}, got none")
-    return replace(labels, truth=truth, actions=labels.actions[inside], frames=wanted)
+    return replace(labels, truth=truth, actions=labels.actions[inside], frames=within)
 
 
 def match_actions(truths: Sequence[LabelledActions], result: Path) -> ActionRows:
@@ -244,7 +245,9 @@ def action_rows(labels: LabelledActions, people: Sequence[ActingTrack]) -> Actio
     of_labels = [np.concatenate([part, nothing])[match[counted]] for part in (single, multi)]
     unmatched = label == UNMATCHED
     truth = np.concatenate([labels.actions[counted], np.zeros((int(unmatched.sum()), width), dtype=np.bool_)])
-    rows = [np.concatenate([part, rest[unmatched]]) for part, rest in zip(of_labels, (single, multi), strict=True)]
+    rows = [
+        np.concatenate([part, reported[unmatched]]) for part, reported in zip(of_labels, (single, multi), strict=True)
+    ]
     return ActionRows(truth, *rows)
 
 

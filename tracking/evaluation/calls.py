@@ -56,20 +56,20 @@ def evaluate_people(
     """
     if classes is None:
         return _scores(truth, tracks, frames, None)
-    return {wanted: _scores(truth, tracks, frames, wanted) for wanted in ClassChoice(classes).plain}
+    return {kind: _scores(truth, tracks, frames, kind) for kind in ClassChoice(classes).plain}
 
 
 def _scores(
-    truth: TruthLike, tracks: str | Path | Sequence[Track], frames: str | None, wanted: int | str | None
+    truth: TruthLike, tracks: str | Path | Sequence[Track], frames: str | None, kind: int | str | None
 ) -> PeopleScores:
-    label = _truth(truth, frames, wanted)
+    label = _truth(truth, frames, kind)
     if isinstance(tracks, str | Path):
         (pair,) = match_results([label], Path(tracks))
         return evaluate_sequence(pair.truth, pair.tracks, pair.length)
     if not _are_tracks(tracks):
         raise RequestError("expected the result as tracks, a file or a folder, got nothing of that")
-    kept = restrict(tracks, label.frames) if wanted is None else of_class(label, tracks, "the result")
-    return evaluate_sequence(label.labels, kept, label.length)
+    scored = restrict(tracks, label.frames) if kind is None else of_class(label, tracks, "the result")
+    return evaluate_sequence(label.labels, scored, label.length)
 
 
 def evaluate_target(truth: ArrayLike, target: ArrayLike | Iterable[Estimate]) -> SequenceScores:
@@ -83,8 +83,8 @@ def evaluate_target(truth: ArrayLike, target: ArrayLike | Iterable[Estimate]) ->
         RequestError: these are no boxes, or no frame can be scored.
     """
     rows: Any = target if isinstance(target, np.ndarray) else list(target)  # type: ignore[arg-type]
-    found = [row.box if isinstance(row, Estimate) else row for row in rows]
-    return evaluate_boxes(_boxes(truth, "truth"), _boxes(found, "target"))
+    boxes = [row.box if isinstance(row, Estimate) else row for row in rows]
+    return evaluate_boxes(_boxes(truth, "truth"), _boxes(boxes, "target"))
 
 
 def evaluate_points(
@@ -107,15 +107,15 @@ def evaluate_points(
 
 
 def _truth(truth: TruthLike, frames: str | None, kind: int | str | None) -> Truth:
-    wanted, names = parse_frames(frames), dict[int, str]()
+    within, names = parse_frames(frames), dict[int, str]()
     if isinstance(truth, str | Path):
-        found = read_truths(Path(truth), wanted, wanted=kind)
-        if len(found) != 1:
+        truths = read_truths(Path(truth), within, kind=kind)
+        if len(truths) != 1:
             raise RequestError(
-                f"expected the labels of one sequence, got {len(found)} in {truth}; score them one by one, or with "
+                f"expected the labels of one sequence, got {len(truths)} in {truth}; score them one by one, or with "
                 "`tsuiseki evaluate people`"
             )
-        return found[0]
+        return truths[0]
     if kind is not None:
         if isinstance(truth, GroundTruth) or not _are_tracks(truth):
             raise RequestError("`classes`: expected the truth as a folder, a file or tracks, got labels of one class")
@@ -124,10 +124,10 @@ def _truth(truth: TruthLike, frames: str | None, kind: int | str | None) -> Trut
         if not truth:
             raise RequestError(f"`classes`: expected tracks of {kind} in the truth, got none")
     labels = truth if isinstance(truth, GroundTruth) else ground_truth_of(truth)
-    if wanted != EVERY_FRAME:
-        last = int(labels.frames.max(initial=0)) if wanted.last is None else wanted.last
-        labels = labels.between(wanted.first, last)
-    return Truth("sequence", labels, None, wanted, None, kind, names)
+    if within != EVERY_FRAME:
+        last = int(labels.frames.max(initial=0)) if within.last is None else within.last
+        labels = labels.between(within.first, last)
+    return Truth("sequence", labels, None, within, None, kind, names)
 
 
 def ground_truth_of(tracks: Sequence[Track]) -> GroundTruth:
@@ -142,12 +142,12 @@ def ground_truth_of(tracks: Sequence[Track]) -> GroundTruth:
     return GroundTruth.of_boxes(rows.frames, rows.ids, rows.boxes)
 
 
-def _are_tracks(given: object) -> bool:
-    return isinstance(given, Sequence) and all(isinstance(track, Track) for track in given)
+def _are_tracks(tracks: object) -> bool:
+    return isinstance(tracks, Sequence) and all(isinstance(track, Track) for track in tracks)
 
 
-def _boxes(given: ArrayLike, name: str) -> FloatArray:
-    boxes = as_numbers(given, name)
+def _boxes(rows: ArrayLike, name: str) -> FloatArray:
+    boxes = as_numbers(rows, name)
     if boxes.ndim != 2 or boxes.shape[1] != 4:
         raise RequestError(f"expected `{name}` as boxes of shape (T, 4), got {boxes.shape}")
     return boxes

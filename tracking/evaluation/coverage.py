@@ -52,13 +52,13 @@ class Span:
 def coverage(truth: GroundTruth, tracks: Iterable[Track], overlap: float = MATCH_OVERLAP) -> list[Coverage]:
     """The tracks on every person, matched frame by frame from an ``overlap`` on, in the order of appearance."""
     rows = truth.select(truth.evaluated)
-    every = boxes_of_tracks(tracks)
-    label = matched_labels(every.frames, every.boxes, rows, overlap)
-    found = np.zeros(len(rows), dtype=np.int64)
-    found[label[label != UNMATCHED]] = every.ids[label != UNMATCHED]
+    reported = boxes_of_tracks(tracks)
+    label = matched_labels(reported.frames, reported.boxes, rows, overlap)
+    track_ids = np.zeros(len(rows), dtype=np.int64)
+    track_ids[label[label != UNMATCHED]] = reported.ids[label != UNMATCHED]
     people, first = np.unique(rows.ids, return_index=True)
     return [
-        Coverage(int(person), rows.frames[rows.ids == person], found[rows.ids == person])
+        Coverage(int(person), rows.frames[rows.ids == person], track_ids[rows.ids == person])
         for person in people[np.argsort(first, kind="stable")]
     ]
 
@@ -103,13 +103,13 @@ def target_coverage(boxes: np.ndarray, tracks: Sequence[Track], overlap: float =
     if not len(frames):
         return TargetCoverage(0, 0, 0, 0, 0, None, len(tracks))
     truth = GroundTruth.of_boxes(frames, np.ones(len(frames), dtype=np.int64), boxes[frames])
-    (found,) = coverage(truth, tracks, overlap)
-    ids = found.track_ids
+    (target,) = coverage(truth, tracks, overlap)
+    ids = target.track_ids
     on = ids[ids > 0]
-    lengths = [span.last - span.first + 1 for span in spans(found.frames, ids) if span.value]
+    lengths = [span.last - span.first + 1 for span in spans(target.frames, ids) if span.value]
     return TargetCoverage(
         len(frames), len(on), len(np.unique(on)), int((np.diff(on) != 0).sum()), max(lengths, default=0),
-        int(found.frames[ids > 0][0]) if len(on) else None, len(tracks) - len(np.unique(on)),
+        int(target.frames[ids > 0][0]) if len(on) else None, len(tracks) - len(np.unique(on)),
     )  # fmt: skip
 
 
@@ -128,29 +128,34 @@ def cover_targets(
     for target in sequences:
         file = result_file(target.name, result, len(sequences) == 1, RESULT_PLACES)
         tracks = read_tracks(file)
-        wanted = frames.within(len(target.boxes))
-        assert wanted.last is not None
-        warn_of_other_frames(file, wanted.first, wanted.last)
-        boxes = np.where(wanted.mask(np.arange(len(target.boxes)))[:, None], target.boxes, np.nan)
-        covered[target.name] = target_coverage(boxes, restrict(tracks, wanted), overlap)
+        scored = frames.within(len(target.boxes))
+        assert scored.last is not None
+        warn_of_other_frames(file, scored.first, scored.last)
+        boxes = np.where(scored.mask(np.arange(len(target.boxes)))[:, None], target.boxes, np.nan)
+        covered[target.name] = target_coverage(boxes, restrict(tracks, scored), overlap)
     return covered
 
 
 def coverage_table(results: Mapping[str, Mapping[str, TargetCoverage]]) -> Table:
     """A row a sequence and result."""
     headings = ("Frames", "Covered [%]", "Tracks on it", "Switches", "Longest", "First frame", "Other tracks")
-    rows = {name: {sequence: _cells(one) for sequence, one in every.items()} for name, every in results.items()}
+    rows = {
+        name: {sequence: _cells(target) for sequence, target in covered.items()} for name, covered in results.items()
+    }
     return sequence_table(headings, rows)
 
 
-def _cells(one: TargetCoverage) -> list[str]:
-    share = f"{100 * one.covered / one.labelled:.1f}" if one.labelled else "-"
-    first = "-" if one.first is None else str(one.first + 1)
-    return [str(one.labelled), share, *map(str, (one.tracks, one.switches, one.longest, first, one.others))]
+def _cells(target: TargetCoverage) -> list[str]:
+    share = f"{100 * target.covered / target.labelled:.1f}" if target.labelled else "-"
+    first = "-" if target.first is None else str(target.first + 1)
+    counts = target.tracks, target.switches, target.longest, first, target.others
+    return [str(target.labelled), share, *map(str, counts)]
 
 
-# Of a box on no label, and of one on a label that is neither right nor wrong.
-UNMATCHED, IGNORED = -1, -2
+# Stands for the label of a box that is on none.
+UNMATCHED = -1
+# Stands for the owner of a box on a label that is neither right nor wrong.
+IGNORED = -2
 
 
 def matched_labels(frames: IntArray, boxes: FloatArray, truth: GroundTruth, least: float = MATCH_OVERLAP) -> IntArray:
@@ -167,9 +172,9 @@ def matched_labels(frames: IntArray, boxes: FloatArray, truth: GroundTruth, leas
     for numbers in (frames, truth.frames):
         order = np.argsort(numbers, kind="stable")
         parts.append([order[rows] for rows in rows_by_frame(numbers[order], shared)])
-    for own, labels in zip(*parts, strict=True):
-        rows, columns = assign_overlaps(iou_matrix(truth.boxes[labels], boxes[own]), least)
-        label[own[columns]] = labels[rows]
+    for here, labels in zip(*parts, strict=True):
+        rows, columns = assign_overlaps(iou_matrix(truth.boxes[labels], boxes[here]), least)
+        label[here[columns]] = labels[rows]
     return label
 
 
@@ -182,7 +187,7 @@ def owners_of(frames: IntArray, boxes: FloatArray, truth: GroundTruth, least: fl
         truth: the labels; those that are neither evaluated nor ignored own nothing.
         least: intersection over union from which a label owns a box.
     """
-    known = truth.select(truth.evaluated | truth.ignored)
-    label = matched_labels(frames, boxes, known, least)
+    labels = truth.select(truth.evaluated | truth.ignored)
+    label = matched_labels(frames, boxes, labels, least)
     # Index -1, a false positive, picks the appended one.
-    return np.append(np.where(known.ignored, IGNORED, known.ids), UNMATCHED)[label]
+    return np.append(np.where(labels.ignored, IGNORED, labels.ids), UNMATCHED)[label]

@@ -72,7 +72,7 @@ def labelled_boxes(truth: GroundTruth, frames: Sequence[int]) -> list[LabelledBo
     """The boxes of ``truth`` in each of the 0-based ``frames`` that count or are to be ignored."""
     relevant = truth.select(truth.evaluated | truth.ignored)
     rows = rows_by_frame(relevant.frames, frames)
-    return [LabelledBoxes(relevant.boxes[own], ~relevant.evaluated[own]) for own in rows]
+    return [LabelledBoxes(relevant.boxes[of_frame], ~relevant.evaluated[of_frame]) for of_frame in rows]
 
 
 def evaluate_detections(
@@ -115,11 +115,12 @@ def evaluate_classes(
     """
     scores = {}
     for kind, name in enumerate(names, start=1):
-        which = [(own == kind) | (own < 0) for own in labels]
-        truth = [LabelledBoxes(each[w], own[w] < 0) for each, own, w in zip(boxes, labels, which, strict=True)]
-        if len(names) == 1 or any((own == kind).any() for own in labels):
-            own = [d if d.classes is None else d.select(d.classes == kind) for d in detections]
-            scores[name] = evaluate_detections(truth, own, iou_threshold)
+        which = [(kinds == kind) | (kinds < 0) for kinds in labels]
+        parts = zip(boxes, labels, which, strict=True)
+        truth = [LabelledBoxes(image_boxes[w], kinds[w] < 0) for image_boxes, kinds, w in parts]
+        if len(names) == 1 or any((kinds == kind).any() for kinds in labels):
+            of_kind = [d if d.classes is None else d.select(d.classes == kind) for d in detections]
+            scores[name] = evaluate_detections(truth, of_kind, iou_threshold)
     if not scores:
         raise RequestError(f"expected labelled boxes of {', '.join(names)} to evaluate against, got none that counts")
     return scores
@@ -127,13 +128,13 @@ def evaluate_classes(
 
 def _scored(detections: Sequence[Detections]) -> Sequence[Detections]:
     """The detections with a score each: 1 where none is known of any."""
-    total, unknown = sum(map(len, detections)), sum(int(np.isnan(one.scores).sum()) for one in detections)
+    total, unknown = sum(map(len, detections)), sum(int(np.isnan(image.scores).sum()) for image in detections)
     if not unknown:
         return detections
     if unknown < total:
         raise RequestError(f"expected a score of each detection, got none of {unknown} of {total}")
     warnings.warn("no detection has a score; each counts with 1", InputWarning, stacklevel=3)
-    return [replace(one, scores=np.ones(len(one))) for one in detections]
+    return [replace(image, scores=np.ones(len(image))) for image in detections]
 
 
 def scores_of_matches(right: BoolArray, scores: FloatArray, count: int) -> DetectionScores:
@@ -173,17 +174,17 @@ def _match(
 
     The loop runs over ranks, each step over all images at once.
     """
-    images, most = len(detections), max((len(d) for d in detections), default=0)
-    boxes = np.zeros((images, most, 4))
-    scores = np.full((images, most), -np.inf)
-    for n, own in enumerate(detections):
-        order = np.argsort(-own.scores, kind="stable")
-        boxes[n, : len(own)], scores[n, : len(own)] = own.boxes[order], own.scores[order]
+    images, longest = len(detections), max((len(d) for d in detections), default=0)
+    boxes = np.zeros((images, longest, 4))
+    scores = np.full((images, longest), -np.inf)
+    for n, image in enumerate(detections):
+        order = np.argsort(-image.scores, kind="stable")
+        boxes[n, : len(image)], scores[n, : len(image)] = image.boxes[order], image.scores[order]
     labels, free, ignored = _padded(truth)
     overlaps = iou_pairs(boxes[:, :, None], labels[:, None])
-    right = np.zeros((images, most), dtype=np.bool_)
+    right = np.zeros((images, longest), dtype=np.bool_)
     everyone = np.arange(images)
-    for rank in range(most if labels.shape[1] else 0):
+    for rank in range(longest if labels.shape[1] else 0):
         candidates = np.where(free, overlaps[:, rank], -1.0)
         best = candidates.argmax(axis=1)
         right[:, rank] = candidates[everyone, best] >= iou_threshold
@@ -195,9 +196,9 @@ def _match(
 
 def _padded(truth: Sequence[LabelledBoxes]) -> tuple[FloatArray, BoolArray, BoolArray]:
     """Boxes ``(I, M, 4)``, and which of them ``(I, M)`` count and are to be ignored; padding is neither."""
-    most = max((len(image.boxes) for image in truth), default=0)
-    boxes = np.zeros((len(truth), most, 4))
-    counting, ignored = (np.zeros((len(truth), most), dtype=np.bool_) for _ in range(2))
+    longest = max((len(image.boxes) for image in truth), default=0)
+    boxes = np.zeros((len(truth), longest, 4))
+    counting, ignored = (np.zeros((len(truth), longest), dtype=np.bool_) for _ in range(2))
     for n, image in enumerate(truth):
         boxes[n, : len(image.boxes)] = image.boxes
         counting[n, : len(image.boxes)] = ~image.ignored
@@ -224,26 +225,26 @@ def evaluate_rotated(
     strangers = sorted(set(detections) - set(truth))
     if strangers:
         raise RequestError(f"expected detections of the labelled images, got some of {strangers[0]}")
-    count = sum(len(each.boxes) for each in truth.values())
+    count = sum(len(image.boxes) for image in truth.values())
     if count == 0:
         raise RequestError("expected labelled boxes to evaluate against, got none")
-    taken = [
+    matches = [
         np.empty(0, np.int64),
-        *(_taken(each, truth[name].boxes, iou_threshold) for name, each in detections.items()),
+        *(_taken(image, truth[name].boxes, iou_threshold) for name, image in detections.items()),
     ]
-    scores = [np.empty(0), *(each.scores for each in detections.values())]
-    return scores_of_matches(np.concatenate(taken) >= 0, np.concatenate(scores), count)
+    scores = [np.empty(0), *(image.scores for image in detections.values())]
+    return scores_of_matches(np.concatenate(matches) >= 0, np.concatenate(scores), count)
 
 
 def _taken(detections: RotatedBoxes, labels: FloatArray, iou_threshold: float) -> IntArray:
     """``(N,)`` the label that each detection takes, -1 for none."""
-    taken = np.full(len(detections.boxes), -1, dtype=np.int64)
+    matches = np.full(len(detections.boxes), -1, dtype=np.int64)
     if not len(labels):
-        return taken
+        return matches
     overlaps = rotated_iou(detections.boxes, labels)
     for k in np.argsort(-detections.scores, kind="stable"):
         best = int(overlaps[k].argmax())
         if overlaps[k, best] >= iou_threshold:
             overlaps[:, best] = -1.0
-            taken[k] = best
-    return taken
+            matches[k] = best
+    return matches

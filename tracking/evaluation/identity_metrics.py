@@ -24,6 +24,7 @@ import scipy
 
 from tsuiseki.tracking.types import FloatArray, IntArray
 
+# Overlaps that HOTA averages over.
 ALPHAS = np.arange(0.05, 0.99, 0.05)
 # Overlaps that reach a threshold but for rounding count.
 ROUNDING = float(np.finfo(np.float64).eps)
@@ -67,9 +68,9 @@ class LabelledSequence:
 class Sums:
     """Sums over a sequence; those of several add up field by field."""
 
-    def __add__(self, other: Self) -> Self:
+    def __add__(self, addend: Self) -> Self:
         return type(self)(
-            *(mine + theirs for mine, theirs in zip(vars(self).values(), vars(other).values(), strict=True))
+            *(mine + theirs for mine, theirs in zip(vars(self).values(), vars(addend).values(), strict=True))
         )
 
 
@@ -186,22 +187,22 @@ def clear(sequence: LabelledSequence, least: float = 0.5) -> Clear:
     """The counts of CLEAR MOT, for boxes that match from an overlap of ``least`` on."""
     unmatched = -1
     last = np.full(sequence.true_count, unmatched)  # whom each was matched to when it was last matched
-    before = last.copy()  # whom it was matched to in the last frame that had boxes of both kinds
+    previous = last.copy()  # whom it was matched to in the last frame that had boxes of both kinds
     hits = misses = false = switches = 0
     overlap = 0.0
     for true, reported, shared in zip(sequence.true_ids, sequence.reported_ids, sequence.overlaps, strict=True):
         if not shared.size:
             misses, false = misses + len(true), false + len(reported)
             continue
-        gain = KEPT * (before[true][:, None] == reported[None]) + shared
+        gain = KEPT * (previous[true][:, None] == reported[None]) + shared
         gain[shared < least - ROUNDING] = 0
         rows, columns = scipy.optimize.linear_sum_assignment(gain, maximize=True)
         matched = gain[rows, columns] > ROUNDING
         who, whom = true[rows[matched]], reported[columns[matched]]
         switches += int(((last[who] != unmatched) & (last[who] != whom)).sum())
         last[who] = whom
-        before[:] = unmatched
-        before[who] = whom
+        previous[:] = unmatched
+        previous[who] = whom
         hits, misses, false = hits + len(who), misses + len(true) - len(who), false + len(reported) - len(who)
         overlap += float(shared[rows[matched], columns[matched]].sum())
     return Clear(hits, misses, false, switches, overlap)

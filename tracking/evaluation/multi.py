@@ -36,6 +36,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 
+# Intersection over union from which a box and a label match.
 MATCH_OVERLAP = 0.5
 # Share of the boxes outside the labelled frames that is worth a note.
 MANY = 0.2
@@ -129,7 +130,7 @@ def evaluate_sequences(pairs: Iterable[SequencePair]) -> PeopleEvaluation:
     if not sums:
         raise RequestError("expected a sequence to evaluate, got none")
     combined = functools.reduce(operator.add, sums.values())
-    return PeopleEvaluation({name: _summary(each) for name, each in sums.items()}, _summary(combined))
+    return PeopleEvaluation({name: _summary(total) for name, total in sums.items()}, _summary(combined))
 
 
 def restrict(tracks: Iterable[Track], frames: FrameRange) -> list[Track]:
@@ -137,7 +138,7 @@ def restrict(tracks: Iterable[Track], frames: FrameRange) -> list[Track]:
     names = ("frames", "boxes", "scores", "observed", "origin")
     masks = [(track, frames.mask(track.frames)) for track in tracks]
     return [
-        replace(one, **{name: getattr(one, name)[inside] for name in names}) for one, inside in masks if inside.any()
+        replace(part, **{name: getattr(part, name)[inside] for name in names}) for part, inside in masks if inside.any()
     ]
 
 
@@ -187,8 +188,8 @@ def _prepare(pair: SequencePair) -> LabelledSequence:
             f"{pair.name}: expected frames up to {pair.length}, got a box in frame {last + 1}; "
             "is this the result of another sequence?"
         )
-    kept = where_labelled(pair.name, labels.frames, result.frames, pair.length)
-    result = TrackedBoxes._make(column[kept] for column in result)
+    labelled = where_labelled(pair.name, labels.frames, result.frames, pair.length)
+    result = TrackedBoxes._make(column[labelled] for column in result)
     # Frames in which there is nothing change no score, and a file may have many of them.
     filled = np.unique(np.concatenate([labels.frames, result.frames]))
     true, reported, overlaps = [], [], []
@@ -241,9 +242,9 @@ def where_labelled(name: str, labels: IntArray, frames: IntArray, length: int | 
 
 def _on_ignored(overlaps: FloatArray, ignored: BoolArray) -> BoolArray:
     """``(M,)`` which results of a frame lie on ignored labels, from ``(N, M)`` overlaps with all its labels."""
-    found = np.zeros(overlaps.shape[1], dtype=np.bool_)
+    on_ignored = np.zeros(overlaps.shape[1], dtype=np.bool_)
     if not ignored.any():
-        return found
+        return on_ignored
     rows, columns = assign_overlaps(overlaps, MATCH_OVERLAP - np.finfo(np.float64).eps)
-    found[columns[ignored[rows]]] = True
-    return found
+    on_ignored[columns[ignored[rows]]] = True
+    return on_ignored

@@ -65,13 +65,13 @@ def evaluate_on_floor(
     if not len(truth.times):
         raise RequestError("expected at least one labelled place, got none")
     times = np.unique(truth.times)
-    at, kept = _nearest(times, reported)
-    if len(reported.times) and not len(kept):
+    at, rows = _nearest(times, reported)
+    if len(reported.times) and not len(rows):
         raise RequestError(
             f"expected results at the labels' times, {times[0]:g} to {times[-1]:g} s, got "
             f"{reported.times.min():g} to {reported.times.max():g} s"
         )
-    ids, places = reported.ids[kept], reported.places[kept]
+    ids, places = reported.ids[rows], reported.places[rows]
     moment = np.searchsorted(times, truth.times)
     sets = [(np.flatnonzero(moment == k), np.flatnonzero(at == k)) for k in range(len(times))]
     apart = [cdist(truth.places[a], places[b]).reshape(len(a), len(b)) for a, b in sets]
@@ -84,10 +84,10 @@ def evaluate_on_floor(
         counts.mota,
         float(hota(sequence).hota.mean()),
         counts.switches,
-        (2 * hits - len(kept)) / len(truth.ids),
+        (2 * hits - len(rows)) / len(truth.ids),
         closeness / max(hits, 1),
         hits / len(truth.ids),
-        hits / max(len(kept), 1),
+        hits / max(len(rows), 1),
         float(np.mean([gospa(truth.places[a], places[b], distance, 2.0).distance for a, b in sets])),
         len(truth.ids),
     )
@@ -98,18 +98,18 @@ def _nearest(times: FloatArray, reported: PlacedTruth) -> tuple[IntArray, IntArr
     if not len(reported.times):
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
     slack = 0.5 * float(np.median(np.diff(times))) if len(times) > 1 else 0.5
-    after = np.clip(np.searchsorted(times, reported.times), 1, max(len(times) - 1, 1))
-    before = after - 1
-    after = np.minimum(after, len(times) - 1)
-    closer = np.abs(reported.times - times[before]) <= np.abs(reported.times - times[after])
-    at = np.where(closer, before, after)
+    later = np.clip(np.searchsorted(times, reported.times), 1, max(len(times) - 1, 1))
+    earlier = later - 1
+    later = np.minimum(later, len(times) - 1)
+    closer = np.abs(reported.times - times[earlier]) <= np.abs(reported.times - times[later])
+    at = np.where(closer, earlier, later)
     away = np.abs(reported.times - times[at])
     order = np.lexsort([away, reported.ids, at])
     order = order[away[order] <= slack * (1 + 1e-6)]
     first = np.ones(len(order), dtype=np.bool_)
     first[1:] = (np.diff(at[order]) != 0) | (np.diff(reported.ids[order]) != 0)
-    kept = order[first]
-    return at[kept], kept
+    rows = order[first]
+    return at[rows], rows
 
 
 def _matched(apart: Sequence[FloatArray], near: float) -> tuple[int, float]:

@@ -15,6 +15,7 @@ from tsuiseki.tracking.evaluation.identity_metrics import ALPHAS
 from tsuiseki.tracking.evaluation.multi import SequencePair, people_sums
 from tsuiseki.tracking.types import FloatArray
 
+# How many overlaps HOTA averages over.
 OVERLAPS = len(ALPHAS)
 SCORES = ("hota", "det_a", "ass_a", "mota", "idf1")
 COUNTS = ("id_switches", "false_positives", "false_negatives", "labelled")
@@ -49,19 +50,19 @@ def score_sums(pair: SequencePair) -> FloatArray:
 def scores_of(sums: FloatArray) -> dict[str, FloatArray]:
     """Scores from ``(..., 83)`` sums, ``(...)`` each: hota, det_a, ass_a, mota, idf1 and the counts."""
     matched, missed, false, associated = (sums[..., k * OVERLAPS : (k + 1) * OVERLAPS] for k in range(4))
-    found, wrong, lost, switches, id_found, id_wrong, id_lost = np.moveaxis(sums[..., 4 * OVERLAPS :], -1, 0)
+    hits, wrong, lost, switches, id_found, id_wrong, id_lost = np.moveaxis(sums[..., 4 * OVERLAPS :], -1, 0)
     det_a = matched / np.maximum(matched + missed + false, 1)
     ass_a = associated / np.maximum(matched, 1)
     return {
         "hota": np.sqrt(det_a * ass_a).mean(axis=-1),
         "det_a": det_a.mean(axis=-1),
         "ass_a": ass_a.mean(axis=-1),
-        "mota": (found - wrong - switches) / np.maximum(found + lost, 1),
+        "mota": (hits - wrong - switches) / np.maximum(hits + lost, 1),
         "idf1": id_found / np.maximum(id_found + 0.5 * (id_wrong + id_lost), 1),
         "id_switches": switches,
         "false_positives": wrong,
         "false_negatives": lost,
-        "labelled": found + lost,
+        "labelled": hits + lost,
     }
 
 
@@ -87,11 +88,11 @@ def paired_bootstrap(
         raise ValueError(f"expected sums of the same sequences, got {ours.shape} and {theirs.shape}")
     count = len(ours)
     drawn = rng.multinomial(count, np.full(count, 1 / count), samples).astype(np.float64)
-    one, other = scores_of(ours.sum(axis=0)), scores_of(theirs.sum(axis=0))
-    many, others = scores_of(drawn @ ours), scores_of(drawn @ theirs)
+    our_scores, their_scores = scores_of(ours.sum(axis=0)), scores_of(theirs.sum(axis=0))
+    our_samples, their_samples = scores_of(drawn @ ours), scores_of(drawn @ theirs)
     outside = (1 - 0.95) / 2
-    found = {}
+    intervals = {}
     for name in (*SCORES, "id_switches"):
-        low, high = np.quantile(many[name] - others[name], (outside, 1 - outside))
-        found[name] = Interval(float(one[name] - other[name]), float(low), float(high))
-    return found
+        low, high = np.quantile(our_samples[name] - their_samples[name], (outside, 1 - outside))
+        intervals[name] = Interval(float(our_scores[name] - their_scores[name]), float(low), float(high))
+    return intervals

@@ -68,12 +68,12 @@ def ospa(truth: FloatArray, reported: FloatArray, c: float, p: float) -> Ospa:
 
 def ospa_of_distances(distances: FloatArray, c: float, p: float) -> Ospa:
     """:func:`ospa` of two sets whose distances ``(N, M)`` are given."""
-    fewer, more = sorted(distances.shape)
-    if more == 0:
+    smaller, larger = sorted(distances.shape)
+    if larger == 0:
         return Ospa(0.0, 0.0, 0.0)
     cost = np.minimum(distances, c) ** p
     rows, columns = linear_sum_assignment(cost)
-    near, missing = cost[rows, columns].sum() / more, c**p * (more - fewer) / more
+    near, missing = cost[rows, columns].sum() / larger, c**p * (larger - smaller) / larger
     return Ospa((near + missing) ** (1 / p), near ** (1 / p), missing ** (1 / p))
 
 

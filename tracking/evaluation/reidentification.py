@@ -91,6 +91,7 @@ def area_under_roc(positive: FloatArray, negative: FloatArray) -> float:
     return float(below.mean() / (2 * len(negative)))
 
 
+# Frames from one view of a person to the next.
 APART = 25
 
 
@@ -128,22 +129,22 @@ def score_views(views: Views, describe: Describe) -> Retrieval:
     rows = []
     for path, boxes in views.pictures:
         image = read_image(path)
-        whole = np.array([[0.0, 0.0, image.shape[1], image.shape[0]]])
-        rows.append(describe.describe(image, whole if boxes is None else boxes))
+        frame = np.array([[0.0, 0.0, image.shape[1], image.shape[0]]])
+        rows.append(describe.describe(image, frame if boxes is None else boxes))
     features, query = np.concatenate(rows).astype(np.float64), views.query
     distances = 1 - features[query] @ features[~query].T
     same = views.ids[query][:, None] == views.ids[~query]
-    alike = (views.cameras[query][:, None] == views.cameras[~query]) & (views.cameras[query] >= 0)[:, None]
-    junk = (same & alike) | (views.ids[~query] == -1)
+    same_camera = (views.cameras[query][:, None] == views.cameras[~query]) & (views.cameras[query] >= 0)[:, None]
+    junk = (same & same_camera) | (views.ids[~query] == -1)
     return evaluate_retrieval(distances, views.ids[query], views.ids[~query], junk)
 
 
 def _market(folder: Path) -> Views:
     query, gallery = read_market(folder, QUERY), read_market(folder, GALLERY)
-    every = [*query, *gallery]
-    pictures = [(crop.path, None) for crop in every]
-    ids, cameras = (np.array([getattr(crop, name) for crop in every]) for name in ("person", "camera"))
-    return Views(pictures, ids, cameras, np.arange(len(every)) < len(query))
+    crops = [*query, *gallery]
+    pictures = [(crop.path, None) for crop in crops]
+    ids, cameras = (np.array([getattr(crop, name) for crop in crops]) for name in ("person", "camera"))
+    return Views(pictures, ids, cameras, np.arange(len(crops)) < len(query))
 
 
 def _videos(folder: Path) -> Views:
@@ -157,7 +158,7 @@ def _videos(folder: Path) -> Views:
             raise RequestError(f"{video.name}: expected pictures, such as img1/, found none")
         names, numbers = np.unique(truth.ids, return_inverse=True)
         last = np.full(len(names), -APART)
-        alike = np.zeros(len(names), np.bool_)
+        queried = np.zeros(len(names), np.bool_)
         order = np.argsort(truth.frames, kind="stable")
         cuts = np.searchsorted(truth.frames[order], np.arange(video.length + 1))
         for frame in range(video.length):
@@ -167,8 +168,8 @@ def _videos(folder: Path) -> Views:
                 who = numbers[here]
                 pictures.append((video.files[frame], truth.boxes[here]))
                 ids.append(people + who)
-                query.append(~alike[who])
-                last[who], alike[who] = frame, True
+                query.append(~queried[who])
+                last[who], queried[who] = frame, True
         people += len(names)
     number, first = np.concatenate(ids), np.concatenate(query)
     return Views(pictures, number, np.full(len(number), -1), first)

@@ -48,7 +48,7 @@ class Truth:
         length: number of frames; None where nothing tells.
         frames: that count; results in others are passed over.
         size: width and height of the pictures, where the sequence says.
-        wanted: number or name of the class that the labels are of; None for people, whatever class results have.
+        kind: number or name of the class that the labels are of; None for people, whatever class results have.
         classes: names by number, where the layout has numbers.
         files: one image a frame; empty where only labels are there.
     """
@@ -58,7 +58,7 @@ class Truth:
     length: int | None
     frames: FrameRange = EVERY_FRAME
     size: Size = None
-    wanted: int | str | None = None
+    kind: int | str | None = None
     classes: Mapping[int, str] = field(default_factory=dict)
     files: Sequence[Path] = ()
 
@@ -68,7 +68,7 @@ def read_truths(
     frames: FrameRange = EVERY_FRAME,
     protocol: Protocol = "lenient",
     size: Size = None,
-    wanted: int | str | None = None,
+    kind: int | str | None = None,
     single: bool = False,
 ) -> list[Truth]:
     """The labels at ``path``.
@@ -79,7 +79,7 @@ def read_truths(
         protocol: by which Okutama-Action's labels count, see `okutama_truth`.
         size: width and height of the frames that were tracked, for Okutama-Action's labels; by default those of the
             frames that lie with them, or else of those that come with the data.
-        wanted: number or name of a class; by default people. Videos in which none of it is labelled are left out.
+        kind: number or name of a class; by default people. Videos in which none of it is labelled are left out.
         single: boxes without ids count, too.
 
     Raises:
@@ -88,25 +88,25 @@ def read_truths(
     truths, without = [], list[NothingLabelledError]()
     for video in open_labelled(path):
         try:
-            labels = video.people(protocol, size, wanted, single)
+            labels = video.people(protocol, size, kind, single)
         except NothingLabelledError as error:
             without.append(error)
             continue
-        more = video.size, wanted, video.classes, video.files
-        truths.append(Truth(video.name, labels, video.length, video.counted(protocol), *more))
-    if without and (wanted is None or not truths):
+        about = video.size, kind, video.classes, video.files
+        truths.append(Truth(video.name, labels, video.length, video.counted(protocol), *about))
+    if without and (kind is None or not truths):
         raise without[0]
-    for each in without:
-        warnings.warn(f"{each}; left out", InputWarning, stacklevel=2)
+    for omission in without:
+        warnings.warn(f"{omission}; left out", InputWarning, stacklevel=2)
     return [_restricted(truth, frames) for truth in truths] if frames != EVERY_FRAME else truths
 
 
 def _restricted(truth: Truth, frames: FrameRange) -> Truth:
     last = int(truth.labels.frames.max())
-    wanted = frames.within(truth.length or last + 1)
-    assert wanted.last is not None
-    first = max(wanted.first, truth.frames.first)
-    labels = truth.labels.between(first, wanted.last)
+    within = frames.within(truth.length or last + 1)
+    assert within.last is not None
+    first = max(within.first, truth.frames.first)
+    labels = truth.labels.between(first, within.last)
     if not labels.evaluated.any():
         raise RequestError(f"{truth.name}: expected a labelled box that counts in frames {frames}, got none")
     return replace(truth, labels=labels, frames=FrameRange(first, frames.last))
@@ -135,7 +135,7 @@ def result_names(results: Sequence[Path], names: Sequence[str] | None = None) ->
         raise RequestError("expected different results to compare, got one twice")
     depths = range(1, max(map(len, parts)) + 1)
     candidates = (["/".join(path[-depth:]) for path in parts] for depth in depths)
-    return next(shown for shown in candidates if len(set(shown)) == len(shown))
+    return next(candidate for candidate in candidates if len(set(candidate)) == len(candidate))
 
 
 def _distinctive_parts(path: Path) -> tuple[str, ...]:
@@ -203,7 +203,7 @@ def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:
         tracks = read_exported(file).in_pixels(file, truth.size).tracks if format_at(file) else read_tracks(file)
         compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)]), truth.size)
         warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
-        tracks = restrict(tracks, truth.frames) if truth.wanted is None else of_class(truth, tracks, file)
+        tracks = restrict(tracks, truth.frames) if truth.kind is None else of_class(truth, tracks, file)
         pairs.append(SequencePair(truth.name, truth.labels, tracks, truth.length))
     return pairs
 
@@ -216,7 +216,7 @@ def of_class(truth: Truth, tracks: Sequence[Track], file: object) -> list[Track]
     Raises:
         RequestError: the tracks have numbers that nothing explains.
     """
-    wanted = truth.classes.get(truth.wanted, str(truth.wanted)) if isinstance(truth.wanted, int) else str(truth.wanted)
+    name = truth.classes.get(truth.kind, str(truth.kind)) if isinstance(truth.kind, int) else str(truth.kind)
     if all(track.class_id < 0 for track in tracks):
         return restrict(tracks, truth.frames)
     unknown = {track.class_id for track in tracks if not track.class_name} - {-1, *truth.classes}
@@ -228,10 +228,11 @@ def of_class(truth: Truth, tracks: Sequence[Track], file: object) -> list[Track]
         )
     chosen = []
     for track in tracks:
-        name = track.class_name or truth.classes.get(track.class_id, "")
+        track_name = track.class_name or truth.classes.get(track.class_id, "")
         # The layout may tell several classes of people apart.
-        alike = same_class(name, wanted) if track.class_name or wanted == PEOPLE else name.lower() == wanted.lower()
-        chosen += [track] if alike else []
+        by_name = track.class_name or name == PEOPLE
+        same = same_class(track_name, name) if by_name else track_name.lower() == name.lower()
+        chosen += [track] if same else []
     return restrict(chosen, truth.frames)
 
 
@@ -252,7 +253,7 @@ def evaluate_detection_files(
     Raises:
         RequestError: a sequence has no detections, or they are broken.
     """
-    every: dict[str, tuple[GroundTruth, list[int], list[Detections]]] = {}
+    by_sequence: dict[str, tuple[GroundTruth, list[int], list[Detections]]] = {}
     network = open_detector(result, max(score_range[0], LOWEST_SCORE)) if result.suffix == ".onnx" else None
     for truth in truths:
         if network is not None:
@@ -260,42 +261,48 @@ def evaluate_detection_files(
         else:
             file = result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES)
             detections = read_detections(file, truth.length, score_range)
-        compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(each.boxes for each in detections)]), truth.size)
+        compare_with_picture(
+            file, np.concatenate([np.empty((0, 4)), *(frame.boxes for frame in detections)]), truth.size
+        )
         warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
         last = max(int(truth.labels.frames[-1]), len(detections) - 1)
-        wanted = truth.frames.within(truth.length or last + 1)
-        assert wanted.last is not None
+        within = truth.frames.within(truth.length or last + 1)
+        assert within.last is not None
         # Frames in which there is nothing change no score, and a file may have many of them.
-        filled = {*truth.labels.frames.tolist(), *(n for n, one in enumerate(detections) if len(one))}
-        numbers = sorted(number for number in filled if wanted.first <= number <= wanted.last)
+        filled = {*truth.labels.frames.tolist(), *np.flatnonzero([len(frame) for frame in detections]).tolist()}
+        numbers = sorted(number for number in filled if within.first <= number <= within.last)
         none = Detections.empty()
         counted = np.repeat(numbers, [len(detections[n]) if n < len(detections) else 0 for n in numbers])
-        kept = where_labelled(truth.name, truth.labels.frames, counted, truth.length)
+        labelled = where_labelled(truth.name, truth.labels.frames, counted, truth.length)
         if network is None:
             _warn_of_a_segment(file, truth.labels, counted)
-        left_out = {*counted[~kept].tolist()}
+        left_out = {*counted[~labelled].tolist()}
         numbers = [number for number in numbers if number not in left_out]
-        every[truth.name] = (truth.labels, numbers, [detections[n] if n < len(detections) else none for n in numbers])
+        by_sequence[truth.name] = (
+            truth.labels,
+            numbers,
+            [detections[n] if n < len(detections) else none for n in numbers],
+        )
 
-    def scored(given: Iterable[tuple[GroundTruth, list[int], list[Detections]]]) -> DetectionScores:
-        parts = list(given)
+    def scored(sequences: Iterable[tuple[GroundTruth, list[int], list[Detections]]]) -> DetectionScores:
+        parts = list(sequences)
         boxes = [image for labels, numbers, _ in parts for image in labelled_boxes(labels, numbers)]
         return evaluate_detections(boxes, [image for _, _, detections in parts for image in detections], iou)
 
     visible: dict[str, DetectionScores] = {}
-    shares = np.concatenate([labels.visibility[labels.evaluated] for labels, _, _ in every.values()])
+    shares = np.concatenate([labels.visibility[labels.evaluated] for labels, _, _ in by_sequence.values()])
     for low, high in VISIBLE if (shares < 1).any() else ():
         if ((shares >= low) & (shares < high)).any():
             name = f"visible {100 * low:.0f}-{100 * min(high, 1):.0f} %"
-            visible[name] = scored((_visible(labels, low, high), n, d) for labels, n, d in every.values())
-    sequences = {name: scored([one]) for name, one in every.items()}
-    for name, (labels, _, images) in every.items():
+            visible[name] = scored((_visible(labels, low, high), n, d) for labels, n, d in by_sequence.values())
+    sequences = {name: scored([part]) for name, part in by_sequence.items()}
+    for name, (labels, _, images) in by_sequence.items():
         right = round(float(sequences[name].recall.max(initial=0)) * sequences[name].boxes)
         compare_with_labels(name, right, np.concatenate([image.boxes for image in images]), labels.boxes)
-    return DetectionEvaluation(sequences, scored(every.values()), visible)
+    return DetectionEvaluation(sequences, scored(by_sequence.values()), visible)
 
 
-def _detected(truth: Truth, network: Detect, most: float) -> list[Detections]:
+def _detected(truth: Truth, network: Detect, highest: float) -> list[Detections]:
     """The detections of a network in the labelled images that count, with scores up to ``most``.
 
     Raises:
@@ -303,12 +310,12 @@ def _detected(truth: Truth, network: Detect, most: float) -> list[Detections]:
     """
     if not truth.length or len(truth.files) != truth.length:
         raise RequestError(f"{truth.name}: expected images beside the labels, to detect in, found none")
-    wanted = truth.frames.within(truth.length)
+    within = truth.frames.within(truth.length)
     detections = [Detections.empty()] * truth.length
-    assert wanted.last is not None
-    for number in range(wanted.first, wanted.last + 1):
-        own = network.detect([read_image(truth.files[number])])[0]
-        detections[number] = own.select(own.scores <= most)
+    assert within.last is not None
+    for number in range(within.first, within.last + 1):
+        image = network.detect([read_image(truth.files[number])])[0]
+        detections[number] = image.select(image.scores <= highest)
     return detections
 
 
@@ -316,7 +323,7 @@ def _warn_of_a_segment(file: Path, labels: GroundTruth, frames: IntArray) -> Non
     """Say that many labels lie before the first frame ``(N,)`` with a detection, or after the last."""
     rows = labels.frames[labels.evaluated]
     if len(frames) and ((rows < frames[0]) | (rows > frames[-1])).sum() > MANY * len(rows):
-        there, scored = (f"{some[0] + 1}-{some[-1] + 1}" for some in (frames, rows))
+        there, scored = (f"{numbers[0] + 1}-{numbers[-1] + 1}" for numbers in (frames, rows))
         message = (
             f"{file} has detections in frames {there} alone, but {scored} are scored; for its own use `frames` {there}"
         )

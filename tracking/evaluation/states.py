@@ -107,9 +107,9 @@ def read_poses(path: Path) -> Poses:
     heading = (HEADING,) if HEADING in fields else line
     tracks = read_states(path, (*position, *heading))
     counted = [track.tracking for track in tracks]
-    states = np.concatenate([track.states[one] for track, one in zip(tracks, counted, strict=True)])
-    frames = np.concatenate([track.frames[one] for track, one in zip(tracks, counted, strict=True)])
-    ids = np.repeat([track.id for track in tracks], [int(one.sum()) for one in counted])
+    states = np.concatenate([track.states[rows] for track, rows in zip(tracks, counted, strict=True)])
+    frames = np.concatenate([track.frames[rows] for track, rows in zip(tracks, counted, strict=True)])
+    ids = np.repeat([track.id for track in tracks], [int(rows.sum()) for rows in counted])
     order = np.lexsort([ids, frames])
     return Poses(frames[order], ids[order], states[order, :2], _headings(states[order, 2:]))
 
@@ -144,7 +144,7 @@ def evaluate_states(
     by_body = [followers[truth.ids == body] for body in np.unique(truth.ids)]
     return StateScores(
         success=len(rows) / len(truth.frames),
-        followed=sum(bool((one == one[0]).all() and one[0] > 0) for one in by_body),
+        followed=sum(bool((tracks == tracks[0]).all() and tracks[0] > 0) for tracks in by_body),
         bodies=len(by_body),
         position_mean=float(away.mean()) if len(away) else np.nan,
         position_median=float(np.median(away)) if len(away) else np.nan,
@@ -152,7 +152,7 @@ def evaluate_states(
         angle_mean=float(turned.mean()) if len(turned) else np.nan,
         angle_median=float(np.median(turned)) if len(turned) else np.nan,
         reversed=float((turned > 90).mean()) if len(turned) else np.nan,
-        switches=sum(int((np.diff(one[one > 0]) != 0).sum()) for one in by_body),
+        switches=sum(int((np.diff(tracks[tracks > 0]) != 0).sum()) for tracks in by_body),
         idf1=_identity_f1(truth, reported, distance),
         false=len(reported.frames) - len(rows),
         frames=len(np.unique(truth.frames)),

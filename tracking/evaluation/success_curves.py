@@ -35,8 +35,11 @@ from tsuiseki.tracking.types import BoolArray, FloatArray
 if TYPE_CHECKING:
     from rich.table import Table
 
+# Thresholds of the success curve, intersection over union.
 OVERLAPS = np.linspace(0, 1, 21)
+# Thresholds of the precision curve, pixels.
 DISTANCES = np.arange(51)
+# Distance at which trackers are ranked, pixels.
 PRECISION_AT = 20
 
 
@@ -197,14 +200,14 @@ def compare(sequences: list[SingleSequence], result: Path, published_precision: 
     if (result / "ALL.json").is_file():
         published = read_published(result)
         curves = {
-            name: MeanCurves(np.array(one.success), np.array(one.precision), len(one.sequences))
-            for name, one in published.items()
+            name: MeanCurves(np.array(group.success), np.array(group.precision), len(group.sequences))
+            for name, group in published.items()
         }
         return Compared(curves, {}, ())
     files = _result_files(sequences, result)
     boxes = {name: read_result(path) for name, path in files.items()}
-    wanted = [_scored(s, files[s.name], len(boxes[s.name])) if s.name in files else s for s in sequences]
-    return evaluate_single(wanted, boxes, published_precision)
+    scored = [_scored(s, files[s.name], len(boxes[s.name])) if s.name in files else s for s in sequences]
+    return evaluate_single(scored, boxes, published_precision)
 
 
 def _scored(sequence: SingleSequence, result: Path, count: int) -> SingleSequence:
@@ -246,16 +249,16 @@ def _result_files(sequences: list[SingleSequence], result: Path) -> dict[str, Pa
 def single_table(results: Mapping[str, Compared], by: str) -> Table:
     """A row for each sequence or attribute with the area under the curve of every result by name, and the mean."""
     curves = {name: r.sequences if by == "sequence" else r.groups for name, r in results.items()}
-    found = {name: {key: one.auc for key, one in every.items()} for name, every in curves.items()}
-    keys = list(dict.fromkeys(key for r in found.values() for key in r if key != "ALL"))
-    whole = [r.groups["ALL"] for r in results.values()]
+    areas = {name: {key: curve.auc for key, curve in rows_of.items()} for name, rows_of in curves.items()}
+    keys = list(dict.fromkeys(key for r in areas.values() for key in r if key != "ALL"))
+    totals = [r.groups["ALL"] for r in results.values()]
     means = [
-        ["AUC, 21 thresholds", *(_percent(c.auc) for c in whole)],
-        ["AUC, 11 thresholds", *(_percent(c.thesis_auc) for c in whole)],
-        ["precision at 20 px", *(_percent(c.precision_20) for c in whole)],
-        ["sequences", *(str(c.sequences) for c in whole)],
+        ["AUC, 21 thresholds", *(_percent(c.auc) for c in totals)],
+        ["AUC, 11 thresholds", *(_percent(c.thesis_auc) for c in totals)],
+        ["precision at 20 px", *(_percent(c.precision_20) for c in totals)],
+        ["sequences", *(str(c.sequences) for c in totals)],
     ]
-    rows = [[key, *(_percent(one.get(key)) for one in found.values())] for key in keys]
+    rows = [[key, *(_percent(curve.get(key)) for curve in areas.values())] for key in keys]
     return score_table((by.capitalize(),), list(results), [rows, means])
 
 

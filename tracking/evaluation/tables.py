@@ -62,8 +62,8 @@ def show(table: Table) -> None:
 
     console = Console()
     # A table squeezed into too few columns loses digits; a line that wraps does not.
-    wanted = console.measure(table, options=console.options.update(width=1000)).maximum
-    Console(width=max(console.width, wanted)).print(table)
+    width = console.measure(table, options=console.options.update(width=1000)).maximum
+    Console(width=max(console.width, width)).print(table)
 
 
 def sequence_table(headings: Sequence[str], results: Mapping[str, Mapping[str, Row]]) -> Table:
@@ -77,8 +77,10 @@ def sequence_table(headings: Sequence[str], results: Mapping[str, Mapping[str, R
 
 def people_table(results: Mapping[str, PeopleEvaluation]) -> Table:
     """The scores of several results by sequence and combined; ``results`` are evaluations by name of the result."""
-    every = {name: _with_combined(one) for name, one in results.items()}
-    rows = {name: {sequence: cells(scores) for sequence, scores in one.items()} for name, one in every.items()}
+    evaluations = {name: _with_combined(scored) for name, scored in results.items()}
+    rows = {
+        name: {sequence: cells(scores) for sequence, scores in scored.items()} for name, scored in evaluations.items()
+    }
     return sequence_table([heading for heading, _, _ in COLUMNS], rows)
 
 
@@ -95,8 +97,10 @@ def cells(scores: Any, columns: Sequence[tuple[str, str, str]] = COLUMNS) -> lis
 def detection_table(results: Mapping[str, DetectionEvaluation], iou: float) -> Table:
     """The average precision of several results by sequence and combined."""
     headings = (f"AP{100 * iou:.0f}", "Recall", "Best F1", "at score", "Boxes")
-    every = {name: {**_with_combined(one), **one.visible} for name, one in results.items()}
-    rows = {name: {sequence: _detection_cells(s) for sequence, s in one.items()} for name, one in every.items()}
+    evaluations = {name: {**_with_combined(scored), **scored.visible} for name, scored in results.items()}
+    rows = {
+        name: {sequence: _detection_cells(s) for sequence, s in scored.items()} for name, scored in evaluations.items()
+    }
     return sequence_table(headings, rows)
 
 
