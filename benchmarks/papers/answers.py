@@ -13,7 +13,7 @@ import numpy as np
 from cyclopts.types import NonNegativeInt, PositiveInt
 
 from benchmarks.papers import association
-from benchmarks.papers.association import GivenSequence
+from benchmarks.papers.association import DetectedSequence
 from benchmarks.papers.outcome import Outcome
 from benchmarks.papers.peers import Peer, find_peer, skipped
 from benchmarks.papers.store import Cached
@@ -43,7 +43,7 @@ COLUMNS = (
     Column("median error of a line", "errors", ".1f", show=median_only),
     Column("mean", "errors"),
     # The share of all crossings together: a street without any has none of its own.
-    Column("of its crossings, %", lambda one: [sum(one["errors"]), sum(one["true"])], ".1f", show=share_of_all),
+    Column("of its crossings, %", lambda case: [sum(case["errors"]), sum(case["true"])], ".1f", show=share_of_all),
     Column("occupancy", "occupancy", ".3f"),
     Column("dwell, s", "dwell"),
     Column("intervals of crossings that hold, %", "covered", ".0f", 100),
@@ -91,13 +91,13 @@ def reproduce(
     }
     videos["dithering"] = (f"{streets} lines on which people dither", [partial(dithering, seed) for seed in seeds])
     sets = association.find_sets(store, data, ["mot17"]).values() if data.is_dir() else ()
-    given = [partial(labelled, one) for some in sets for one in some]
-    videos["mot17"] = ("MOT17 val-half, given detections", given)
-    notes = [] if given else ["MOT17 val-half: not in the data, passed over"]
-    found = {name: store.study(rows, units, title) for name, (title, units) in videos.items() if units}
-    tables = [tabulated(of, COLUMNS, ("counted by",), videos[name][0]) for name, of in found.items()]
+    labelled_videos = [partial(labelled, sequence) for sequences in sets for sequence in sequences]
+    videos["mot17"] = ("MOT17 val-half, given detections", labelled_videos)
+    notes = [] if labelled_videos else ["MOT17 val-half: not in the data, passed over"]
+    measured = {name: store.study(rows, units, title) for name, (title, units) in videos.items() if units}
+    tables = [tabulated(of, COLUMNS, ("counted by",), videos[name][0]) for name, of in measured.items()]
     notes += [] if environment else [skipped("counts")]
-    return Outcome({name: values_of(of) for name, of in found.items()}, tables, notes=notes)
+    return Outcome({name: values_of(of) for name, of in measured.items()}, tables, notes=notes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,13 +144,13 @@ def street(seed: int, length: int, finding: Mapping[str, float]) -> Case:
     return _case(true, simulated_boxes(true, length, seed, **finding), settings.frame_rate, size)
 
 
-def labelled(given: GivenSequence) -> Case:
+def labelled(sequence: DetectedSequence) -> Case:
     """Labelled video with its given detections."""
-    labels = association.given_labels(given)
+    labels = association.sequence_labels(sequence)
     labels = labels.select(labels.evaluated)
     parts = {int(number): labels.ids == number for number in np.unique(labels.ids)}
-    true = [Track(n, labels.frames[own], labels.boxes[own], np.ones(int(own.sum()))) for n, own in parts.items()]
-    return _case(true, association.given_detections(given), given.rate, given.size)
+    true = [Track(n, labels.frames[rows], labels.boxes[rows], np.ones(int(rows.sum()))) for n, rows in parts.items()]
+    return _case(true, association.sequence_detections(sequence), sequence.rate, sequence.size)
 
 
 def dithering(seed: int) -> Case:
@@ -159,10 +159,10 @@ def dithering(seed: int) -> Case:
     Every other one turns back. What they sway and what a detector errs stays within `DITHER` of the line.
     """
     rng, size, people, frames, height, come = np.random.default_rng([seed, 11]), (640, 480), 20, 600, 80.0, 60
-    rest, half, true = frames - 2 * come, 0.15 * height, list[Track]()
+    swaying, half, true = frames - 2 * come, 0.15 * height, list[Track]()
     for number in range(people):
-        sway = 0.6 * DITHER * height * np.sin(np.arange(rest) / rng.uniform(5, 25) + rng.uniform(0, 6))
-        sway += np.clip(rng.normal(0, 0.1 * DITHER * height, rest), -0.3 * DITHER * height, 0.3 * DITHER * height)
+        sway = 0.6 * DITHER * height * np.sin(np.arange(swaying) / rng.uniform(5, 25) + rng.uniform(0, 6))
+        sway += np.clip(rng.normal(0, 0.1 * DITHER * height, swaying), -0.3 * DITHER * height, 0.3 * DITHER * height)
         away = 90.0 if number % 2 else -90.0
         y = 0.65 * size[1] + np.concatenate([np.linspace(-90, 0, come), sway, np.linspace(0, away, come)])
         x = (0.08 + 0.84 * (number + 0.5) / people) * size[0] + np.zeros(frames)
@@ -178,7 +178,7 @@ def _case(true: list[Track], detections: list[Detections], rate: float, size: tu
     return Case(detections, tracks, scene, true_answers(true, scene, len(detections), rate), rate)
 
 
-made: Callable[[Unit], Case] = lru_cache(maxsize=1)(call)
+cached_case: Callable[[Unit], Case] = lru_cache(maxsize=1)(call)
 """Makes a case, which is kept for the next row on it."""
 
 
@@ -198,26 +198,27 @@ def measure(unit: Unit, peer: Peer | None = None, own_tracks: bool = False, corn
         mean absolute error over frames, people; ``people``, the mean true one; ``dwell``, absolute error of the mean
         stay, seconds.
     """
-    case = made(unit)
+    case = cached_case(unit)
     scene, truth, length = case.scene, case.truth, len(case.detections)
     true, n = [float(number) for number in truth["crossings"]], np.array(truth["occupancy"])
     if peer is None:
-        found = count(Result(case.tracks, "", case.rate, scene.size, frames={"frame": range(length)}), scene)
-        table, each, zone = (found.tables[name] for name in ("lines", "occupancy", "zones"))
+        counts = count(Result(case.tracks, "", case.rate, scene.size, frames={"frame": range(length)}), scene)
+        table, occupancies, zone = (counts.tables[name] for name in ("lines", "occupancy", "zones"))
         stays = dict[int, float]()
-        for who, stay in zip(found.tables["stays"]["id"], found.tables["stays"]["seconds"], strict=True):
+        for who, stay in zip(counts.tables["stays"]["id"], counts.tables["stays"]["seconds"], strict=True):
             stays[who] = stays.get(who, 0.0) + stay
-        numbers, occupancy, dwell = table["count"], found.occupancy[scene.zones[0].name], _mean(list(stays.values()))
+        numbers, occupancy, dwell = table["count"], counts.occupancy[scene.zones[0].name], _mean(list(stays.values()))
         covered = _held(table["low"], true, table["high"])
-        edges = np.rint(np.array(each["time"]) * case.rate).astype(np.int64)
-        seconds = _held(each["low"], np.add.reduceat(n, edges) / np.diff(np.append(edges, length)), each["high"])
+        edges = np.rint(np.array(occupancies["time"]) * case.rate).astype(np.int64)
+        true_means = np.add.reduceat(n, edges) / np.diff(np.append(edges, length))
+        seconds = _held(occupancies["low"], true_means, occupancies["high"])
         both = {"people": float(n.mean()), "stay": truth["stay"]}
         means = [_held(zone[f"{name}_low"], [value], zone[f"{name}_high"])[0] for name, value in both.items()]
     else:
         rows = np.column_stack(boxes_of_tracks(case.tracks)[:4])
         if own_tracks:
-            every = rows_of(case.detections, 0, 0)
-            rows = np.column_stack([every.frames, np.full(len(every.frames), -1), every.boxes, every.scores])
+            boxes = rows_of(case.detections, 0, 0)
+            rows = np.column_stack([boxes.frames, np.full(len(boxes.frames), -1), boxes.boxes, boxes.scores])
         job = {
             "rows": rows.tolist(),
             "track": own_tracks,
@@ -292,16 +293,16 @@ def simulated_boxes(
     frames = np.concatenate([track.frames for track in tracks])
     boxes = np.concatenate([track.boxes for track in tracks])
     visible = _visible(frames, boxes)
-    kept = (visible >= hidden) & (rng.random(len(frames)) >= missed * (2 - visible))
-    frames, boxes, visible = frames[kept], boxes[kept], visible[kept]
+    detected = (visible >= hidden) & (rng.random(len(frames)) >= missed * (2 - visible))
+    frames, boxes, visible = frames[detected], boxes[detected], visible[detected]
     tall = boxes[:, 3] - boxes[:, 1]
     boxes = boxes + noise * tall[:, None] * rng.normal(size=boxes.shape) * [0.4, 1, 0.4, 1]
     scores = np.clip(0.5 + 0.45 * visible + 0.1 * noise * rng.normal(size=len(boxes)), 0.05, 0.99)
     count = rng.poisson(false, length)
-    some = rng.integers(len(boxes), size=int(count.sum()))
-    moved = boxes[some] + np.tile(rng.uniform(-200, 200, (len(some), 2)), 2)
+    sampled = rng.integers(len(boxes), size=int(count.sum()))
+    moved = boxes[sampled] + np.tile(rng.uniform(-200, 200, (len(sampled), 2)), 2)
     frames = np.append(frames, np.repeat(np.arange(length), count))
-    boxes, scores = np.vstack([boxes, moved]), np.append(scores, rng.uniform(0.1, 0.6, len(some)))
+    boxes, scores = np.vstack([boxes, moved]), np.append(scores, rng.uniform(0.1, 0.6, len(sampled)))
     order = np.argsort(frames, kind="stable")
     order = order[(boxes[order, 2:] > boxes[order, :2] + 1).all(axis=1)]
     parts = np.split(order, np.searchsorted(frames[order], np.arange(1, length)))
@@ -333,10 +334,11 @@ def true_answers(tracks: list[Track], scene: Scene, length: int, frame_rate: flo
         heights = track.boxes[:, 3] - track.boxes[:, 1]
         here = true_stays(depths, heights)
         stays += [[(last - first + 1) / frame_rate for first, last in here]] if here else []
-        for line, own in zip(scene.lines, counts, strict=True):
+        for line, directions in zip(scene.lines, counts, strict=True):
             for _, side in true_crossings(feet, heights, line.ends):
-                own[0 if side > 0 else 1] += 1
-    dwell, stay = _mean([sum(own) for own in stays]), _mean([one for own in stays for one in own])
+                directions[0 if side > 0 else 1] += 1
+    dwell = _mean([sum(seconds) for seconds in stays])
+    stay = _mean([stay_seconds for seconds in stays for stay_seconds in seconds])
     return {"crossings": counts.ravel().tolist(), "occupancy": occupancy.tolist(), "dwell": dwell, "stay": stay}
 
 

@@ -81,7 +81,7 @@ DATA_SETS = (
 
 
 @dataclass(frozen=True)
-class GivenSequence:
+class DetectedSequence:
     """A sequence with its detections, some frames of each second left out if wanted.
 
     Attributes:
@@ -92,7 +92,7 @@ class GivenSequence:
         frame_rate: of the sequence, frames a second.
         size: width and height of the image, pixels; 0 where unknown.
         frames: the frames that are tracked and scored, counted from 1; None is all.
-        every: one frame in so many is kept.
+        stride: one frame in so many is kept.
         pictures: the sequence's folder, where it has images.
     """
 
@@ -103,106 +103,108 @@ class GivenSequence:
     frame_rate: float
     size: tuple[int, int]
     frames: str | None = None
-    every: int = 1
+    stride: int = 1
     pictures: Path | None = None
 
     @property
     def rate(self) -> float:
         """Frames a second that are kept."""
-        return self.frame_rate / self.every
+        return self.frame_rate / self.stride
 
     @property
     def kept(self) -> range:
         """0-based frames of the sequence that are tracked."""
-        wanted = parse_frames(self.frames).within(self.length)
-        assert wanted.last is not None
-        return range(wanted.first, wanted.last + 1, self.every)
+        chosen = parse_frames(self.frames).within(self.length)
+        assert chosen.last is not None
+        return range(chosen.first, chosen.last + 1, self.stride)
 
     @property
     def filmed(self) -> dict[str, Any]:
         """Frame rate and size, None where unknown, as trackers take them."""
         return {"frame_rate": self.rate, "size": self.size if min(self.size) > 0 else None}
 
-    def at(self, rate: float) -> GivenSequence:
+    def at(self, rate: float) -> DetectedSequence:
         """The same at about ``rate`` frames a second: the nearest that leaving out frames evenly gives."""
-        return replace(self, every=max(1, round(self.frame_rate / rate)))
+        return replace(self, stride=max(1, round(self.frame_rate / rate)))
 
 
-def find_given(data: Path, one: DataSet) -> list[GivenSequence]:
+def find_sequences(data: Path, data_set: DataSet) -> list[DetectedSequence]:
     """The sequences of a data set, by name; none where its folder is not there.
 
     Raises:
         RequestError: a sequence has no labels or no detections.
     """
-    found, home = list[GivenSequence](), data / one.folder
-    for folder in filter(Path.is_dir, [home / name for name in one.names] or sorted(home.glob("*"))):
-        known = read_sequence(folder)
-        paths = known.detections_path, known.ground_truth_path
+    sequences, home = list[DetectedSequence](), data / data_set.folder
+    for folder in filter(Path.is_dir, [home / name for name in data_set.names] or sorted(home.glob("*"))):
+        sequence = read_sequence(folder)
+        paths = sequence.detections_path, sequence.ground_truth_path
         if missing := [path.relative_to(folder) for path in paths if not path.is_file()]:
             raise RequestError(f"{folder}: expected {missing[0]} of a sequence with detections, found none")
-        end = known.length or int(max(np.loadtxt(p, delimiter=",", usecols=0, ndmin=1).max() for p in paths))
-        size, pictures = (known.width, known.height), folder if known.images else None
-        found.append(GivenSequence(known.name, *paths, end, known.frame_rate, size, one.frames, pictures=pictures))
-    return found
+        end = sequence.length or int(max(np.loadtxt(p, delimiter=",", usecols=0, ndmin=1).max() for p in paths))
+        size, pictures = (sequence.width, sequence.height), folder if sequence.images else None
+        described = sequence.name, *paths, end, sequence.frame_rate, size, data_set.frames
+        sequences.append(DetectedSequence(*described, pictures=pictures))
+    return sequences
 
 
-def find_sets(store: Store, data: Path, keys: Iterable[str]) -> dict[DataSet, list[GivenSequence]]:
+def find_sets(store: Store, data: Path, keys: Iterable[str]) -> dict[DataSet, list[DetectedSequence]]:
     """The sequences of the data sets that are there, and of generated ones, from the store.
 
     Raises:
         RequestError: none of the real ones is, or a sequence has no labels or no detections.
     """
-    asked = [one for key in keys for one in DATA_SETS if one.key == key]
-    found = {one: find_given(data, one) for one in asked if one.drawn is None}
-    if found and not any(found.values()):
+    chosen = [data_set for key in keys for data_set in DATA_SETS if data_set.key == key]
+    sequences_of = {data_set: find_sequences(data, data_set) for data_set in chosen if data_set.drawn is None}
+    if sequences_of and not any(sequences_of.values()):
         raise RequestError(f"`data`: expected mot/mot17-val-half or another of the data sets in {data}, found none")
-    for one in asked:
-        if one.drawn is not None:
-            found[one] = find_given(store.made(one.folder, write_streets, 10, *one.drawn).parent, one)
-    return {one: sequences for one, sequences in found.items() if sequences}
+    for data_set in chosen:
+        if data_set.drawn is not None:
+            home = store.made(data_set.folder, write_streets, 10, *data_set.drawn).parent
+            sequences_of[data_set] = find_sequences(home, data_set)
+    return {data_set: sequences for data_set, sequences in sequences_of.items() if sequences}
 
 
-def given_detections(given: GivenSequence) -> list[Detections]:
+def sequence_detections(sequence: DetectedSequence) -> list[Detections]:
     """The detections of the frames that are kept; boxes without an area are left out."""
-    every = read_detections(given.detections, given.length)
-    return [every[frame] for frame in given.kept]
+    detections = read_detections(sequence.detections, sequence.length)
+    return [detections[frame] for frame in sequence.kept]
 
 
-def given_labels(given: GivenSequence) -> GroundTruth:
+def sequence_labels(sequence: DetectedSequence) -> GroundTruth:
     """The labels of the frames that are kept, numbered from 0 as the tracks are."""
-    (truth,) = read_truths(given.labels, parse_frames(given.frames).within(given.length))
-    moved = truth.labels.frames - given.kept.start
-    return replace(truth.labels, frames=moved // given.every).select((moved >= 0) & (moved % given.every == 0))
+    (truth,) = read_truths(sequence.labels, parse_frames(sequence.frames).within(sequence.length))
+    moved = truth.labels.frames - sequence.kept.start
+    return replace(truth.labels, frames=moved // sequence.stride).select((moved >= 0) & (moved % sequence.stride == 0))
 
 
 def as_written(tracks: Sequence[Track]) -> list[Track]:
     """The tracks as a file has them: by id, boxes to hundredths of a pixel."""
     ordered = sorted(tracks, key=lambda track: track.id)
-    return [replace(one, boxes=np.round(one.boxes, 2), scores=np.round(one.scores, 4)) for one in ordered]
+    return [replace(track, boxes=np.round(track.boxes, 2), scores=np.round(track.scores, 4)) for track in ordered]
 
 
-def flow_over(given: GivenSequence, **more: Any) -> FlowTracker:
+def flow_over(sequence: DetectedSequence, **options: Any) -> FlowTracker:
     """The flow, with ``more`` arguments, after all detections of a sequence."""
-    tracker = FlowTracker(**more, **given.filmed)
-    for detections in given_detections(given):
+    tracker = FlowTracker(**options, **sequence.filmed)
+    for detections in sequence_detections(sequence):
         tracker.update(detections)
     return tracker
 
 
 def tracks_over(
-    detections: Sequence[Detections], rate: float, size: tuple[int, int], method: PeopleMethod = "flow", **more: Any
+    detections: Sequence[Detections], rate: float, size: tuple[int, int], method: PeopleMethod = "flow", **options: Any
 ) -> list[Track]:
     """The tracks of `track_people` over the detections of each frame, without pictures."""
     with tempfile.TemporaryDirectory() as folder:
         write_sequence_info(Path(folder), "given", rate, len(detections), *size)
-        return list(track_people(folder, method, detections=detections, **more))
+        return list(track_people(folder, method, detections=detections, **options))
 
 
-def track_sums(given: GivenSequence, tracks: Sequence[Track]) -> FloatArray:
+def track_sums(sequence: DetectedSequence, tracks: Sequence[Track]) -> FloatArray:
     """``(83,)`` sums of the scores of tracks, see `score_sums`."""
-    count = len(given.kept)
+    count = len(sequence.kept)
     inside = restrict(list(tracks), FrameRange(0, count - 1))
-    return score_sums(SequencePair(given.name, given_labels(given), inside, count))
+    return score_sums(SequencePair(sequence.name, sequence_labels(sequence), inside, count))
 
 
 def sums_of(store: Store, compute: Callable[..., FloatArray], jobs: Sequence[tuple[Any, ...]]) -> FloatArray:
@@ -210,10 +212,10 @@ def sums_of(store: Store, compute: Callable[..., FloatArray], jobs: Sequence[tup
     return np.array([store.recall(compute, *job) for job in jobs])
 
 
-def right_sums(given: GivenSequence, seconds: float, bridged: bool) -> FloatArray:
+def right_sums(sequence: DetectedSequence, seconds: float, bridged: bool) -> FloatArray:
     """Sums of the right links over the detections across gaps of up to so many seconds, filled where ``bridged``."""
-    right = right_links(given_detections(given), given_labels(given), max(1.0, seconds * given.rate))
-    return track_sums(given, [fill_gaps(track, given.length) for track in right] if bridged else right)
+    right = right_links(sequence_detections(sequence), sequence_labels(sequence), max(1.0, seconds * sequence.rate))
+    return track_sums(sequence, [fill_gaps(track, sequence.length) for track in right] if bridged else right)
 
 
 def right_links(detections: Sequence[Detections], truth: GroundTruth, longest: float = np.inf) -> list[Track]:
@@ -227,13 +229,13 @@ def right_links(detections: Sequence[Detections], truth: GroundTruth, longest: f
         truth: the labels, their frames counted as those of the detections.
         longest: most frames from one detection to the next of the same track; 1 allows no gap.
     """
-    every = rows_of(detections, 0, 0)
-    owners, frames = owners_of(every.frames, every.boxes, truth), every.frames
+    boxes = rows_of(detections, 0, 0)
+    owners, frames = owners_of(boxes.frames, boxes.boxes, truth), boxes.frames
     tracks: list[Track] = []
     for identity in np.unique(owners[owners >= 0]):
         mine = np.flatnonzero(owners == identity)
         for part in np.split(mine, np.flatnonzero(np.diff(frames[mine]) > longest) + 1):
-            tracks.append(Track(len(tracks) + 1, frames[part], every.boxes[part], every.scores[part]))
+            tracks.append(Track(len(tracks) + 1, frames[part], boxes.boxes[part], boxes.scores[part]))
     return tracks
 
 
@@ -252,24 +254,25 @@ def score_table(title: str, rows: Mapping[str, FloatArray], base: str) -> Table:
     """
     lines = []
     for name, sums in rows.items():
-        found = combined_scores(sums)
-        cells = [*(f"{found[key]:.3f}" for key in SCORES), *(str(int(found[key])) for key in COUNTS[:3])]
+        scores = combined_scores(sums)
+        cells = [*(f"{scores[key]:.3f}" for key in SCORES), *(str(int(scores[key])) for key in COUNTS[:3])]
         lines.append([name, *cells, *([""] * 4 if base == name else _gains(sums, rows[base]))])
     above = [f"{what} − {base}" for what in ("HOTA", "MOTA", "IDF1", "IDSW")]
-    return Table("", (title, "HOTA", "DetA", "AssA", "MOTA", "IDF1", "IDSW", "FP", "FN", *above), lines)
+    return Table(title, ("method", "HOTA", "DetA", "AssA", "MOTA", "IDF1", "IDSW", "FP", "FN", *above), lines)
 
 
 def _gains(ours: FloatArray, theirs: FloatArray) -> list[str]:
     """Differences of HOTA, MOTA and IDF1, and of the switches as a share of theirs."""
-    found = paired_bootstrap(ours, theirs, SAMPLES, np.random.default_rng(0))
-    one, other = (np.asarray(scores_of(sums)["id_switches"]) for sums in (ours, theirs))
-    drawn = np.random.default_rng(0).multinomial(len(one), np.full(len(one), 1 / len(one)), SAMPLES)
-    low, high = np.quantile(drawn @ one / np.maximum(drawn @ other, 1) - 1, (0.025, 0.975))
-    gaps = [(found[key].difference, found[key].low, found[key].high, "+.3f") for key in ("hota", "mota", "idf1")]
-    gaps.append((one.sum() / max(other.sum(), 1) - 1, low, high, "+.0%"))
+    gains = paired_bootstrap(ours, theirs, SAMPLES, np.random.default_rng(0))
+    our_switches, their_switches = (np.asarray(scores_of(sums)["id_switches"]) for sums in (ours, theirs))
+    count = len(our_switches)
+    drawn = np.random.default_rng(0).multinomial(count, np.full(count, 1 / count), SAMPLES)
+    low, high = np.quantile(drawn @ our_switches / np.maximum(drawn @ their_switches, 1) - 1, (0.025, 0.975))
+    gaps = [(gains[key].difference, gains[key].low, gains[key].high, "+.3f") for key in ("hota", "mota", "idf1")]
+    gaps.append((our_switches.sum() / max(their_switches.sum(), 1) - 1, low, high, "+.0%"))
     cells = [f"{gap:{form}} [{low:{form}}, {high:{form}}]" for gap, low, high, form in gaps]
     # Samples of one sequence say nothing.
-    return cells if len(one) > 1 else [cell.partition(" ")[0] for cell in cells]
+    return cells if len(our_switches) > 1 else [cell.partition(" ")[0] for cell in cells]
 
 
 FAULTS = {
@@ -319,7 +322,7 @@ SETS: tuple[SetKey, ...] = ("mot17", "mot15", "kitti-pedestrians", "kitti-cars",
 DELAYS = {"flow, all": None, "0.5 s": 0.5, "1 s": 1.0, "2 s": 2.0, "5 s": 5.0}
 Part: TypeAlias = Literal["methods", "rates", "delays"]
 PARTS: tuple[Part, ...] = get_args(Part)
-Ways: TypeAlias = Mapping[str, Callable[[GivenSequence], list[Track]]]
+Ways: TypeAlias = Mapping[str, Callable[[DetectedSequence], list[Track]]]
 # Longest gap that the right links bridge, seconds.
 GAP = 2.0
 
@@ -351,44 +354,57 @@ def reproduce(
     """
     environment = find_peer(peer, "links")
     there = find_sets(store, data, [key for key in get_args(SetKey) if key in sets])
-    tables, values = list[Table](), dict[str, Any]()
-    for one, sequences in there.items():
-        rows = _scored(store, sequences, _tracks(store, one, sequences, environment))
+    tables, values, summaries = list[Table](), dict[str, Any](), dict[str, dict[str, Mapping[str, FloatArray]]]()
+    for data_set, sequences in there.items():
+        rows = _scored(store, sequences, _tracks(store, data_set, sequences, environment))
         for way in (False, True):
-            limit = sums_of(store, right_sums, [(one, GAP, way) for one in sequences])
+            limit = sums_of(store, right_sums, [(data_set, GAP, way) for data_set in sequences])
             rows[f"right links up to {GAP:g} s{', filled' if way else ''}"] = limit
-        values[one.key] = {
+        values[data_set.key] = {
             name: combined_scores(sums)
-            | {"sequences": {g.name: combined_scores(own[None]) for g, own in zip(sequences, sums, strict=True)}}
+            | {"sequences": {g.name: combined_scores(subset[None]) for g, subset in zip(sequences, sums, strict=True)}}
             for name, sums in rows.items()
         }
         if "methods" in parts:
-            tables.append(score_table(one.title, rows, FLOW))
-        for title, own, ways, base in _more(one, sequences, parts):
-            found = store.study(ways, own, title)
-            tables.append(score_table(title, _scored(store, own, found), base))
-    missing = [one for one in DATA_SETS if one.key in sets and one not in there]
-    notes = [f"{one.title}: no {one.folder} in the data, passed over" for one in missing]
-    notes += [] if environment else [skipped("links")]
+            summaries.setdefault("Methods", {})[data_set.title] = rows
+            tables.append(score_table(data_set.title, rows, FLOW))
+        for heading, column, subset, ways, base in _more(data_set, sequences, parts):
+            scored = _scored(store, subset, store.study(ways, subset, f"{heading}, {column}"))
+            summaries.setdefault(heading, {})[column] = scored
+            tables.append(score_table(f"{heading}: {column}", scored, base))
+    tables = [summary_table(heading, columns) for heading, columns in summaries.items()] + tables
+    missing = [data_set for data_set in DATA_SETS if data_set.key in sets and data_set not in there]
+    notes = [f"{data_set.title}: no {data_set.folder} in the data, passed over" for data_set in missing]
+    notes.append(f"peers: {environment.version}" if environment else skipped("links"))
     return Outcome({"peer": environment and environment.version, "sets": values}, tables, notes=notes)
 
 
+def summary_table(title: str, columns: Mapping[str, Mapping[str, FloatArray]]) -> Table:
+    """HOTA/MOTA/IDF1 of all sequences together, from ``(S, 83)`` sums of each row by the heading of the column."""
+    lines = {name: [name] for rows in columns.values() for name in rows}
+    for rows in columns.values():
+        for name, cells in lines.items():
+            scores = combined_scores(rows[name]) if name in rows else {}
+            cells.append("/".join(f"{scores[key]:.3f}" for key in ("hota", "mota", "idf1") if scores))
+    return Table(title, ("HOTA/MOTA/IDF1", *columns), list(lines.values()))
+
+
 def _more(
-    one: DataSet, sequences: Sequence[GivenSequence], parts: Sequence[str]
-) -> Iterator[tuple[str, Sequence[GivenSequence], Ways, str]]:
-    """Title, sequences, ways and their base, of the tables of one data set of the wanted parts but the first."""
-    for rate in RATES if "rates" in parts and one.key == "mot17" else ():
-        slower = [given.at(rate) for given in sequences]
-        kept = ", ".join(sorted({f"{given.rate:.3g}" for given in slower}, key=float))
+    data_set: DataSet, sequences: Sequence[DetectedSequence], parts: Sequence[str]
+) -> Iterator[tuple[str, str, Sequence[DetectedSequence], Ways, str]]:
+    """Heading, column, sequences, ways and their base, of the tables of a data set beyond the part ``methods``."""
+    for rate in RATES if "rates" in parts and data_set.key == "mot17" else ():
+        slower = [sequence.at(rate) for sequence in sequences]
+        rates = ", ".join(sorted({f"{sequence.rate:.3g}" for sequence in slower}, key=float))
         ways = {str(method): partial(linked, method) for method in METHODS}
-        yield f"{one.title} at {rate:g} frames a second (kept {kept})", slower, ways, FLOW
-    if "delays" in parts and one.key in ("mot17", "pets"):
+        yield f"{data_set.title}, frames a second", f"{rate:g} (kept {rates})", slower, ways, FLOW
+    if "delays" in parts and data_set.key in ("mot17", "pets"):
         delays = {name: partial(linked, "flow", delay=delay) for name, delay in DELAYS.items()}
-        yield f"{one.title}: delay of the flow", sequences, delays, "flow, all"
+        yield "Delay of the flow", data_set.title, sequences, delays, "flow, all"
 
 
 def linked(
-    method: PeopleMethod, given: GivenSequence, delay: float | None = None, pictures: bool = True
+    method: PeopleMethod, sequence: DetectedSequence, delay: float | None = None, pictures: bool = True
 ) -> list[Track]:
     """The tracks of `tsuiseki track people --detections … --method METHOD`, as it writes them.
 
@@ -398,16 +414,18 @@ def linked(
         delay: seconds after which it answers; None is the end.
         pictures: compare appearance where the sequence has pictures and all its frames are kept, as the command does.
     """
-    detections = given_detections(given)
-    if pictures and given.pictures is not None and given.every == 1:
-        first = given.kept.start
-        whole = [Detections.empty()] * first + detections
-        tracks = track_people(given.pictures, method, detections=whole, frames=given.frames, threads=1, delay=delay)
+    detections = sequence_detections(sequence)
+    if pictures and sequence.pictures is not None and sequence.stride == 1:
+        first = sequence.kept.start
+        padded = [Detections.empty()] * first + detections
+        tracks = track_people(
+            sequence.pictures, method, detections=padded, frames=sequence.frames, threads=1, delay=delay
+        )
         return as_written([shifted(track, -first) for track in tracks])
-    return as_written(tracks_over(detections, given.rate, given.size, method, delay=delay))
+    return as_written(tracks_over(detections, sequence.rate, sequence.size, method, delay=delay))
 
 
-def peer_tracks(peer: Peer, given: GivenSequence, logistic: bool) -> dict[str, list[Track]]:
+def peer_tracks(peer: Peer, sequence: DetectedSequence, logistic: bool) -> dict[str, list[Track]]:
     """The tracks of each tracker of the peer; boxes without an area are left out.
 
     Args:
@@ -415,12 +433,12 @@ def peer_tracks(peer: Peer, given: GivenSequence, logistic: bool) -> dict[str, l
         given: the sequence.
         logistic: scores are logits and become probabilities first.
     """
-    rows = rows_of(given_detections(given), 0, 0)
+    rows = rows_of(sequence_detections(sequence), 0, 0)
     scores = 1 / (1 + np.exp(-rows.scores)) if logistic else rows.scores
     boxes = np.column_stack([rows.frames, rows.boxes, scores]).tolist()
     tracks = {}
-    for name, found in peer.answer({"boxes": boxes, "length": len(given.kept), "rate": given.rate}).items():
-        table = np.array(found, dtype=np.float64).reshape(-1, 7)
+    for name, linked_rows in peer.answer({"boxes": boxes, "length": len(sequence.kept), "rate": sequence.rate}).items():
+        table = np.array(linked_rows, dtype=np.float64).reshape(-1, 7)
         table = table[(table[:, 4] > table[:, 2]) & (table[:, 5] > table[:, 3])]
         parts = [table[table[:, 1] == number] for number in np.unique(table[:, 1])]
         tracks[name] = as_written([Track(int(p[0, 1]), p[:, 0].astype(int), p[:, 2:6], p[:, 6]) for p in parts])
@@ -428,27 +446,30 @@ def peer_tracks(peer: Peer, given: GivenSequence, logistic: bool) -> dict[str, l
 
 
 def _tracks(
-    store: Store, one: DataSet, sequences: Sequence[GivenSequence], environment: Peer | None
+    store: Store, data_set: DataSet, sequences: Sequence[DetectedSequence], environment: Peer | None
 ) -> dict[str, list[list[Track]]]:
     """The tracks of every row by sequence."""
     ways = {str(method): partial(linked, method) for method in METHODS}
-    if any(given.pictures for given in sequences):
+    if any(sequence.pictures for sequence in sequences):
         ways[BOXES_ALONE] = partial(linked, "flow", pictures=False)
-    tracks = store.study(ways, sequences, one.title)
+    tracks = store.study(ways, sequences, data_set.title)
     tracks[UNFILLED] = [
-        [Track(t.id, t.frames[k], t.boxes[k], t.scores[k]) for t in each for k in [t.observed] if k.any()]
-        for each in tracks[FLOW]
+        [Track(t.id, t.frames[k], t.boxes[k], t.scores[k]) for t in followed for k in [t.observed] if k.any()]
+        for followed in tracks[FLOW]
     ]
-    for logistic in (False, True)[: 1 + one.logits] if environment else ():
-        jobs = [(environment, given, logistic) for given in sequences]
-        answers = store.each(peer_tracks, jobs, f"{one.title}, peers")
+    for logistic in (False, True)[: 1 + data_set.logits] if environment else ():
+        jobs = [(environment, sequence, logistic) for sequence in sequences]
+        answers = store.each(peer_tracks, jobs, f"{data_set.title}, peers")
         of = ", probabilities" if logistic else ""
-        tracks |= {f"{name} (peer){of}": [found[name] for found in answers] for name in LINKERS}
+        tracks |= {f"{name} (peer){of}": [answer[name] for answer in answers] for name in LINKERS}
     return tracks
 
 
 def _scored(
-    store: Store, sequences: Sequence[GivenSequence], tracks: Mapping[Any, Sequence[Sequence[Track]]]
+    store: Store, sequences: Sequence[DetectedSequence], tracks: Mapping[Any, Sequence[Sequence[Track]]]
 ) -> dict[str, FloatArray]:
     """``(S, 83)`` sums of every row."""
-    return {name: sums_of(store, track_sums, list(zip(sequences, own, strict=True))) for name, own in tracks.items()}
+    return {
+        name: sums_of(store, track_sums, list(zip(sequences, followed, strict=True)))
+        for name, followed in tracks.items()
+    }

@@ -15,7 +15,7 @@ import numpy as np
 from cyclopts.types import NonNegativeInt, PositiveInt
 
 from benchmarks.papers import association
-from benchmarks.papers.association import STREETS, GivenSequence, combined_scores, track_sums
+from benchmarks.papers.association import STREETS, DetectedSequence, combined_scores, track_sums
 from benchmarks.papers.outcome import Outcome
 from benchmarks.papers.store import Cached
 from benchmarks.papers.tables import Column, tabulated
@@ -48,14 +48,16 @@ def reproduce(
         streets: generated streets beside them.
     """
     sets = association.find_sets(store, data, ("pets", "tud", "mot17", STREETS.key))
-    sequences = [one for key, every in sets.items() for one in every[: streets if key == STREETS else None]]
-    courses = store.each(reviewed, [(given, answers) for given in sequences], "corrections")
-    marks, names = (0, 10, 20, 40, answers), [given.name for given in sequences]
-    found = dict[str, list[dict[str, Any]]]()
+    sequences = [
+        sequence for key, members in sets.items() for sequence in members[: streets if key == STREETS else None]
+    ]
+    courses = store.each(reviewed, [(sequence, answers) for sequence in sequences], "corrections")
+    marks, names = (0, 10, 20, 40, answers), [sequence.name for sequence in sequences]
+    measured = dict[str, list[dict[str, Any]]]()
     for name, course in zip(names, courses, strict=True):
         # Answers until IDF1 is what is wanted; NaN if it never is.
         needed = next((n for n, idf1 in enumerate(course["idf1"]) if idf1 >= REACHED * course["allowed"]), np.nan)
-        found[name] = [{**course, "at": {str(n): course["idf1"][: n + 1][-1] for n in marks}, "needed": needed}]
+        measured[name] = [{**course, "at": {str(n): course["idf1"][: n + 1][-1] for n in marks}, "needed": needed}]
     early = {name: sum(course["found"][name] for course in courses) for name in RANKINGS}
     total = max(sum(course["errors"] for course in courses), 1)
     shares = ", ".join(f"{name} {count / total:.0%}" for name, count in early.items())
@@ -68,10 +70,11 @@ def reproduce(
         Column("clicks by hand", "by_hand", ".0f"),
     ]
     note = f"Errors within the first {FIRST:.0%} of decisions, by ranking: {shares}."
-    return Outcome(dict(zip(names, courses, strict=True)), [tabulated(found, columns, ("sequence",))], notes=[note])
+    table = tabulated(measured, columns, ("sequence",), "Corrections")
+    return Outcome(dict(zip(names, courses, strict=True)), [table], notes=[note])
 
 
-def reviewed(given: GivenSequence, answers: int) -> dict[str, Any]:
+def reviewed(sequence: DetectedSequence, answers: int) -> dict[str, Any]:
     """An annotator's course through a sequence.
 
     Returns:
@@ -80,13 +83,13 @@ def reviewed(given: GivenSequence, answers: int) -> dict[str, Any]:
         ``idf1`` and ``hota`` after each answer; ``allowed``: IDF1 with the right links over the same detections;
         ``by_hand``: clicks that splitting (one) and joining (two) take for those.
     """
-    tracker = association.flow_over(given)
+    tracker = association.flow_over(sequence)
     tracks = tracker.tracks()
     network = tracker.network()
     assert network is not None
     flow, reporter = CorrectedFlow(network), Reporter(tracks)
     ids = track_ids(network.track, flow.labels(), reporter.highest)
-    owners = owners_of(network.frames, network.boxes, association.given_labels(given), OVERLAP)
+    owners = owners_of(network.frames, network.boxes, association.sequence_labels(sequence), OVERLAP)
     wrong, by_hand = _errors(flow, ids, owners)
     ranked = _rankings(flow, ids)
     first = int(FIRST * len(ranked["random"]))
@@ -96,17 +99,17 @@ def reviewed(given: GivenSequence, answers: int) -> dict[str, Any]:
     first_ones["questions"] = {arc for question in early for arc in _arcs_of(question, find, flow)}
     shares = {name: float(sum(bool(error & arcs) for error in wrong)) for name, arcs in first_ones.items()}
     right = np.where((ids > 0) & (owners >= 0), owners + 1, 0)
-    allowed = combined_scores(track_sums(given, reporter.tracks(flow.network, right, {}))[None])["idf1"]
-    idf1, hota, accepted, asked = list[float](), list[float](), list[Correction](), set[str]()
+    allowed = combined_scores(track_sums(sequence, reporter.tracks(flow.network, right, {}))[None])["idf1"]
+    idf1, hota, accepted, keys = list[float](), list[float](), list[Correction](), set[str]()
     for _ in range(answers + 1):
         ids = track_ids(flow.network.track, flow.labels(), reporter.highest)
-        now = combined_scores(track_sums(given, reporter.tracks(flow.network, ids, flow.demands.drawn_boxes))[None])
+        now = combined_scores(track_sums(sequence, reporter.tracks(flow.network, ids, flow.demands.drawn_boxes))[None])
         idf1.append(now["idf1"])
         hota.append(now["hota"])
-        questions = Questioner(flow.network, flow.settled(), ids, flow.parted()).ranked(1, asked)
+        questions = Questioner(flow.network, flow.settled(), ids, flow.parted()).ranked(1, keys)
         if not questions:
             break
-        asked.add(questions[0].key)
+        keys.add(questions[0].key)
         correction = answered(questions[0], owners, ids, flow.network)
         try:
             flow.correct([*accepted, *([] if correction is None else [correction])])
@@ -131,35 +134,38 @@ def answered(question: Question, owners: IntArray, ids: IntArray, network: Solve
     find = Finder(network.frames, network.boxes)
     if question.kind == "exchange":
         (a, b), (c, d) = ([find(box) for box in part.there] for part in question.yes.parts)
-        before, after = ([_seen(question, n, find, owners, before=first) for n in pair]
-                         for first, pair in ((True, (a, c)), (False, (b, d))))  # fmt: skip
-        if min(*before, *after) < 0 or before[0] == before[1]:
+        starts = [_seen(question, n, find, owners, earlier=True) for n in (a, c)]
+        ends = [_seen(question, n, find, owners, earlier=False) for n in (b, d)]
+        if min(*starts, *ends) < 0 or starts[0] == starts[1]:
             return None
-        return question.yes if before[0] == after[0] else question.no if before[0] == after[1] else None
+        return question.yes if starts[0] == ends[0] else question.no if starts[0] == ends[1] else None
     if question.kind in ("link", "end"):
         two = (question.no.parts or (question.no,))[0] if question.kind == "link" else question.yes
-        one, other = (find(box) for box in two.there)
-        whose = _seen(question, one, find, owners, before=True), _seen(question, other, find, owners, before=False)
+        earlier, later = (find(box) for box in two.there)
+        whose = (
+            _seen(question, earlier, find, owners, earlier=True),
+            _seen(question, later, find, owners, earlier=False),
+        )
         if IGNORED in whose or (question.kind == "end" and whose == (UNMATCHED, UNMATCHED)):
             return None
         if whose == (UNMATCHED, UNMATCHED):
             # The track is chosen when a question is asked: one key deletes it.
-            rows = np.flatnonzero(ids == ids[one]) if ids[one] else np.array([one, other])
+            rows = np.flatnonzero(ids == ids[earlier]) if ids[earlier] else np.array([earlier, later])
             return Correction("delete", boxes_of(network.frames[rows].tolist(), network.boxes[rows].tolist()))
         if question.kind == "link" and whose[0] != whose[1]:
-            return _parted(one, other, whose, owners, ids, network)
+            return _parted(earlier, later, whose, owners, ids, network)
         return question.yes if (whose[0] == whose[1]) == (question.kind == "link") else question.no
-    found = [owners[find(box)] for part in (question.yes.parts or (question.yes,)) for box in part.there]
-    person = np.mean([owner >= 0 for owner in found]) > 0.5
-    return None if IGNORED in found else question.yes if person == (question.yes.kind == "real") else question.no
+    box_owners = [owners[find(box)] for part in (question.yes.parts or (question.yes,)) for box in part.there]
+    person = np.mean([owner >= 0 for owner in box_owners]) > 0.5
+    return None if IGNORED in box_owners else question.yes if person == (question.yes.kind == "real") else question.no
 
 
 def _parted(
-    one: int, other: int, whose: tuple[int, int], owners: IntArray, ids: IntArray, network: SolvedNetwork
+    earlier: int, later: int, whose: tuple[int, int], owners: IntArray, ids: IntArray, network: SolvedNetwork
 ) -> Correction:
     """A track is another person from a frame on: where most detections to both sides are as they should be."""
     frames = network.frames
-    rows = np.flatnonzero((ids == ids[one]) & (frames >= frames[one]) & (frames <= frames[other]))
+    rows = np.flatnonzero((ids == ids[earlier]) & (frames >= frames[earlier]) & (frames <= frames[later]))
     rows = rows[np.argsort(frames[rows], kind="stable")]
     early, late = np.cumsum(owners[rows] == whose[0]), np.cumsum(owners[rows] == whose[1])
     last = int(np.argmax(early[:-1] + late[-1] - late[:-1]))
@@ -167,14 +173,14 @@ def _parted(
     return Correction("not_same", boxes_of(frames[here].tolist(), network.boxes[here].tolist()))
 
 
-def _seen(question: Question, n: int, find: Finder, owners: IntArray, *, before: bool) -> int:
+def _seen(question: Question, n: int, find: Finder, owners: IntArray, *, earlier: bool) -> int:
     """Whose most of the boxes are that are shown on one side of a detection of a track."""
     tracks = ([(find(box), box.frame) for box in boxes] for boxes in question.boxes_a.values())
     nodes, at = next((nodes, frame) for nodes in tracks for node, frame in nodes if node == n)
-    side = [int(owners[m]) for m, frame in nodes if (frame <= at if before else frame >= at)]
-    shown = side[-7:] if before else side[:7]
-    known = [owner for owner in shown if owner >= 0]
-    return max(set(known), key=known.count) if known else min(shown)
+    side = [int(owners[m]) for m, frame in nodes if (frame <= at if earlier else frame >= at)]
+    nearest = side[-7:] if earlier else side[:7]
+    people = [owner for owner in nearest if owner >= 0]
+    return max(set(people), key=people.count) if people else min(nearest)
 
 
 def _errors(flow: CorrectedFlow, ids: IntArray, owners: IntArray) -> tuple[list[set[int]], int]:
@@ -184,21 +190,21 @@ def _errors(flow: CorrectedFlow, ids: IntArray, owners: IntArray) -> tuple[list[
     for number in np.unique(ids[ids > 0]).tolist():
         rows = np.flatnonzero(ids == number)
         rows = rows[np.argsort(frames[rows], kind="stable")]
-        known = np.flatnonzero(owners[rows] >= 0)
-        smooth = [_most(owners[rows[known[max(n - AROUND, 0) : n + AROUND + 1]]]) for n in range(len(known))]
-        runs = [run for run in np.split(known, np.flatnonzero(np.diff(smooth)) + 1) if len(run) >= SHORTEST]
-        for one, other in itertools.pairwise(runs):
-            way = rows[one[-1] - AROUND : other[0] + AROUND + 1].tolist()
+        owned = np.flatnonzero(owners[rows] >= 0)
+        smooth = [_most(owners[rows[owned[max(n - AROUND, 0) : n + AROUND + 1]]]) for n in range(len(owned))]
+        runs = [run for run in np.split(owned, np.flatnonzero(np.diff(smooth)) + 1) if len(run) >= SHORTEST]
+        for earlier, later in itertools.pairwise(runs):
+            way = rows[earlier[-1] - AROUND : later[0] + AROUND + 1].tolist()
             errors.append({link(a, b) for a, b in itertools.pairwise(way)})
         for n, run in enumerate(runs):
             owner = _most(owners[rows[run]])
             pieces.setdefault(owner, []).append((rows, n == 0, n == len(runs) - 1))
-    splits, joins = len(errors), sum(len(every) - 1 for every in pieces.values())
-    for every in pieces.values():
-        every.sort(key=lambda piece: int(frames[piece[0][0]]))
-        for (one, _, last), (other, first, _) in itertools.pairwise(every):
+    splits, joins = len(errors), sum(len(own_pieces) - 1 for own_pieces in pieces.values())
+    for own_pieces in pieces.values():
+        own_pieces.sort(key=lambda piece: int(frames[piece[0][0]]))
+        for (earlier, _, last), (later, first, _) in itertools.pairwise(own_pieces):
             if last and first:
-                errors.append({2 * count + int(one[-1]), count + int(other[0])})
+                errors.append({2 * count + int(earlier[-1]), count + int(later[0])})
     return errors, splits + 2 * joins
 
 

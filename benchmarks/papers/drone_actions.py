@@ -104,16 +104,16 @@ class ObservedClip:
         truth: labelled boxes.
         labels: labelled actions.
         detected: observations of the detected people.
-        given: observations of the labelled people, in the order of ``given_labels``.
-        given_labels: ``(N,)`` the labelled person of each.
+        labelled: observations of the labelled people, in the order of ``labelled_ids``.
+        labelled_ids: ``(N,)`` the labelled person of each.
     """
 
     folder: Path
     truth: GroundTruth
     labels: LabelledActions
     detected: list[Observation]
-    given: list[Observation]
-    given_labels: IntArray
+    labelled: list[Observation]
+    labelled_ids: IntArray
 
 
 def reproduce(
@@ -140,30 +140,32 @@ def reproduce(
     """
     numbers = [FIRST_SEED + 100 * number + k for number in range(seeds) for k in range(clips)]
     tests = plans("test", replace(TEST_SCENE, frames=frames), numbers)
-    other = replace(SECOND_SCENE, frames=min(SECOND_SCENE.frames, frames))
-    second = plans("second", other, range(SECOND_SEED, SECOND_SEED + clips))
+    second_scene = replace(SECOND_SCENE, frames=min(SECOND_SCENE.frames, frames))
+    second = plans("second", second_scene, range(SECOND_SEED, SECOND_SEED + clips))
     streams = tuple(actions or [shipped(f"action_drone_{name}") for name in STREAMS])
     # With this detector the settings of the methods that are compared were chosen.
     models = streams, shipped("appearance_people"), shipped("detector_drone")
     # All clips in one go, so that every core has one to draw until the end.
     work = on_all_cores(partial(observe_clip, store, models), [*tests, *second])
-    every = list(progress(work, "clips", len(tests) + len(second)))
-    every, carried = every[: len(tests)], every[len(tests) :]
-    sets = [every[first : first + clips] for first in range(0, len(every), clips)]
+    observed_clips = list(progress(work, "clips", len(tests) + len(second)))
+    observed_clips, carried = observed_clips[: len(tests)], observed_clips[len(tests) :]
+    sets = [observed_clips[first : first + clips] for first in range(0, len(observed_clips), clips)]
     people = {"taken out": people_rows(sets), "left in": people_rows(sets, compensate=False)}
     iterations: dict[str, list[People]] = {
-        name: [[follow(clip, rounds=k) for clip in every] for k in range(MOST_ITERATIONS)]
+        name: [[follow(clip, rounds=k) for clip in observed_clips] for k in range(MOST_ITERATIONS)]
         for name, follow in METHODS.items()
         if "maf" in name.lower()
     }
-    rounds = {m: [people_row(_pairs(every, found)) for found in results] for m, results in iterations.items()}
+    rounds = {
+        m: [people_row(_pairs(observed_clips, people)) for people in results] for m, results in iterations.items()
+    }
     values: dict[str, Any] = {
         "plan": {"seeds": seeds, "clips": clips, "frames": frames},
         "people": people,
         "iterations": rounds,
         "second": people_rows([carried]),
-        "actions": action_values(recognition(every)),
-        "action_gain": action_gains(every, iterations["flow-maf"]),
+        "actions": action_values(recognition(observed_clips)),
+        "action_gain": action_gains(observed_clips, iterations["flow-maf"]),
     }
     flow = people["taken out"]["flow"]
     switches = 100 * flow["id_switches"] / (seeds * clips * frames)
@@ -183,8 +185,8 @@ def plans(name: str, scene: DroneSceneSettings, seeds: Sequence[int]) -> list[Cl
     Raises:
         RequestError: something was learnt from one of them.
     """
-    if known := sorted(TUNED_ON & set(seeds)):
-        raise RequestError(f"expected clips that nothing was learnt from, got seed {known[0]}; give fewer `seeds`")
+    if tuned := sorted(TUNED_ON & set(seeds)):
+        raise RequestError(f"expected clips that nothing was learnt from, got seed {tuned[0]}; give fewer `seeds`")
     return [(f"{name}-{seed}-{scene.frames}", scene, seed) for seed in seeds]
 
 
@@ -208,10 +210,10 @@ def observed(actions: Sequence[Path], appearance: Path, detector: Path, folder: 
     describe, act = Appearance(appearance, threads=1), ActionRecogniser(actions, threads=1)
     observers = Observers(Detector(detector, threads=1), describe, act, camera=True)
     boxes, owners = tracks_as_detections(read_tracks(sequence.ground_truth_path), sequence.length)
-    known = replace(observers, detect=boxes, describe=None, camera=False)
-    detected, given = (list(observe(open_source(folder).frames(), one)) for one in (observers, known))
+    labelled_observers = replace(observers, detect=boxes, describe=None, camera=False)
+    detected, labelled = (list(observe(open_source(folder).frames(), kind)) for kind in (observers, labelled_observers))
     truth, labels = read_ground_truth(sequence.ground_truth_path), read_labelled_actions(folder, "lenient")[0]
-    return ObservedClip(folder, truth, labels, detected, given, owners)
+    return ObservedClip(folder, truth, labels, detected, labelled, owners)
 
 
 def flow(
@@ -251,9 +253,9 @@ def _people(
 ) -> list[ActingTrack]:
     sequence = read_sequence(clip.folder)
     tracker = DroneTracker(settings, sequence.frame_rate, (sequence.width, sequence.height), costs)
-    for one in clip.detected:
-        actions = averaged(one.actions) if acting and one.actions is not None else None
-        tracker.update(replace(one.detections, actions=actions), one.motion if compensate else None)
+    for observation in clip.detected:
+        actions = averaged(observation.actions) if acting and observation.actions is not None else None
+        tracker.update(replace(observation.detections, actions=actions), observation.motion if compensate else None)
     return tracker.people()
 
 
@@ -261,10 +263,10 @@ def deepsort(clip: ObservedClip, *, compensate: bool = True) -> list[ActingTrack
     """The people that DeepSORT finds in a clip, with the camera's motion taken out or not."""
     path = CameraPath()
     tracker = MotionCompensated(DeepSort(DEEPSORT), path) if compensate else DeepSort(DEEPSORT)
-    for one in clip.detected:
-        if one.motion is not None:
-            path.follow(one.motion)
-        tracker.update(one.detections)
+    for observation in clip.detected:
+        if observation.motion is not None:
+            path.follow(observation.motion)
+        tracker.update(observation.detections)
     return [ActingTrack(track) for track in tracker.tracks()]
 
 
@@ -282,15 +284,15 @@ METHODS: Mapping[str, Callable[..., list[ActingTrack]]] = {
 
 def people_rows(sets: Sequence[Sequence[ObservedClip]], *, compensate: bool = True) -> dict[str, dict[str, Any]]:
     """Table 5.3 by method: means over the sets, and differences to the flow with 95 % intervals over the clips."""
-    every, count = [clip for clips in sets for clip in clips], len(sets[0])
+    all_clips, count = [clip for clips in sets for clip in clips], len(sets[0])
     pairs = {
-        method: _pairs(every, [follow(clip, compensate=compensate) for clip in every])
+        method: _pairs(all_clips, [follow(clip, compensate=compensate) for clip in all_clips])
         for method, follow in METHODS.items()
     }
-    sums = {method: np.stack([score_sums(pair) for pair in own]) for method, own in pairs.items()}
+    sums = {method: np.stack([score_sums(pair) for pair in method_pairs]) for method, method_pairs in pairs.items()}
     rows: dict[str, dict[str, Any]] = {}
-    for method, own in pairs.items():
-        parts = [people_row(own[first : first + count]) for first in range(0, len(own), count)]
+    for method, method_pairs in pairs.items():
+        parts = [people_row(method_pairs[first : first + count]) for first in range(0, len(method_pairs), count)]
         apart = paired_bootstrap(sums[method], sums["flow"], SAMPLES, np.random.default_rng(0))
         # Switches are added up, and all else is a mean.
         row: dict[str, Any] = {name: float(np.mean([part[name] for part in parts])) for name in parts[0]}
@@ -302,8 +304,8 @@ def people_rows(sets: Sequence[Sequence[ObservedClip]], *, compensate: bool = Tr
 
 def _pairs(clips: Sequence[ObservedClip], people: People) -> list[SequencePair]:
     return [
-        SequencePair(clip.folder.name, clip.truth, [one.track for one in found], len(clip.detected))
-        for clip, found in zip(clips, people, strict=True)
+        SequencePair(clip.folder.name, clip.truth, [person.track for person in followed], len(clip.detected))
+        for clip, followed in zip(clips, people, strict=True)
     ]
 
 
@@ -317,27 +319,29 @@ def people_row(pairs: Sequence[SequencePair]) -> dict[str, float]:
 def recognition(clips: Sequence[ObservedClip]) -> dict[str, ActionScores]:
     """Table 5.5: single or multi frame, local or local and global crops, tracks given."""
     return {
-        f"{name} ({crops})": action_scores(clips, [_given_people(clip, streams) for clip in clips], kind)
+        f"{name} ({crops})": action_scores(clips, [_labelled_people(clip, streams) for clip in clips], kind)
         for kind, name in (("single", "Single frame"), ("multi", "Multi frames"))
         for streams, crops in ((LOCAL_STREAMS, "local"), (STREAMS, "local+global"))
     }
 
 
-def _given_people(clip: ObservedClip, streams: Sequence[StreamName]) -> list[ActingTrack]:
+def _labelled_people(clip: ObservedClip, streams: Sequence[StreamName]) -> list[ActingTrack]:
     """The labelled people, with the mean of their actions by some of the streams."""
     which = [STREAMS.index(name) for name in streams]
-    rows = rows_of([one.detections for one in clip.given], clip.given[0].frame, 0)
-    actions = np.concatenate([averaged(one.actions[which]) for one in clip.given if one.actions is not None])
+    rows = rows_of([observation.detections for observation in clip.labelled], clip.labelled[0].frame, 0)
+    actions = np.concatenate(
+        [averaged(observation.actions[which]) for observation in clip.labelled if observation.actions is not None]
+    )
     half = round(DroneSettings().window / 2 * read_sequence(clip.folder).frame_rate)
     return [
         acting_track(Track(n, rows.frames[p], rows.boxes[p], np.ones(len(p))), actions[p], half)
-        for n, p in enumerate(long_tracks(clip.given_labels), start=1)
+        for n, p in enumerate(long_tracks(clip.labelled_ids), start=1)
     ]
 
 
 def action_scores(clips: Sequence[ObservedClip], people: People, kind: str) -> ActionScores:
     """Scores of the ``single`` or ``multi`` probabilities along tracks."""
-    rows = join_action_rows([action_rows(clip.labels, found) for clip, found in zip(clips, people, strict=True)])
+    rows = join_action_rows([action_rows(clip.labels, followed) for clip, followed in zip(clips, people, strict=True)])
     return evaluate_actions(clips[0].labels.names, getattr(rows, kind), rows.truth)
 
 
@@ -353,19 +357,22 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
     people = {f"Table 5.3, the camera's motion {motion}": (rows, PAPER_PEOPLE) for motion, rows in
               values["people"].items()}  # fmt: skip
     people["Table 5.4, everything carried over to other clips"] = (values["second"], PAPER_SECOND)
-    found = []
+    result = []
     for title, (rows, paper) in people.items():
         lines = [_person_row(name, row, paper.get(PRINTED.get(name, name), "")) for name, row in rows.items()]
-        found.append(Table(title, COLUMNS, lines))
+        result.append(Table(title, COLUMNS, lines))
     actions = values["actions"]
     names = next(iter(actions.values()))["actions"]
     lines = [[name, *(_percent(actions[kind]["actions"][name]["f1"]) for kind in actions)] for name in names]
     for label, mean in (("average", "mean_f1"), ("mAP", "mean_average_precision")):
         lines.append([label, *(_percent(actions[kind][mean]) for kind in actions)])
     lines.append(["average in the paper", *(f"{average:.2f}" for average in PAPER_ACTIONS)])
-    found.append(Table("Table 5.5, F1 at 0.4 of every action, tracks given; percent", ["", *actions], lines))
+    result.append(Table("Table 5.5, F1 at 0.4 of every action, tracks given; percent", ["", *actions], lines))
     gains = [[name, "–" if change is None else f"{change:+.2f}"] for name, change in values["action_gain"].items()]
-    return [*found, Table("Fig. 5.11, AP after iteration 10 less that after iteration 1", ["", "points"], gains)]
+    return [
+        *result,
+        Table("Fig. 5.11, AP after iteration 10 less that after iteration 1", ["", "points"], gains),
+    ]
 
 
 def _person_row(name: str, row: Mapping[str, Any], paper: str) -> list[str]:

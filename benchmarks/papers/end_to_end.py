@@ -13,7 +13,7 @@ import torch
 from torch.optim import AdamW
 
 from benchmarks.papers import association
-from benchmarks.papers.association import STREETS, DataSet, GivenSequence, given_detections, sums_of
+from benchmarks.papers.association import STREETS, DataSet, DetectedSequence, sequence_detections, sums_of
 from benchmarks.papers.outcome import Outcome
 from benchmarks.papers.store import Cached, Store
 from benchmarks.papers.tables import Table
@@ -44,7 +44,7 @@ NOTE = (
     "Intervals: paired bootstrap over sequences, 2,000 samples, 95 %. Settings of the fits were chosen on MOT15; "
     "the other sets had no part in that. The default's were tuned on all real sets."
 )
-Fold: TypeAlias = tuple[tuple[GivenSequence, ...], tuple[GivenSequence, ...]]
+Fold: TypeAlias = tuple[tuple[DetectedSequence, ...], tuple[DetectedSequence, ...]]
 """Sequences that teach, and sequences that are tracked by what was learnt."""
 Fits: TypeAlias = Mapping[str, Callable[[Fold], list[FloatArray]]]
 """Sums of the sequences that are tracked, by how costs are learnt."""
@@ -98,69 +98,74 @@ def reproduce(
         RequestError: an unknown set or part, or no data.
     """
     unseen = association.find_sets(store, data, UNSEEN) if "unseen" in parts else {}
-    given = association.find_sets(store, data, [key for key in FOLDS if key in sets]) if "given" in parts else {}
+    sequences_of = association.find_sets(store, data, [key for key in FOLDS if key in sets]) if "given" in parts else {}
     streets = association.find_sets(store, data, [STREETS.key])[STREETS] if unseen else []
-    found = {(one, ""): given_rows(store, one, sequences) for one, sequences in given.items()}
-    every = tuple(given for sequences in unseen.values() for given in sequences)
-    learnt = iter(store.recall(fold_sums, LOSSES[BOTH], UNSEEN_STEPS, (tuple(streets), every)) if unseen else ())
-    for one, sequences in unseen.items():
+    rows_of = {(data_set, ""): fold_rows(store, data_set, sequences) for data_set, sequences in sequences_of.items()}
+    tracked = tuple(sequences_of for sequences in unseen.values() for sequences_of in sequences)
+    learnt = iter(store.recall(fold_sums, LOSSES[BOTH], UNSEEN_STEPS, (tuple(streets), tracked)) if unseen else ())
+    for data_set, sequences in unseen.items():
         default, pairs = (sums_of(store, flow_sums, [(g, trees) for g in sequences]) for trees in (None, PAIRS))
         rows = {DEFAULT: default, "trees of pairs that ship": pairs, BOTH: np.array([next(learnt) for _ in sequences])}
-        found[one, ", learnt on generated streets"] = rows
+        rows_of[data_set, ", learnt on generated streets"] = rows
     tables, values = list[Table](), dict[str, Any]({"unseen": {}} if unseen else {})
-    for (one, how), rows in found.items():
+    summaries: dict[str, dict[str, Mapping[str, FloatArray]]] = {}
+    for (data_set, how), rows in rows_of.items():
         scores = {name: association.combined_scores(sums) for name, sums in rows.items()}
-        (values["unseen"] if how else values)[one.key] = scores
-        tables.append(association.score_table(f"{one.title}{how}", rows, DEFAULT))
+        (values["unseen"] if how else values)[data_set.key] = scores
+        tables.append(association.score_table(f"{data_set.title}{how}", rows, DEFAULT))
+        part = "Learnt on generated streets" if how else "Learnt on other sequences"
+        summaries.setdefault(part, {})[data_set.title] = rows
+    tables = [association.summary_table(title, columns) for title, columns in summaries.items()] + tables
     return Outcome(values, tables, notes=[NOTE])
 
 
 def fold_sums(loss: FlowLoss, steps: int, fold: Fold) -> list[FloatArray]:
     """``(83,)`` sums of each tested sequence, tracked by costs that so many windows of the others taught."""
-    graphs = [g for g in map(graphs_of_given, fold[0]) if len(g.detections) and len(g.detections.tail)]
+    graphs = [g for g in map(sequence_networks, fold[0]) if len(g.detections) and len(g.detections.tail)]
     torch.manual_seed(0)
     module = fitted(AssociationTraining(loss=loss), graphs, steps)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "costs.onnx"
         export_association(module.network.eval(), path)
         changes = CostNetwork(path, threads=1)
-        return [_sums(given, changes=changes) for given in fold[1]]
+        return [_sums(sequence, changes=changes) for sequence in fold[1]]
 
 
 FITS = {name: partial(fold_sums, loss, STEPS) for name, loss in LOSSES.items()}
 
 
-def given_rows(
-    store: Store, one: DataSet, sequences: Sequence[GivenSequence], fits: Fits = FITS
+def fold_rows(
+    store: Store, data_set: DataSet, sequences: Sequence[DetectedSequence], fits: Fits = FITS
 ) -> dict[str, FloatArray]:
     """``(S, 83)`` sums of each row of a data set; a sequence is tracked by what the other groups taught."""
-    count = min(FOLDS[one.key], len(sequences))
+    count = min(FOLDS[data_set.key], len(sequences))
     groups = [tuple(sequences[group::count]) for group in range(count)]
     folds = [(tuple(s for s in sequences if s not in tests), tests) for tests in groups]
-    rows = {DEFAULT: sums_of(store, flow_sums, [(given,) for given in sequences])}
-    for name, by_fold in store.study(fits, folds, f"{one.title}, groups").items():
+    rows = {DEFAULT: sums_of(store, flow_sums, [(sequence,) for sequence in sequences])}
+    for name, by_fold in store.study(fits, folds, f"{data_set.title}, groups").items():
         rows[name] = np.empty_like(rows[DEFAULT])
         for group, part in enumerate(by_fold):
             rows[name][group::count] = part
     rows["right links"] = sums_of(
-        store, association.right_sums, [(given, association.GAP, True) for given in sequences]
+        store, association.right_sums, [(sequence, association.GAP, True) for sequence in sequences]
     )
     return rows
 
 
-def flow_sums(given: GivenSequence, trees: Path | None = None) -> FloatArray:
+def flow_sums(sequence: DetectedSequence, trees: Path | None = None) -> FloatArray:
     """``(83,)`` sums by boxes alone, at the tracker's own costs or at those of trees of pairs."""
     pairs = Affinity(trees, 1) if trees else None
-    return _sums(given, transition=pairs, observation=pairs and pairs.observation)
+    return _sums(sequence, transition=pairs, observation=pairs and pairs.observation)
 
 
-def _sums(given: GivenSequence, **costs: Any) -> FloatArray:
-    return association.track_sums(given, association.as_written(association.flow_over(given, **costs).tracks()))
+def _sums(sequence: DetectedSequence, **costs: Any) -> FloatArray:
+    return association.track_sums(sequence, association.as_written(association.flow_over(sequence, **costs).tracks()))
 
 
 @lru_cache(maxsize=40)
-def graphs_of_given(given: GivenSequence) -> Graphs:
+def sequence_networks(sequence: DetectedSequence) -> Graphs:
     """The networks of a sequence, at the tracker's own costs."""
-    video = DetectedVideo(given.name, given_detections(given), association.given_labels(given), **given.filmed)
+    detections, labels = sequence_detections(sequence), association.sequence_labels(sequence)
+    video = DetectedVideo(sequence.name, detections, labels, **sequence.filmed)
     graphs = sequence_graphs(video)
     return Graphs(affordable(graphs.detections), graphs.tracklets)

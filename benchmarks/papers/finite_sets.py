@@ -84,7 +84,7 @@ def reproduce(
     paths = sorted((data / "phd").glob("phd_scenario_*.json"))
     if not paths:
         raise RequestError(f"`data`: expected phd/phd_scenario_*.json in {data}, found none; give its folder")
-    found: dict[tuple[str, str, str], list[dict[str, float]]] = {}
+    measured: dict[tuple[str, str, str], list[dict[str, float]]] = {}
     peers: dict[Name, float] = {}
     for path in paths:
         scenario = read_scenario(path)
@@ -93,10 +93,10 @@ def reproduce(
             (scenario.name, f"{clutter[rate]:g}", method): partial(run_scenario, path, rate, method, particles)
             for rate, method in product(range(len(clutter)), METHODS)
         }
-        found |= store.study(rows, range(min(runs, scenario.settings["runs"])), scenario.name)
+        measured |= store.study(rows, range(min(runs, scenario.settings["runs"])), scenario.name)
         for name, rate in product(METHODS, clutter):
-            known = YARDSTICKS.get((scenario.settings.get("seed", 0), name), {}).get(rate)
-            peers |= {} if known is None else {(scenario.name, f"{rate:g}", name): known}
+            peer_ospa = YARDSTICKS.get((scenario.settings.get("seed", 0), name), {}).get(rate)
+            peers |= {} if peer_ospa is None else {(scenario.name, f"{rate:g}", name): peer_ospa}
     columns = [
         Column("OSPA p=1", "ospa1", show=partial(with_error, ddof=0), paper=peers, beside="peer, p=1"),
         Column("p=2", "ospa2"),
@@ -106,7 +106,7 @@ def reproduce(
         Column("ms/step", "milliseconds", show=median_only),
     ]
     heads = ("scenario", "clutter", "method")
-    return Outcome(values_of(found, heads), [tabulated(found, columns, heads)])
+    return Outcome(values_of(measured, heads), [tabulated(measured, columns, heads, "Standard scenarios")])
 
 
 def run_scenario(path: Path, rate: int, method: str, particles: int, run: int) -> dict[str, float]:
@@ -114,10 +114,10 @@ def run_scenario(path: Path, rate: int, method: str, particles: int, run: int) -
     scenario = read_scenario(path)
     settings = scenario.settings
     running = start_filter(method, settings, settings["clutter_rates"][rate], particles, seed=run)
-    found, seconds = run_filter(running, scenario.measurements[run, rate])
+    tracks, seconds = run_filter(running, scenario.measurements[run, rate])
     frames, targets = np.nonzero(~np.isnan(scenario.truth[:, :, 0]))
     true = PointTracks(frames, targets + 1, scenario.truth[frames, targets][:, [0, 2]])
-    scores = evaluate_points(true, found, settings["K"], CUT_OFF)
+    scores = evaluate_points(true, tracks, settings["K"], CUT_OFF)
     return {**asdict(scores), "milliseconds": 1e3 * float(np.median(seconds))}
 
 
@@ -150,9 +150,9 @@ def start_filter(method: str, settings: dict[str, Any], clutter: float, particle
 def run_filter(running: PointFilter, measurements: Iterable[FloatArray]) -> tuple[PointTracks, FloatArray]:
     """The tracks found, and the processor's seconds in each step."""
     frames, ids, positions, seconds = [], [], [np.empty((0, 2))], []
-    for index, found in enumerate(measurements):
+    for index, scan in enumerate(measurements):
         begin = time.process_time()
-        estimates = running.step(found).estimates
+        estimates = running.step(scan).estimates
         seconds.append(time.process_time() - begin)
         frames.append(np.full(len(estimates), index))
         ids.append(estimates.ids)
@@ -330,17 +330,17 @@ def unseen(
     ways: dict[str, Follow] = {name: partial(our_rows, *way, particles) for name, way in OURS.items()}
     ways |= {name: partial(peer_rows, environment, name) for name in PEERS} if environment else {}
     rows = {(kind, name): partial(run_sensed, KINDS[kind], way) for kind in KINDS for name, way in ways.items()}
-    found = store.study(rows, range(seed, seed + seeds), "scenarios")
+    measured = store.study(rows, range(seed, seed + seeds), "scenarios")
     fields = {"OSPA(2)": "ospa_tracks", "missed a scan": "missed", "false a scan": "false", "switches": "switches"}
     columns = [
         Column("OSPA p=1", "ospa1", show=with_error, gain=with_interval),
         *(Column(heading, name) for heading, name in fields.items()),
         Column("ms a step", "milliseconds", show=median_only),
     ]
-    table = tabulated(found, columns, ("births", "filter"), base=lambda name: (name[0], "labelled"))
+    table = tabulated(measured, columns, ("births", "filter"), "New scenarios", base=lambda name: (name[0], "labelled"))
     peers = f"; peers: {environment.version}" if environment else ""
     note = f"{seeds} scenarios of each kind from seed {seed}; ± is the standard error, differences over labelled"
-    return Outcome(values_of(found, ("births", "filter")), [table], notes=[f"{note}{peers}."])
+    return Outcome(values_of(measured, ("births", "filter")), [table], notes=[f"{note}{peers}."])
 
 
 Followed: TypeAlias = tuple[Sequence[Sequence[float]], Sequence[float]]
@@ -364,7 +364,7 @@ def our_rows(method: SetMethod, lag: Lag, particles: int, settings: Scenarios, s
 
 def peer_rows(peer: Peer, name: str, settings: Scenarios, scans: Sequence[Scan]) -> Followed:
     """A filter of the peer by its name."""
-    job = {"filter": name, "model": asdict(settings), "scans": [one.measurements.tolist() for one in scans]}
+    job = {"filter": name, "model": asdict(settings), "scans": [scan.measurements.tolist() for scan in scans]}
     answer = peer.answer(job)
     return answer["rows"], answer["milliseconds"]
 
@@ -379,8 +379,8 @@ def run_sensed(settings: Scenarios, follow: Follow, seed: int) -> dict[str, floa
     # A mixture may name two components alike: the first counts.
     _, first = np.unique(table[:, :2], axis=0, return_index=True)
     table = table[np.sort(first)]
-    found = PointTracks(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:])
-    scores = evaluate_points(truth, found, settings.steps, CUT_OFF)
+    tracks = PointTracks(table[:, 0].astype(np.int64), table[:, 1].astype(np.int64), table[:, 2:])
+    scores = evaluate_points(truth, tracks, settings.steps, CUT_OFF)
     return {**asdict(scores), "milliseconds": float(np.median(milliseconds))}
 
 
@@ -436,7 +436,7 @@ def blobs(*, store: Cached, seeds: PositiveInt = 5, particles: PositiveInt = 300
         particles: number of particles of each target.
     """
     rows = {(scene, name): partial(run_blobs, SCENES[scene], name, particles) for scene in SCENES for name in WAYS}
-    found = store.study(rows, range(FIRST_SEED, FIRST_SEED + seeds), "clips")
+    measured = store.study(rows, range(FIRST_SEED, FIRST_SEED + seeds), "clips")
     columns = [
         Column("OSPA p=1", "ospa1", ".1f", show=with_error),
         Column("missed a frame", "missed"),
@@ -445,8 +445,8 @@ def blobs(*, store: Cached, seeds: PositiveInt = 5, particles: PositiveInt = 300
         Column("switches a clip", "switches"),
     ]
     note = f"{seeds} clips of each kind from seed {FIRST_SEED}, cut-off {BLOB_CUT_OFF:g}; ± is the standard error."
-    table = tabulated(found, columns, ("clutter", "method"))
-    return Outcome(values_of(found, ("scene", "method")), [table], notes=[note])
+    table = tabulated(measured, columns, ("clutter", "method"), "Coloured objects")
+    return Outcome(values_of(measured, ("scene", "method")), [table], notes=[note])
 
 
 def run_blobs(scene: BlobSceneSettings, method: str, particles: int, seed: int) -> PointScores:
@@ -456,8 +456,8 @@ def run_blobs(scene: BlobSceneSettings, method: str, particles: int, seed: int) 
     if method == WAYS[0]:
         # Each patch of the colour that is large enough for an object in the filter's births.
         patches = PatchBirths(smallest=BlobSettings().smallest, limit=200)
-        found = [patches.patches(ColourImage.of(image, colour), np.empty((0, 4))) for (image,), _ in frames]
-        tracks = run_tracker((Detections(boxes, np.ones(len(boxes))) for boxes in found), Sort())
+        patch_boxes = [patches.patches(ColourImage.of(image, colour), np.empty((0, 4))) for (image,), _ in frames]
+        tracks = run_tracker((Detections(boxes, np.ones(len(boxes))) for boxes in patch_boxes), Sort())
     else:
         tracker = BlobTracker(colour, BlobSettings(particles=particles))
         for index, ((image,), _) in enumerate(frames):
@@ -480,7 +480,7 @@ TARGETS = 3
 LEAST, LOST_AFTER = 0.05, 5
 """A target with fewer than this share of its particles has none to speak of, and is lost after so many such frames."""
 Weakened: TypeAlias = Mapping[str, FloatArray]
-"""See `run_update`."""
+"""Of one clip, as `run_update` returns it."""
 
 
 def equalisation(
@@ -504,21 +504,21 @@ def equalisation(
         speed=2.0,
     )  # fmt: skip
     rows = {update: partial(run_update, update, scene, particles) for update in UPDATES}
-    found = store.study(rows, range(seeds), "clips")
+    measured = store.study(rows, range(seeds), "clips")
     purity = np.sort(BlobClip(scene, 0).purity)
 
     def one_more(gained: FloatArray, _: str) -> str:
         return f"at least one on {100 * np.mean(gained >= 1):.0f} % of the clips"
 
     columns = [
-        Column(f"kept of {TARGETS}", lambda one: (one["lost"] >= frames).sum(), gain=one_more),
+        Column(f"kept of {TARGETS}", lambda clip: (clip["lost"] >= frames).sum(), gain=one_more),
         *(Column(f"frames, purity {p:.2f}", f"lost.{k}", ".0f") for k, p in enumerate(purity)),
-        Column("expected count at the end", lambda one: one["expected"][-1], ".3g"),
+        Column("expected count at the end", lambda clip: clip["expected"][-1], ".3g"),
     ]
-    table = tabulated(found, columns, ("update",), base="as printed")
-    plots, notes = {"particles": plot_particles(found, purity)}, [f"means over {seeds} clips"]
+    table = tabulated(measured, columns, ("update",), "Equal likelihoods", base="as printed")
+    plots, notes = {"particles": plot_particles(measured, purity)}, [f"means over {seeds} clips"]
     numbers = {
-        u: [{"lost": w["lost"], "expected_count_at_end": w["expected"][-1]} for w in of] for u, of in found.items()
+        u: [{"lost": w["lost"], "expected_count_at_end": w["expected"][-1]} for w in of] for u, of in measured.items()
     }
     return Outcome(values_of(numbers, ("update",)), [table], plots, notes=notes)
 
@@ -545,8 +545,8 @@ def run_update(name: str, scene: BlobSceneSettings, density: int, seed: int) -> 
             # particles of the published numbers.
             rng.uniform(0, 2 * np.pi, len(boxes))
             middles = np.repeat(centres(boxes), density, axis=0) + rng.standard_normal((len(boxes) * density, 2))
-            before = middles - 2.0 * rng.standard_normal(middles.shape)
-            particles = np.column_stack([middles, before, np.repeat(boxes[:, 2:] - boxes[:, :2], density, axis=0)])
+            previous = middles - 2.0 * rng.standard_normal(middles.shape)
+            particles = np.column_stack([middles, previous, np.repeat(boxes[:, 2:] - boxes[:, :2], density, axis=0)])
             state = chosen.init(particles, np.repeat(np.arange(1, len(boxes) + 1), density), float(len(boxes)))
         state, info = chosen.step(state, ColourImage.of(image, NAMED_COLOURS[scene.colour]), rng)
         # A particle is on the target whose middle is nearest, of those that its own middle is inside.
@@ -562,12 +562,12 @@ def run_update(name: str, scene: BlobSceneSettings, density: int, seed: int) -> 
     return {"particles": particles, "expected": np.array(expected), "lost": lost.astype(np.float64)}
 
 
-def plot_particles(found: Mapping[str, list[Weakened]], purity: FloatArray) -> Figure:
+def plot_particles(measured: Mapping[str, list[Weakened]], purity: FloatArray) -> Figure:
     """Particles on each target over time, and how many of the clips still have it; a column for each update."""
-    figure = Figure(figsize=(3.6 * len(found), 5.4), dpi=90, layout="constrained")
-    panels = figure.subplots(2, len(found), sharex=True, sharey="row", squeeze=False)
-    for (name, clips), (above, below) in zip(found.items(), panels.T, strict=True):
-        mean, lost = np.mean([one["particles"] for one in clips], axis=0), np.array([one["lost"] for one in clips])
+    figure = Figure(figsize=(3.6 * len(measured), 5.4), dpi=90, layout="constrained")
+    panels = figure.subplots(2, len(measured), sharex=True, sharey="row", squeeze=False)
+    for (name, clips), (above, below) in zip(measured.items(), panels.T, strict=True):
+        mean, lost = np.mean([clip["particles"] for clip in clips], axis=0), np.array([clip["lost"] for clip in clips])
         for target in reversed(range(len(purity))):
             above.plot(mean[:, target], label=f"purity {purity[target]:.2f}")
             below.plot(np.mean(lost[:, target, None] > np.arange(len(mean)), axis=0))

@@ -109,8 +109,8 @@ class CeilingClip:
 
     def plan(self) -> RoomClip:
         """The room; its people walk alike at every rate."""
-        frames, every = self.seconds * RATE, PEOPLE[self.room]
-        people = every[self.seed % len(every)]
+        frames, counts = self.seconds * RATE, PEOPLE[self.room]
+        people = counts[self.seed % len(counts)]
         settings = RoomSettings(size=SIZES[self.room], frames=frames, frame_rate=float(RATE), people=people)
         return RoomClip(settings, 10_000 + self.seed, read_lens(self.calibration) if self.calibration else None)
 
@@ -146,13 +146,13 @@ class Observed:
     def described(self, crops: str, least_score: float) -> list[FloorDetections]:
         """The detections from a score on, with the features of a kind of crop; ``none`` goes without."""
         result = []
-        for frame, each in enumerate(self.detections):
-            kept = each.detections.scores >= least_score
-            own = each.detections.select(kept)
+        for frame, located in enumerate(self.detections):
+            confident = located.detections.scores >= least_score
+            selected = located.detections.select(confident)
             if crops != "none":
-                wide = self.features[crops][frame][kept].astype(np.float64)
-                own = own.with_features(wide / np.linalg.norm(wide, axis=1, keepdims=True).clip(1e-9))
-            result.append(FloorDetections(own, each.rotated[kept], each.places[kept]))
+                wide = self.features[crops][frame][confident].astype(np.float64)
+                selected = selected.with_features(wide / np.linalg.norm(wide, axis=1, keepdims=True).clip(1e-9))
+            result.append(FloorDetections(selected, located.rotated[confident], located.places[confident]))
         return result
 
 
@@ -172,9 +172,9 @@ def observe(clip: CeilingClip, detector_file: Path, appearance_file: Path) -> Ob
         with times.measure("detect"):
             detected = detector.detect([image])[0]
         located = views["upright"].locate(detected, times)
-        for crops, each in views.items():
-            own = each.describe(image, located, times if crops == "upright" else None).detections.features
-            features[crops].append((np.empty((0, 128)) if own is None else own).astype(np.float16))
+        for crops, view in views.items():
+            described = view.describe(image, located, times if crops == "upright" else None).detections.features
+            features[crops].append((np.empty((0, 128)) if described is None else described).astype(np.float16))
         plain = Detections(located.detections.boxes, detected.scores)
         detections.append(FloorDetections(plain, located.rotated, located.places))
         truths += [truth] if frame % RATE == 0 else []
@@ -218,15 +218,15 @@ def _hungarian(
     by_appearance: bool, by_place: bool, detections: Frames, rate: float, choice: Choice, **fixed: float
 ) -> list[Track]:
     # As in the thesis, the second stage asks for the place alone, unless a row says otherwise.
-    given = {"start_score": 0.0, "place_feature_gate": 2.0, **choice, **fixed}
-    settings = FisheyeSettings(by_appearance, by_place, confirm=CONFIRM, max_age=PATIENCE, **given)
+    options = {"start_score": 0.0, "place_feature_gate": 2.0, **choice, **fixed}
+    settings = FisheyeSettings(by_appearance, by_place, confirm=CONFIRM, max_age=PATIENCE, **options)
     return _command("hungarian", detections, rate, {}, settings)
 
 
 def _command(
     method: FloorMethod, detections: Frames, rate: float, _: Choice, settings: FisheyeSettings = SHIPPED
 ) -> list[Track]:
-    return [one.track for one in link_on_floor(detections, rate, method, settings, StageTimes())]
+    return [person.track for person in link_on_floor(detections, rate, method, settings, StageTimes())]
 
 
 S = TypeVar("S", SortSettings, DeepSortSettings)
@@ -251,7 +251,7 @@ def _motion(rate: float, walk: float) -> BoxMotion:
 
 def _sort(detections: Frames, rate: float, choice: Choice) -> list[Track]:
     settings = _in_frames(SortSettings(min_iou=choice["min_iou"]), rate, choice)
-    return run_tracker((each.detections for each in detections), Sort(settings))
+    return run_tracker((located.detections for located in detections), Sort(settings))
 
 
 def _deepsort(detections: Frames, rate: float, choice: Choice) -> list[Track]:
@@ -263,7 +263,7 @@ def _deepsort(detections: Frames, rate: float, choice: Choice) -> list[Track]:
         reach_growth=growth,
         memory=0.7,
     )
-    return run_tracker((each.detections for each in detections), DeepSort(_in_frames(settings, rate, choice)))
+    return run_tracker((located.detections for located in detections), DeepSort(_in_frames(settings, rate, choice)))
 
 
 # Chosen values are meant to lie within these. A cosine distance of 1 is as good as no gate, an overlap of .01 as any.
@@ -292,8 +292,8 @@ ROWS = {
 
 def each_second(tracks: Sequence[Track], rate: int) -> list[Track]:
     """Tracks in the frames that have a truth, counted in seconds."""
-    kept = [(t, t.frames % rate == 0) for t in tracks]
-    return [Track(t.id, t.frames[k] // rate, t.boxes[k], t.scores[k]) for t, k in kept if k.any()]
+    with_truth = [(t, t.frames % rate == 0) for t in tracks]
+    return [Track(t.id, t.frames[k] // rate, t.boxes[k], t.scores[k]) for t, k in with_truth if k.any()]
 
 
 def tracked(name: str, choice: Choice, least: float, observed: Observed) -> list[Track]:
@@ -308,8 +308,8 @@ def pair_of(name: str, observed: Observed, tracks: Sequence[Track], where: Any =
     truth, plain = observed.truth, list(tracks)
     if where is not None:
         truth = truth.select(where(truth.boxes))
-        kept = [(t, where(t.boxes)) for t in plain]
-        plain = [Track(t.id, t.frames[k], t.boxes[k], t.scores[k]) for t, k in kept if k.any()]
+        inside = [(t, where(t.boxes)) for t in plain]
+        plain = [Track(t.id, t.frames[k], t.boxes[k], t.scores[k]) for t, k in inside if k.any()]
     return SequencePair(name, truth, plain, len(observed.detections) // observed.clip.rate)
 
 
@@ -329,8 +329,8 @@ def grades(name: str, validation: Sequence[Observed], least: float, choices: Seq
     graded = []
     for choice in choices:
         pairs = [pair_of(str(k), o, tracked(name, choice, least, o)) for k, o in enumerate(validation)]
-        found = evaluate_sequences(pairs).combined
-        graded.append(Graded(choice, found.mota, found.idf1))
+        scores = evaluate_sequences(pairs).combined
+        graded.append(Graded(choice, scores.mota, scores.idf1))
     return graded
 
 
@@ -338,7 +338,7 @@ def best_choice(row: RoomRow, graded: Callable[[list[Choice]], list[Graded]]) ->
     """The choice of the row's grid of the best MOTA, and the score to start a track before and after the rest."""
 
     def best(choices: list[Choice]) -> Graded:
-        return max(graded(choices), key=lambda one: one.mota)
+        return max(graded(choices), key=lambda grade: grade.mota)
 
     grid = choices_of(row)
     if not row.grid:
@@ -360,9 +360,9 @@ def lowest_score(store: Store, names: Sequence[str], validation: Sequence[Observ
     """
 
     def mean_mota(least: float) -> float:
-        every = {name: _starts(choices_of(ROWS[name])) for name in names}
-        found = [store.recall(grades, name, validation, least, starts) for name, starts in every.items()]
-        return float(np.mean([max(one.mota for one in each) for each in found]))
+        choices = {name: _starts(choices_of(ROWS[name])) for name in names}
+        graded = [store.recall(grades, name, validation, least, starts) for name, starts in choices.items()]
+        return float(np.mean([max(grade.mota for grade in grades_of_row) for grades_of_row in graded]))
 
     return max(LEAST_SCORES, key=mean_mota)
 
@@ -400,35 +400,35 @@ def reproduce(
     """
     tested = range(first_seed, first_seed + seeds)
     if set(tested) & set(VALIDATION_SEEDS):
-        known = " and ".join(map(str, VALIDATION_SEEDS))
-        raise RequestError(f"`first_seed`: expected rooms without {known}, on which settings are chosen")
+        seeds_named = " and ".join(map(str, VALIDATION_SEEDS))
+        raise RequestError(f"`first_seed`: expected rooms without {seeds_named}, on which settings are chosen")
     models = shipped(DETECTORS["unrolled"]), shipped("appearance_people")
     plans = [(room, seed, seconds, 1) for room in ROOMS for seed in (*VALIDATION_SEEDS, *tested)]
     plans += [(room, seed, FAST_SECONDS, 15) for seed in tested[:fast_seeds] for room in ROOMS]
     jobs = [CeilingClip(*plan, camera, calibration) for plan in plans for camera in range(CAMERAS)]
-    every = store.each(observe, [(clip, *models) for clip in jobs], "clips")
-    chosen, least = _chosen(store, [one for one in every if one.clip.seed in VALIDATION_SEEDS])
-    rows = {name: partial(tracked, name, one.choice, least) for name, one in chosen.items()}
+    observed = store.each(observe, [(clip, *models) for clip in jobs], "clips")
+    chosen, least = _chosen(store, [entry for entry in observed if entry.clip.seed in VALIDATION_SEEDS])
+    rows = {name: partial(tracked, name, entry.choice, least) for name, entry in chosen.items()}
     results = list[FloorResults]()
     for kind in itertools.product((1, 15), ROOMS):
-        own = [o for o in every if o.clip.seed in tested and (o.clip.rate, o.clip.room) == kind]
-        results += [FloorResults(own, store.study(rows, own, "tracking"))] if own else []
+        sequences = [o for o in observed if o.clip.seed in tested and (o.clip.rate, o.clip.room) == kind]
+        results += [FloorResults(sequences, store.study(rows, sequences, "tracking"))] if sequences else []
     values: dict[str, Any] = {
         "rooms": {"seeds": list(tested), "seconds": seconds, "fast_seeds": fast_seeds, "fast_seconds": FAST_SECONDS},
-        "chosen": {"least_score": least, "rows": {name: each._asdict() for name, each in chosen.items()}},
-        "rows": {label: row_values(each) for label, each in zip(LABELS, results, strict=False)},
+        "chosen": {"least_score": least, "rows": {name: part._asdict() for name, part in chosen.items()}},
+        "rows": {label: row_values(part) for label, part in zip(LABELS, results, strict=False)},
         "where": where_parts_help(results[0]),
         "milliseconds": {
-            room: stage_milliseconds(each, chosen["both"], least) for room, each in zip(ROOMS, results, strict=False)
+            room: stage_milliseconds(part, chosen["both"], least) for room, part in zip(ROOMS, results, strict=False)
         },
     }
     note = f"all settings have the best MOTA on rooms of seeds 900 and 901; lowest score of a detection {least:g}"
     return Outcome(values, tables(values), files=switch_pictures(results[0]), notes=[note])
 
 
-def _chosen(store: Store, every: Sequence[Observed]) -> tuple[dict[str, Graded], float]:
+def _chosen(store: Store, observed: Sequence[Observed]) -> tuple[dict[str, Graded], float]:
     """The settings of each row and the lowest score of a detection, chosen on rooms that are not scored."""
-    validation = sorted(every, key=lambda one: one.clip.seed)
+    validation = sorted(observed, key=lambda sequence: sequence.clip.seed)
     least, chosen = lowest_score(store, list(PAPER), validation), dict[str, Graded]()
     for name, row in progress(ROWS.items(), "settings", len(ROWS)):
         grade: Any = partial(store.recall, grades, name, validation, least)  # type: ignore[call-arg]
@@ -438,8 +438,8 @@ def _chosen(store: Store, every: Sequence[Observed]) -> tuple[dict[str, Graded],
 
 def _scores(results: FloorResults, name: str, where: Any = None) -> list[PeopleScores]:
     """Scores of a row for each seed; ``where`` keeps some boxes."""
-    every = zip(results.observed, results.tracks[name], strict=True)
-    pairs = [pair_of(str(k), observed, tracks, where) for k, (observed, tracks) in enumerate(every)]
+    sequences = zip(results.observed, results.tracks[name], strict=True)
+    pairs = [pair_of(str(k), observed, tracks, where) for k, (observed, tracks) in enumerate(sequences)]
     return [evaluate_sequences(pairs[first : first + CAMERAS]).combined for first in range(0, len(pairs), CAMERAS)]
 
 
@@ -536,8 +536,8 @@ def first_switch(switching: Named, keeping: Named | None) -> tuple[int, int] | N
         ids = [switching.get((at, person)) for at in range(frame - 2, frame + 1)]
         if None in ids or ids[1] == ids[2]:
             continue
-        kept = None if keeping is None else {keeping.get((at, person)) for at in range(frame - 2, frame + 1)}
-        if kept is None or (len(kept) == 1 and None not in kept):
+        ids_kept = None if keeping is None else {keeping.get((at, person)) for at in range(frame - 2, frame + 1)}
+        if ids_kept is None or (len(ids_kept) == 1 and None not in ids_kept):
             return frame, person
     return None
 

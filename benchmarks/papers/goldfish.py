@@ -80,7 +80,7 @@ CLAIMS = (
 Asked: TypeAlias = tuple[str, int]
 """An arm and a nominal number of particles."""
 Trial: TypeAlias = Mapping[str, Any]
-"""See `run_trial`."""
+"""Of one clip and seed, as `run_trial` returns it."""
 
 
 def reproduce(*, store: Cached, seeds: PositiveInt = 6) -> Outcome:
@@ -97,24 +97,23 @@ def reproduce(*, store: Cached, seeds: PositiveInt = 6) -> Outcome:
     """
     learning, test = clips(store, "learning", LEARNING_FISH), clips(store, "test", TEST_FISH)
     learnt, learning_followed, learning_fish = learn(store, learning)
-    asked = list(dict.fromkeys((arm, n) for arms, numbers in PARTS.values() for arm in arms for n in numbers))
-    trials = store.each(run_trial, [(folder, learnt, asked, n) for folder in test for n in range(seeds)], "trials")
+    runs = list(dict.fromkeys((arm, n) for arms, numbers in PARTS.values() for arm in arms for n in numbers))
+    trials = store.each(run_trial, [(folder, learnt, runs, n) for folder in test for n in range(seeds)], "trials")
     by_seed = np.array([followed_counts(trials[seed::seeds]) for seed in range(seeds)])
-    counts = {one: by_seed[:, number] for number, one in enumerate(asked)}
+    counts = {entry: by_seed[:, number] for number, entry in enumerate(runs)}
     turns = np.concatenate([trial["turning"] for trial in trials[::seeds]]).tolist()
     claims: dict[Name, FloatArray] = {
         text: counts[first] - counts[second] for text, first, second in CLAIMS if {first, second} <= set(counts)
     }
     columns = [Column(of, itemgetter(k), "+.2f", show=with_interval) for k, of in enumerate(("all", "that turn"))]
-    title = f"Differences, of {len(turns)} fish, {sum(turns)} of which turn suddenly; {seeds} seeds, 95 %"
     tables = []
-    for arms, numbers in PARTS.values():
-        found = {ARMS[arm][0]: np.stack([counts[arm, n] for n in numbers], axis=1) for arm in arms}
+    for part, (arms, numbers) in PARTS.items():
+        fish = {ARMS[arm][0]: np.stack([counts[arm, n] for n in numbers], axis=1) for arm in arms}
         of = [Column(str(n), itemgetter(k), ".1f", show=_both) for k, n in enumerate(numbers)]
-        tables.append(tabulated(found, of, ["fish followed: all / turning"]))
-    tables.append(tabulated(claims, columns, title=title))
-    seconds, frames = (np.sum([one[name] for one in trials], axis=0) for name in ("seconds", "fish_frames"))
-    preparation = np.mean([one["preparation"] for one in trials])
+        tables.append(tabulated(fish, of, ["fish followed: all / turning"], f"Fish followed, {part}"))
+    tables.append(tabulated(claims, columns, title="Differences"))
+    seconds, frames = (np.sum([entry[name] for entry in trials], axis=0) for name in ("seconds", "fish_frames"))
+    preparation = np.mean([entry["preparation"] for entry in trials])
     values = {
         "fish": len(turns),
         "turning": sum(turns),
@@ -130,8 +129,11 @@ def reproduce(*, store: Cached, seeds: PositiveInt = 6) -> Outcome:
         ],
     }  # fmt: skip
     plots = {"success": plot_success(counts, (len(turns), sum(turns))), "particles": plot_particles(test[0], learnt)}
-    note = f"learning run: {learning_followed} of {learning_fish} fish followed to the end"
-    return Outcome(values, tables, plots, {"motion.json": motion_text(learnt)}, [note])
+    notes = [
+        f"{len(turns)} fish, {sum(turns)} of which turn suddenly; {seeds} seeds, 95 %",
+        f"learning run: {learning_followed} of {learning_fish} fish followed to the end",
+    ]
+    return Outcome(values, tables, plots, {"motion.json": motion_text(learnt)}, notes)
 
 
 def clips(store: Store, name: str, counts: Sequence[int]) -> list[Path]:
@@ -158,9 +160,9 @@ def write_learning_tracks(path: Path, clip: Path) -> None:
         clip: folder of the clip.
     """
     settings = replace(TRACKER, particles=LEARNING_PARTICLES)
-    found = follow_fish(prepare_clip(clip), RandomWalk(wide_noise(BODY)), settings, seed=0)
-    said: tuple[Status, Status] = "tracking", "lost"
-    right = [replace(t, statuses=said[:1] * n + said[1:] * (len(t) - n)) for t, n in found]
+    tracks = follow_fish(prepare_clip(clip), RandomWalk(wide_noise(BODY)), settings, seed=0)
+    statuses: tuple[Status, Status] = "tracking", "lost"
+    right = [replace(t, statuses=statuses[:1] * n + statuses[1:] * (len(t) - n)) for t, n in tracks]
     write_states(path, right, BODY.fields)
 
 
@@ -215,7 +217,7 @@ def follow_fish(
     return list(zip(tracker.tracks(), survived.tolist(), strict=True))
 
 
-def run_trial(folder: Path, learnt: LearntMotion, asked: Sequence[Asked], seed: int) -> Trial:
+def run_trial(folder: Path, learnt: LearntMotion, runs: Sequence[Asked], seed: int) -> Trial:
     """Every arm and number of particles that is ``asked`` for, on the clip in ``folder`` with one ``seed``.
 
     Returns:
@@ -226,12 +228,12 @@ def run_trial(folder: Path, learnt: LearntMotion, asked: Sequence[Asked], seed: 
     """
     clip = prepare_clip(folder)
     followed, seconds, frames = [], [], []
-    for arm, particles in asked:
+    for arm, particles in runs:
         started = time.process_time()
-        found = follow_fish(clip, ARMS[arm][1](learnt), replace(TRACKER, particles=particles), seed)
+        tracks = follow_fish(clip, ARMS[arm][1](learnt), replace(TRACKER, particles=particles), seed)
         seconds.append(time.process_time() - started)
-        followed.append([survived == len(clip.edges) for _, survived in found])
-        frames.append(sum(len(track) for track, _ in found))
+        followed.append([survived == len(clip.edges) for _, survived in tracks])
+        frames.append(sum(len(track) for track, _ in tracks))
     turning = np.array([sudden_turns(fish.states).any() for fish in clip.fish])
     return {
         "turning": turning, "preparation": clip.preparation, "followed": np.array(followed),
@@ -247,15 +249,19 @@ def followed_counts(trials: Sequence[Trial]) -> FloatArray:
 
 
 def _both(values: FloatArray, form: str) -> str:
-    return " / ".join(f"{one:{form}}" for one in values.reshape(-1, 2).mean(axis=0))
+    return " / ".join(f"{mean:{form}}" for mean in values.reshape(-1, 2).mean(axis=0))
 
 
 def plot_success(counts: Mapping[Asked, FloatArray], fish: Sequence[int]) -> Figure:
     """Figs. 6 and 7, and what is added, with intervals over seeds: ``(S, 2)`` followed, of all and of those that turn,
     and how many ``fish`` there are of each."""
     panels: dict[str, list[Curve]] = {}
-    shown = (("Fig. 6: all fish", "arms", 0), ("Fig. 7: fish that turn suddenly", "arms", 1), ("all fish", "beyond", 0))
-    for title, part, of in shown:
+    panes = (
+        ("Fig. 6: all fish", "arms", 0),
+        ("Fig. 7: fish that turn suddenly", "arms", 1),
+        ("all fish", "beyond", 0),
+    )
+    for title, part, of in panes:
         arms, numbers = PARTS[part]
         for place, arm in enumerate(arms):
             mean, low, high = np.array([interval(counts[arm, n][:, of]) for n in numbers]).T
@@ -264,7 +270,7 @@ def plot_success(counts: Mapping[Asked, FloatArray], fish: Sequence[int]) -> Fig
             bars = np.nan_to_num(np.stack([mean - low, high - mean]))
             panels.setdefault(title, []).append(Curve(ARMS[arm][0], across, mean, bars))
     figure = curves(panels, ["particles"] * 3, "followed to the end", (6, 4.8))
-    for axes, (_, part, of) in zip(figure.axes, shown, strict=True):
+    for axes, (_, part, of) in zip(figure.axes, panes, strict=True):
         axes.axhline(fish[of], color="0.6", linewidth=0.8)
         axes.set(xscale="log", ylim=(0, 1.06 * fish[of]))
         axes.set_xticks(PARTS[part][1], [str(number) for number in PARTS[part][1]])
@@ -279,7 +285,7 @@ def plot_particles(folder: Path, learnt: LearntMotion) -> Figure:
     the particles of the frame before.
     """
     clip = prepare_clip(folder)
-    frames = [(n, np.flatnonzero(sudden_turns(one.states))) for n, one in enumerate(clip.fish)]
+    frames = [(n, np.flatnonzero(sudden_turns(fish_truth.states))) for n, fish_truth in enumerate(clip.fish)]
     turns = [(n, int(turned[turned > 3][0])) for n, turned in frames if (turned > 3).any()]
     # Any fish and frame where none has turned.
     fish, frame = next(iter(turns), (0, min(10, len(clip.edges) - 1)))

@@ -67,17 +67,17 @@ def reproduce(
         places: generated ones with pictures, from ``seed`` on; 201 and 204 chose the weight of appearance.
     """
     folder = data / "multicamera/wildtrack"
-    every = tuple(range(len(read_floor_folder(folder).cameras)))
-    counts = range(2, len(every) + 1)
+    all_cameras = tuple(range(len(read_floor_folder(folder).cameras)))
+    counts = range(2, len(all_cameras) + 1)
     names = [*(f"{count} cameras" for count in counts[:-1]), "all cameras"]
-    rows = {name: partial(measure, folder, every[:n], "flow") for n, name in zip(counts, names, strict=True)}
-    rows |= {f"camera {k + 1} alone": partial(measure, folder, (k,), "flow") for k in every}
+    rows = {name: partial(measure, folder, all_cameras[:n], "flow") for n, name in zip(counts, names, strict=True)}
+    rows |= {f"camera {k + 1} alone": partial(measure, folder, (k,), "flow") for k in all_cameras}
     rows |= {
-        "nearest grouping, SORT": partial(measure, folder, every, "nearest and SORT"),
+        "nearest grouping, SORT": partial(measure, folder, all_cameras, "nearest and SORT"),
         "detections on the floor alone": partial(measure, folder, (), "floor detections"),
     }
     units = list(range(seed, seed + seeds))
-    found = store.study(rows, units)
+    measured = store.study(rows, units)
     columns = [
         *(Column(name, name.lower(), ".1f", 100, with_interval) for name in ("IDF1", "MOTA", "HOTA")),
         *(Column(name, name.lower(), ".1f", 100) for name in ("MODA", "MODP")),
@@ -86,7 +86,7 @@ def reproduce(
     ]
     shelf = store.recall(shelf_scores, data / "multicamera/shelf")
     tables = [
-        tabulated(found, columns, title="WILDTRACK, 360 frames, labels with simulated errors"),
+        tabulated(measured, columns, title="WILDTRACK, 360 frames, labels with simulated errors"),
         Table("Published on WILDTRACK's last 40 frames, which are not used here", ("", "IDF1", "MOTA"), PUBLISHED),
         Table(
             "Shelf, given keypoints",
@@ -99,7 +99,7 @@ def reproduce(
     if places:
         tables.append(_of_places(store.study({"generated places": place_scores}, clips, "places")))
     lines = [
-        Curve(key.upper(), counts, [100 * float(np.mean([run[key] for run in found[name]])) for name in names])
+        Curve(key.upper(), counts, [100 * float(np.mean([run[key] for run in measured[name]])) for name in names])
         for key in ("idf1", "mota")
     ]
     note = (
@@ -108,17 +108,17 @@ def reproduce(
         "with appearance; here are labels' boxes with errors, and no appearance."
     )
     plots = {"cameras": curves({"WILDTRACK": lines}, ("cameras",), "%")}
-    return Outcome({"wildtrack": found, "shelf": shelf}, tables, plots, notes=[note])
+    return Outcome({"wildtrack": measured, "shelf": shelf}, tables, plots, notes=[note])
 
 
-def _of_places(found: Mapping[str, Sequence[dict[str, float]]]) -> Table:
+def _of_places(measured: Mapping[str, Sequence[dict[str, float]]]) -> Table:
     named = {
         "IDF1": "idf1", "MOTA": "mota", "IDF1, mean of each camera alone": "idf1_alone",
         "MOTA, mean of each alone": "mota_alone", "gain of IDF1": "gain", "ids kept, %": "kept",
     }  # fmt: skip
     columns = [Column(name, key, ".1f", 100, with_interval) for name, key in named.items()]
     title = f"Generated places with pictures: {CAMERAS} cameras, {PEOPLE} people, {FRAMES} frames"
-    return tabulated(found, [*columns, Column("changes of view", "changes", ".0f")], title=title)
+    return tabulated(measured, [*columns, Column("changes of view", "changes", ".0f")], title=title)
 
 
 def measure(folder: Path, cameras: Sequence[int], method: Method, seed: int) -> dict[str, float]:
@@ -130,40 +130,40 @@ def measure(folder: Path, cameras: Sequence[int], method: Method, seed: int) -> 
         method: how people are followed.
         seed: of the draw.
     """
-    known, rng = read_floor_folder(folder), np.random.default_rng(seed)
-    floor, length = known.cameras[0].floor, len(known.people[0])
-    positions = [floor_detections(known, rng)] if method == "floor detections" else []
-    boxes = simulated(known, rng) if cameras else []
-    feeds = [CameraFeed(known.cameras[k], np.arange(length) / 2.0, boxes[k]) for k in cameras]
+    recording, rng = read_floor_folder(folder), np.random.default_rng(seed)
+    floor, length = recording.cameras[0].floor, len(recording.people[0])
+    positions = [floor_detections(recording, rng)] if method == "floor detections" else []
+    boxes = simulated(recording, rng) if cameras else []
+    feeds = [CameraFeed(recording.cameras[k], np.arange(length) / 2.0, boxes[k]) for k in cameras]
     measured = measured_floor(feeds, positions, floor)
     begin = time.process_time()
-    found = _by_sort(measured) if method == "nearest and SORT" else _followed(measured)
+    people = _by_sort(measured) if method == "nearest and SORT" else _followed(measured)
     spent = 1000 * (time.process_time() - begin) / length
-    return {**asdict(evaluate_on_floor(known.truth, found)), "milliseconds": spent}
+    return {**asdict(evaluate_on_floor(recording.truth, people)), "milliseconds": spent}
 
 
-def simulated(known: FloorFolder, rng: np.random.Generator) -> list[list[StandingPeople]]:
+def simulated(recording: FloorFolder, rng: np.random.Generator) -> list[list[StandingPeople]]:
     """The labels' boxes of every camera with misses, noise and false alarms as large as people of that view."""
     result = []
-    for placed, found in zip(known.cameras, known.people, strict=True):
-        every = np.concatenate([each.detections.boxes for each in found])
-        size, own = np.array([placed.camera.width, placed.camera.height]), []
-        for each in found:
-            boxes = each.detections.boxes
+    for placed, people in zip(recording.cameras, recording.people, strict=True):
+        labelled_boxes = np.concatenate([standing.detections.boxes for standing in people])
+        size, view = np.array([placed.camera.width, placed.camera.height]), []
+        for standing in people:
+            boxes = standing.detections.boxes
             boxes = boxes[rng.random(len(boxes)) >= MISSED]
             boxes = boxes + NOISE * (boxes[:, 3:] - boxes[:, 1:2]) * rng.standard_normal(boxes.shape)
-            like = every[rng.integers(len(every), size=rng.poisson(FALSE))]
+            like = labelled_boxes[rng.integers(len(labelled_boxes), size=rng.poisson(FALSE))]
             half, centre = (like[:, 2:] - like[:, :2]) / 2, rng.random((len(like), 2)) * size
             boxes = np.concatenate([boxes, np.concatenate([centre - half, centre + half], axis=1)])
             boxes = boxes[(boxes[:, 2:] > boxes[:, :2]).all(axis=1)]
-            own.append(StandingPeople.of(Detections(boxes, np.ones(len(boxes)))))
-        result.append(own)
+            view.append(StandingPeople.of(Detections(boxes, np.ones(len(boxes)))))
+        result.append(view)
     return result
 
 
-def floor_detections(known: FloorFolder, rng: np.random.Generator) -> FloorPositions:
+def floor_detections(recording: FloorFolder, rng: np.random.Generator) -> FloorPositions:
     """Detections on the floor, as a multi-view detector gives them."""
-    truth, floor = known.truth, known.cameras[0].floor
+    truth, floor = recording.truth, recording.cameras[0].floor
     assert floor is not None
     hit = rng.random(len(truth.times)) < RECALL
     moments = np.unique(truth.times)
@@ -172,8 +172,8 @@ def floor_detections(known: FloorFolder, rng: np.random.Generator) -> FloorPosit
     times = np.concatenate([truth.times[hit], rng.choice(moments, false)])
     places = np.concatenate([truth.places[hit] + noise, rng.uniform(floor[:2], floor[2:], (false, 2))])
     order = np.argsort(times, kind="stable")
-    rest = np.full(len(times), DEVIATION), np.full(len(times), -1)
-    return FloorPositions(Path("floor detections"), times[order], places[order], *rest)
+    deviations_and_ids = np.full(len(times), DEVIATION), np.full(len(times), -1)
+    return FloorPositions(Path("floor detections"), times[order], places[order], *deviations_and_ids)
 
 
 def _by_sort(measured: MeasuredFloor) -> PlacedTruth:
@@ -199,22 +199,22 @@ def _by_sort(measured: MeasuredFloor) -> PlacedTruth:
 
 def shelf_scores(folder: Path) -> list[tuple[str, int, float, int]]:
     """Of each labelled person: name, frames, the share with a track near, and how many ids were nearest."""
-    known = read_floor_folder(folder)
-    rate = known.cameras[0].frame_rate or 1.0
-    moments = np.arange(len(known.people[0])) / rate
-    feeds = [CameraFeed(*each) for each in zip(known.cameras, repeat(moments), known.people, strict=False)]
-    found = _followed(measured_floor(feeds, []))
+    recording = read_floor_folder(folder)
+    rate = recording.cameras[0].frame_rate or 1.0
+    moments = np.arange(len(recording.people[0])) / rate
+    feeds = [CameraFeed(*fields) for fields in zip(recording.cameras, repeat(moments), recording.people, strict=False)]
+    people = _followed(measured_floor(feeds, []))
     rows = []
-    for who in np.unique(known.truth.ids):
-        ids = nearest_ids(known.truth, found, who, 0.5 / rate, SHELF_NEAR)
+    for who in np.unique(recording.truth.ids):
+        ids = nearest_ids(recording.truth, people, who, 0.5 / rate, SHELF_NEAR)
         rows.append((str(who), len(ids), float(np.mean(ids >= 0)), len(np.unique(ids[ids >= 0]))))
     return rows
 
 
 def nearest_ids(truth: PlacedTruth, tracks: PlacedTruth, who: int, seconds: float, metres: float) -> IntArray:
     """``(T,)`` id of the nearest track within so many seconds and metres of each label of a person, -1 for none."""
-    own, result = truth.ids == who, list[int]()
-    for moment, place in zip(truth.times[own], truth.places[own], strict=True):
+    rows, result = truth.ids == who, list[int]()
+    for moment, place in zip(truth.times[rows], truth.places[rows], strict=True):
         there = np.flatnonzero(np.abs(tracks.times - moment) < seconds)
         apart = np.linalg.norm(tracks.places[there] - place, axis=1)
         near = len(there) > 0 and apart.min() <= metres
@@ -230,22 +230,22 @@ NEAR, APART = 1.0, 1.0
 def place_scores(folder: Path) -> dict[str, float]:
     """IDF1 and MOTA of all cameras together, means over each alone, and changes of view with the id kept."""
     truth, views = read_placed_truth(folder), sorted(folder.glob("camera?"))
-    whole = open_floor([str(view) for view in views], folder / "cameras.yaml", None, ()).measured(StageTimes())
-    together = _followed(whole)
-    plan = whole.feeds[0].placed.floor
-    alone = [evaluate_on_floor(truth, _followed(measured_floor([feed], [], plan))) for feed in whole.feeds]
+    floor = open_floor([str(view) for view in views], folder / "cameras.yaml", None, ()).measured(StageTimes())
+    together = _followed(floor)
+    plan = floor.feeds[0].placed.floor
+    alone = [evaluate_on_floor(truth, _followed(measured_floor([feed], [], plan))) for feed in floor.feeds]
     moments = len(np.unique(truth.times))
     in_view = {int(who): np.zeros((moments, len(views)), dtype=np.bool_) for who in np.unique(truth.ids)}
     for camera, view in enumerate(views):
         rows = np.loadtxt(view / "gt" / "world.csv", delimiter=",", skiprows=1, ndmin=2)
         for frame, who in rows[:, :2].astype(int):
             in_view[who][frame - 1, camera] = True
-    kept, changes = kept_ids(truth, together, in_view)
-    every = evaluate_on_floor(truth, together)
-    idf1, mota = np.mean([(one.idf1, one.mota) for one in alone], axis=0).tolist()
+    ids_kept, changes = kept_ids(truth, together, in_view)
+    scores = evaluate_on_floor(truth, together)
+    idf1, mota = np.mean([(camera.idf1, camera.mota) for camera in alone], axis=0).tolist()
     return {
-        "idf1": every.idf1, "mota": every.mota, "idf1_alone": idf1, "mota_alone": mota, "gain": every.idf1 - idf1,
-        "changes": changes, "kept": kept / max(changes, 1),
+        "idf1": scores.idf1, "mota": scores.mota, "idf1_alone": idf1, "mota_alone": mota, "gain": scores.idf1 - idf1,
+        "changes": changes, "kept": ids_kept / max(changes, 1),
     }  # fmt: skip
 
 
@@ -253,9 +253,9 @@ def _followed(measured: MeasuredFloor) -> PlacedTruth:
     """The rows of the tracks of the flow."""
     people = flow_on_one_floor(measured)
     return PlacedTruth(
-        np.concatenate([np.empty(0), *(one.times for one in people)]),
-        np.concatenate([np.empty(0, np.int64), *(np.full(len(one), one.id) for one in people)]),
-        np.concatenate([np.empty((0, 2)), *(one.positions for one in people)]),
+        np.concatenate([np.empty(0), *(person.times for person in people)]),
+        np.concatenate([np.empty(0, np.int64), *(np.full(len(person), person.id) for person in people)]),
+        np.concatenate([np.empty((0, 2)), *(person.positions for person in people)]),
     )
 
 
@@ -270,7 +270,7 @@ def kept_ids(truth: PlacedTruth, tracks: PlacedTruth, in_view: dict[int, np.ndar
     """
     times = np.unique(truth.times)
     step = float(np.median(np.diff(times)))
-    wait, kept, changes = round(APART / step), 0, 0
+    wait, same, changes = round(APART / step), 0, 0
     for who, visible in in_view.items():
         ids = np.full(len(times), -1)
         ids[np.searchsorted(times, truth.times[truth.ids == who])] = nearest_ids(truth, tracks, who, 0.5 * step, NEAR)
@@ -280,7 +280,7 @@ def kept_ids(truth: PlacedTruth, tracks: PlacedTruth, in_view: dict[int, np.ndar
             if not later.any():
                 continue
             entered = np.flatnonzero((later & ~visible[frame]).any(axis=1))
-            after = frame + 1 + (int(entered[0]) if len(entered) else len(later) - 1)
+            entry = frame + 1 + (int(entered[0]) if len(entered) else len(later) - 1)
             changes += 1
-            kept += ids[frame] >= 0 and ids[frame] == ids[after]
-    return kept, changes
+            same += ids[frame] >= 0 and ids[frame] == ids[entry]
+    return same, changes

@@ -48,16 +48,18 @@ def links(job):
     for name in LINKERS[:-1]:
         tracker = getattr(trackers, f"{name.replace('-', '')}Tracker")(frame_rate=job["rate"])
         for frame, here in enumerate(frames):
-            found = tracker.update(detections(here[:, :4], here[:, 4]))
-            if found.tracker_id is not None:
-                every = zip(found.xyxy, found.confidence, found.tracker_id, strict=True)
+            tracked = tracker.update(detections(here[:, :4], here[:, 4]))
+            if tracked.tracker_id is not None:
+                boxes_of_ids = zip(tracked.xyxy, tracked.confidence, tracked.tracker_id, strict=True)
                 # -1 is a detection without a confirmed track.
-                rows[name] += [[frame, int(n) + 1, *map(float, box), float(score)] for box, score, n in every if n >= 0]
+                rows[name] += [
+                    [frame, int(n) + 1, *map(float, box), float(score)] for box, score, n in boxes_of_ids if n >= 0
+                ]
     # As its page says, by boxes alone; it gives no scores.
     tracker = arcsort.ARCTracker.from_preset("sportsmot", use_cmc=False)
     for frame, here in enumerate(frames):
-        found = tracker.update(np.insert(here, 5, 0.0, axis=1))
-        rows["ARC-SORT"] += [[frame, int(number), *map(float, box), 1.0] for *box, number in found]
+        tracked = tracker.update(np.insert(here, 5, 0.0, axis=1))
+        rows["ARC-SORT"] += [[frame, int(number), *map(float, box), 1.0] for *box, number in tracked]
     return rows
 
 
@@ -88,17 +90,17 @@ def counts(job):
     occupancy, seconds = [], {}
     for first, last in pairwise(np.searchsorted(rows[:, 0], np.arange(job["length"] + 1))):
         here = rows[first:last]
-        found = detections(here[:, 2:6], here[:, 6])
+        tracked = detections(here[:, 2:6], here[:, 6])
         if tracker is None:
-            found.tracker_id = here[:, 1].astype(int)
+            tracked.tracker_id = here[:, 1].astype(int)
         else:
-            found = tracker.update(found)
-            found = found[found.tracker_id >= 0] if found.tracker_id is not None else found[:0]
+            tracked = tracker.update(tracked)
+            tracked = tracked[tracked.tracker_id >= 0] if tracked.tracker_id is not None else tracked[:0]
         for line in lines:
-            line.trigger(found)
-        within = zone.trigger(found)
+            line.trigger(tracked)
+        within = zone.trigger(tracked)
         occupancy.append(int(within.sum()))
-        for number in found.tracker_id[within].tolist() if len(found) else ():
+        for number in tracked.tracker_id[within].tolist() if len(tracked) else ():
             seconds[number] = seconds.get(number, 0) + 1
     dwell = sum(seconds.values()) / len(seconds) / job["rate"] if seconds else 0.0
     # To the right, as one looks along a line, is what the package calls out.
@@ -121,8 +123,8 @@ def csrt(job):
     tracker.init(np.array(images[0]), tuple(round(value) for value in box))
     boxes = []
     for image in images[1:]:
-        held, found = tracker.update(np.array(image))
-        box = list(found) if held else box
+        held, place = tracker.update(np.array(image))
+        box = list(place) if held else box
         boxes.append(box)
     return boxes
 
@@ -135,9 +137,9 @@ def points(job):
     step = FILTERS[job["filter"]](job["model"])
     rows, milliseconds, ids = [], [], {}
     for number, scan in enumerate(job["scans"]):
-        before = time.process_time()
+        begin = time.process_time()
         targets = step(number, np.array(scan, dtype=float).reshape(-1, 2))
-        milliseconds.append(1e3 * (time.process_time() - before))
+        milliseconds.append(1e3 * (time.process_time() - begin))
         rows += [[number, ids.setdefault(name, len(ids) + 1), float(x), float(y)] for name, x, y in targets]
     return {"rows": rows, "milliseconds": milliseconds}
 
@@ -158,7 +160,7 @@ def births(model, cells):
     return [(np.array([x, 0.0, y, 0.0]), covariance) for x, y in places]
 
 
-def gm_phd(model, shown=0.35, merge=10.0, prune=1e-5):
+def gm_phd(model, least_weight=0.35, merge=10.0, prune=1e-5):
     """Stone Soup's Gaussian-mixture PHD filter; births anywhere are one wide component, ids are its tags.
 
     A component of a weight above ``shown`` is a target; components within the squared distance ``merge`` are joined,
@@ -191,10 +193,10 @@ def gm_phd(model, shown=0.35, merge=10.0, prune=1e-5):
         now = datetime.datetime(2000, 1, 1) + datetime.timedelta(seconds=number)
         weight, tag = model["births"] / len(new), TaggedWeightedGaussianState.BIRTH
         born = [TaggedWeightedGaussianState(m[:, None], c, weight=weight, tag=tag, timestamp=now) for m, c in new]
-        found = {Detection(z[:, None], timestamp=now, measurement_model=sensor) for z in scan}
-        updated = updater.update(hypothesiser.hypothesise([*components, *born], found, now))
+        measured = {Detection(z[:, None], timestamp=now, measurement_model=sensor) for z in scan}
+        updated = updater.update(hypothesiser.hypothesise([*components, *born], measured, now))
         components[:] = reducer.reduce(updated)
-        targets = [c for c in components if c.weight > shown and c.tag != "birth"]
+        targets = [c for c in components if c.weight > least_weight and c.tag != "birth"]
         return [(c.tag, c.state_vector[0, 0], c.state_vector[2, 0]) for c in targets]
 
     return step
@@ -227,5 +229,5 @@ FILTERS = {"Stone Soup GM-PHD": gm_phd, "multisensor-lmb-filters-rs LMB": lmb}
 
 if __name__ == "__main__":
     warnings.filterwarnings("ignore")
-    name, asked = sys.argv[1], json.load(sys.stdin)
-    json.dump(version(name) if asked is None else globals()[name](asked), sys.stdout)
+    name, task = sys.argv[1], json.load(sys.stdin)
+    json.dump(version(name) if task is None else globals()[name](task), sys.stdout)

@@ -44,9 +44,9 @@ def curves(
     figure = Figure(figsize=(size[0] * len(panels), size[1]), dpi=100, layout="constrained")
     for place, (title, lines) in enumerate(panels.items()):
         axes = figure.add_subplot(1, len(panels), place + 1)
-        for number, one in enumerate(lines):
+        for number, line in enumerate(lines):
             colour = COLOURS[number % len(COLOURS)]
-            axes.errorbar(one.x, one.y, one.error, fmt=one.style, color=colour, label=one.label, capsize=2)
+            axes.errorbar(line.x, line.y, line.error, fmt=line.style, color=colour, label=line.label, capsize=2)
         axes.set_title(title, loc="left")
         axes.set(xlabel=across[place], ylabel=up if place == 0 else "")
         axes.grid(alpha=0.3)

@@ -24,8 +24,8 @@ from tsuiseki.tracking.output import versions
 REPOSITORY = Path(__file__).resolve().parents[2]
 DOCS = REPOSITORY / "docs"
 RECORDS = DOCS / "results" / "tables"
-MARK = re.compile(r"^<!-- table ([\w-]+): (.+) -->\n(.*?)^<!-- end of table -->$", re.MULTILINE | re.DOTALL)
-EARLIER = "*Numbers of an earlier run of the command, which did not write this table.*"
+MARK = re.compile(r"^<!-- table ([\w-]+): ([^\n]+) -->\n(.*?)^<!-- end of table -->$", re.MULTILINE | re.DOTALL)
+EARLIER = "*These numbers were copied from an earlier run of the command.*"
 
 
 def record(words: Sequence[str], options: Mapping[str, Any], tables: Sequence[Table], notes: Sequence[str]) -> str:
@@ -37,16 +37,28 @@ def record(words: Sequence[str], options: Mapping[str, Any], tables: Sequence[Ta
         tables: that it wrote.
         notes: that stand below them.
     """
+    # Where the peers are installed makes no difference.
+    places = {options["peer"]: "PYTHON"} if options.get("peer") else {}
     content = {
-        "command": shlex.join(["python", "-m", "benchmarks.papers", *words]),
-        "options": options,
+        "command": shlex.join(["python", "-m", "benchmarks.papers", *(places.get(word, word) for word in words)]),
+        "options": {name: places.get(str(value), value) for name, value in options.items()},
         "versions": versions(),
         "tables": {
             table.title: {"digest": digest(table), "columns": table.columns, "rows": table.rows} for table in tables
         },
         "notes": notes,
     }
-    return json.dumps(content, indent=1, ensure_ascii=False, default=str) + "\n"
+    return as_text(content)
+
+
+def as_text(content: Mapping[str, Any]) -> str:
+    """A data file: JSON with the cells of a row on one line."""
+    text = json.dumps(content, indent=1, ensure_ascii=False, default=str)
+    return re.sub(r"\[\n +(\"[^\n]*\"(?:,\n +\"[^\n]*\")*)\n +\]", _on_one_line, text) + "\n"
+
+
+def _on_one_line(cells: re.Match[str]) -> str:
+    return "[" + re.sub(r",\n +", ", ", cells[1]) + "]"
 
 
 def digest(table: Table) -> str:
@@ -89,10 +101,10 @@ def refresh_pages() -> list[Path]:
     """Write the tables of all data files into the pages; the pages that changed."""
     changed = []
     for path in sorted(DOCS.rglob("*.md")):
-        before = path.read_text(encoding="utf-8")
-        after = refreshed(before)
-        if after != before:
-            path.write_text(after, encoding="utf-8")
+        text = path.read_text(encoding="utf-8")
+        renewed = refreshed(text)
+        if renewed != text:
+            path.write_text(renewed, encoding="utf-8")
             changed.append(path)
     return changed
 

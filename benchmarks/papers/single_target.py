@@ -91,7 +91,7 @@ MAKERS: Mapping[type, Callable[[Any, int], SingleTracker]] = {
 }
 """New trackers by what names them, from that and a seed."""
 Scores: TypeAlias = Mapping[str, Any]
-"""See `clip_scores`."""
+"""Of one tracker on one clip, as `clip_scores` returns them."""
 Part: TypeAlias = Literal["unseen", "status", "sweeps", "comparison", "intervals"]
 PARTS: tuple[Part, ...] = get_args(Part)
 BASELINES: tuple[SingleMethod, ...] = (
@@ -199,14 +199,14 @@ def reproduce(
         "unseen": partial(unseen, peer=find_peer(peer, "csrt")), "status": lost_status, "sweeps": sweeps,
         "comparison": comparison, "intervals": intervals,
     }  # fmt: skip
-    found = [
+    outcomes = [
         run[part](store, clips, range(sweep_seeds if part == "sweeps" else seeds)) for part in PARTS if part in parts
     ]
     return Outcome(
-        {"sequences": list(clips), **{k: v for one in found for k, v in (one.values or {}).items()}},
-        [table for one in found for table in one.tables],
-        {name: plot for one in found for name, plot in one.plots.items()},
-        notes=[note for one in found for note in one.notes],
+        {"sequences": list(clips), **{k: v for outcome in outcomes for k, v in (outcome.values or {}).items()}},
+        [table for outcome in outcomes for table in outcome.tables],
+        {name: plot for outcome in outcomes for name, plot in outcome.plots.items()},
+        notes=[note for outcome in outcomes for note in outcome.notes],
     )
 
 
@@ -214,16 +214,16 @@ def scored(
     store: Store, clips: Mapping[str, TargetClip], entrants: Mapping[str, Entrant], seeds: Sequence[int], what: str
 ) -> dict[str, list[Scores]]:
     """Scores of each tracker on each clip."""
-    found: dict[str, list[Scores]] = {name: [] for name in entrants}
+    scores: dict[str, list[Scores]] = {name: [] for name in entrants}
     jobs = [(clip, name) for clip in clips.values() for name in entrants]
     for clip, name in progress(jobs, what, len(jobs)):
-        found[name].append(clip_scores(store, clip, entrants[name], seeds))
-    return found
+        scores[name].append(clip_scores(store, clip, entrants[name], seeds))
+    return scores
 
 
 def by_seed(scores: Sequence[Scores]) -> list[dict[str, float]]:
     """Mean areas over the clips, one a seed."""
-    means = np.mean([(one["auc_11"], one["auc_21"]) for one in scores], axis=0)
+    means = np.mean([(clip["auc_11"], clip["auc_21"]) for clip in scores], axis=0)
     return [{"auc_11": eleven, "auc_21": twenty_one} for eleven, twenty_one in means.T.tolist()]
 
 
@@ -240,25 +240,25 @@ def unseen(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int], 
     mean = Column("mean", form=".1f", gain=lambda g, form: f"{with_bootstrap(g, form)}, worst {g.min():{form}}")
     for name, (scales, rows, candidates) in GROUPS.items():
         rivals: dict[str, Entrant] = {"CSRT": Csrt(peer, scales)} if peer else {}
-        found = {row: areas(of) for row, of in scored(store, clips, {**rows, **rivals}, seeds, name).items()}
+        areas_of = {row: areas(of) for row, of in scored(store, clips, {**rows, **rivals}, seeds, name).items()}
         chosen: list[str] = []
         if candidates:
             first = scored(store, clips, candidates, seeds[:1], f"{name}, candidates")
             chosen = leave_one_out({candidate: areas(of) for candidate, of in first.items()})
             ours = zip(clips.values(), chosen, strict=True)
-            found[OURS] = areas(clip_scores(store, clip, candidates[one], seeds) for clip, one in ours)
+            areas_of[OURS] = areas(clip_scores(store, clip, candidates[entry], seeds) for clip, entry in ours)
         title = f"Unseen, {name}: AUC [%], 21 thresholds; gain with 95 % over sequences"
-        tables.append(tabulated(found, [mean], ("tracker",), title, "KCF"))
+        tables.append(tabulated(areas_of, [mean], ("tracker",), title, "KCF"))
         by_clip = {clip: [k] for k, clip in enumerate(clips)}
-        columns = [Column(row, one.__getitem__, ".1f") for row, one in found.items()]
+        columns = [Column(row, entry.__getitem__, ".1f") for row, entry in areas_of.items()]
         tables.append(tabulated(by_clip, columns, ("sequence",), f"The same, {name}, by sequence"))
-        values[name] = {"chosen": chosen, **{row: one.tolist() for row, one in found.items()}}
+        values[name] = {"chosen": chosen, **{row: entry.tolist() for row, entry in areas_of.items()}}
     return Outcome({"unseen": values}, tables)
 
 
 def areas(scores: Iterable[Scores]) -> FloatArray:
     """``(C,)`` areas with 21 thresholds of C clips, means over the seeds, percent."""
-    return np.array([one["auc_21"].mean() for one in scores])
+    return np.array([clip["auc_21"].mean() for clip in scores])
 
 
 def leave_one_out(candidates: Mapping[str, FloatArray]) -> list[str]:
@@ -275,23 +275,25 @@ def leave_one_out(candidates: Mapping[str, FloatArray]) -> list[str]:
 def lost_status(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int]) -> Outcome:
     """Whether ``lost`` says the truth: within ten frames of losing the target, and not while it is followed."""
     last = max(high for _, high in GENERATED)
-    given = scored(store, clips, STATUS, seeds, "status, given clips")
+    scores_here = scored(store, clips, STATUS, seeds, "status, given clips")
     drawn = scored(store, drawn_clips(last), STATUS, seeds, "status, generated clips")
-    found = {("given clips", name): of for name, of in given.items()}
+    measured = {("given clips", name): of for name, of in scores_here.items()}
     for low, high in GENERATED:
-        found |= {(f"generated clips {low + 1} to {high}", name): of[low:high] for name, of in drawn.items()}
+        measured |= {(f"generated clips {low + 1} to {high}", name): of[low:high] for name, of in drawn.items()}
     columns = [
-        Column("AUC [%]", lambda one: one["auc_21"].mean(), ".1f", gain=with_bootstrap),
+        Column("AUC [%]", lambda clip: clip["auc_21"].mean(), ".1f", gain=with_bootstrap),
         Column("losses noticed within 10 frames", itemgetter("noticed", "losses"), show=_of),
         Column("called lost while followed [% of frames]", itemgetter("alarms", "followed"), ".1f", 1, share_of_all),
     ]
-    table = tabulated(found, columns, ("clips", "tracker"), "Status lost", lambda name: (name[0], next(iter(STATUS))))
+    table = tabulated(
+        measured, columns, ("clips", "tracker"), "Status lost", lambda name: (name[0], next(iter(STATUS)))
+    )
     values = {
         ", ".join(name): {
-            **{key: sum(one[key] for one in of) for key in ("losses", "noticed", "followed", "alarms")},
+            **{key: sum(clip[key] for clip in of) for key in ("losses", "noticed", "followed", "alarms")},
             "areas": areas(of).tolist(),
         }
-        for name, of in found.items()
+        for name, of in measured.items()
     }
     return Outcome({"status": values}, [table])
 
@@ -305,40 +307,42 @@ def sweeps(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int]) 
     tables, panels, values = [], {}, {}
     for name, (figure, trackers, published) in SWEEPS.items():
         entrants = {f"{value:g}": tracker for value, tracker in trackers.items()}
-        found = {value: by_seed(of) for value, of in scored(store, clips, entrants, seeds, name).items()}
+        areas_of = {value: by_seed(of) for value, of in scored(store, clips, entrants, seeds, name).items()}
         paper: Mapping[Name, float] = {f"{value:g}": area for value, area in published.items()}
         columns = [Column("here", "auc_11", show=with_deviation, paper=paper, beside="thesis")]
-        tables.append(tabulated(found, columns, ("value",), f"{figure}, {name}: AUC with 11 thresholds [%]"))
-        here = [np.array([one["auc_11"] for one in of]) for of in found.values()]
+        tables.append(tabulated(areas_of, columns, ("value",), f"{figure}, {name}: AUC with 11 thresholds [%]"))
+        here = [np.array([seed["auc_11"] for seed in of]) for of in areas_of.values()]
         lines = [Curve("here", list(trackers), [float(a.mean()) for a in here], [float(a.std()) for a in here])]
         if published:
             lines.append(Curve("thesis, TB-50", list(published), list(published.values()), style="s--"))
         panels[figure if published else f"{figure}, by score"] = lines
-        values[name] = {v: {"paper": paper.get(v), "here": [one["auc_11"] for one in of]} for v, of in found.items()}
+        values[name] = {
+            v: {"paper": paper.get(v), "here": [seed["auc_11"] for seed in of]} for v, of in areas_of.items()
+        }
     plot = curves(panels, list(SWEEPS), "AUC, 11 thresholds [%]", (3.2, 3.2))
     return Outcome({"sweeps": values}, tables, {"sweeps": plot})
 
 
 def comparison(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int]) -> Outcome:
     """Fig. 3.9."""
-    found = scored(store, clips, COMPARED, seeds, "comparison")
-    rows = {name: by_seed(of) for name, of in found.items()}
+    scores = scored(store, clips, COMPARED, seeds, "comparison")
+    rows = {name: by_seed(of) for name, of in scores.items()}
     columns = [
         Column("11 thresholds", "auc_11", show=with_deviation, paper=PAPER, beside="thesis"),
         Column("21 thresholds", "auc_21", show=with_deviation),
     ]
     tables = [tabulated(rows, columns, ("tracker",), "Fig. 3.9: AUC [%]")]
-    ranked = sorted(found, key=lambda name: -float(np.mean([one["auc_11"] for one in rows[name]])))
+    ranked = sorted(scores, key=lambda name: -float(np.mean([part["auc_11"] for part in rows[name]])))
     lines = [
         Curve(
-            f"{name} [{np.mean([one['auc_11'] for one in rows[name]]):.1f}]", OVERLAPS,
-            100 * np.mean([curve for one in found[name] for curve in one["success"]], axis=0),
+            f"{name} [{np.mean([part['auc_11'] for part in rows[name]]):.1f}]", OVERLAPS,
+            100 * np.mean([curve for part in scores[name] for curve in part["success"]], axis=0),
             style=("-", "--", ":")[place // 6 % 3],
         )
         for place, name in enumerate(ranked)
     ]  # fmt: skip
     plots = {"comparison": curves({"Fig. 3.9": lines}, ["overlap threshold"], "frames above it [%]", (9, 5))}
-    values = {name: {"by_seed": rows[name], "clips": areas(of).tolist()} for name, of in found.items()}
+    values = {name: {"by_seed": rows[name], "clips": areas(of).tolist()} for name, of in scores.items()}
     return Outcome({"comparison": values}, tables, plots)
 
 
@@ -347,19 +351,19 @@ def intervals(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int
     tables, plots, values = [], {}, {}
     for name, settings in SEARCHES.items():
         jobs = [(clip, settings, seed) for clip in clips.values() for seed in seeds]
-        found = store.each(searches, jobs, f"searches, {name}")
+        overlaps_of = store.each(searches, jobs, f"searches, {name}")
         panels, cells = {}, {}
         for part, title in enumerate(("during the search", "10 frames after")):
-            own = {way: np.concatenate([np.array(one[part][way]) for one in found]) for way in WAYS}
-            cells[title] = [{"frames": len(own["KCF"]), **{way: area(overlaps) for way, overlaps in own.items()}}]
+            pooled = {way: np.concatenate([np.array(run[part][way]) for run in overlaps_of]) for way in WAYS}
+            cells[title] = [{"frames": len(pooled["KCF"]), **{way: area(overlaps) for way, overlaps in pooled.items()}}]
             panels[f"({'ab'[part]}) {title}"] = [
                 Curve(f"{way} [{area(overlaps):.1f}]", OVERLAPS, success(overlaps), style="-")
-                for way, overlaps in own.items()
+                for way, overlaps in pooled.items()
             ]
         columns = [Column("frames", "frames", ".0f"), *(Column(way, way, ".1f") for way in WAYS)]
         tables.append(tabulated(cells, columns, ("",), f"Fig. 3.10, {name}: AUC with 11 thresholds [%]"))
         plots[f"intervals-{name}"] = curves(panels, ["overlap threshold"] * 2, "frames above it [%]")
-        values[name] = {title: own[0] for title, own in cells.items()}
+        values[name] = {title: pooled[0] for title, pooled in cells.items()}
     return Outcome({"intervals": values}, tables, plots)
 
 
@@ -400,8 +404,8 @@ def follow_with_csrt(settings: Csrt, images: Sequence[ImageArray], box: FloatArr
         path = Path(folder) / "images.npy"
         np.save(path, np.stack(images)[..., ::-1])
         job = {"images": str(path), "box": xywh_from_corners(box).tolist(), "scales": settings.scales}
-        found = np.array(settings.peer.answer(job), dtype=np.float64)
-    return np.asarray(np.concatenate([box[None], corners_from_xywh(found)]))
+        boxes = np.array(settings.peer.answer(job), dtype=np.float64)
+    return np.asarray(np.concatenate([box[None], corners_from_xywh(boxes)]))
 
 
 def clip_scores(store: Store, clip: TargetClip, entrant: Entrant, seeds: Sequence[int]) -> Scores:
@@ -415,17 +419,17 @@ def clip_scores(store: Store, clip: TargetClip, entrant: Entrant, seeds: Sequenc
     """
     first, truth = store.recall(follow, clip, entrant, 0), loaded(clip)[0]
     draws = isinstance(entrant, CombinedSettings | KcfParticleSettings) or entrant == "colour-particle"
-    every = [store.recall(follow, clip, entrant, s) if first.drew else first for s in (seeds if draws else (0,))]
-    scores = [evaluate_boxes(truth, one.boxes) for one in every]
+    passes = [store.recall(follow, clip, entrant, s) if first.drew else first for s in (seeds if draws else (0,))]
+    scores = [evaluate_boxes(truth, result.boxes) for result in passes]
     counts = np.zeros(4, dtype=np.int64)
-    for one in every:
-        overlaps = iou_pairs(truth[1:], one.boxes[1:])
+    for result in passes:
+        overlaps = iou_pairs(truth[1:], result.boxes[1:])
         overlaps[~np.isfinite(truth[1:]).all(axis=1)] = np.nan
-        counts += count_losses(overlaps, one.lost[1:])
+        counts += count_losses(overlaps, result.lost[1:])
     return {
-        "auc_11": 100 * np.array([one.thesis_auc for one in scores]),
-        "auc_21": 100 * np.array([one.auc for one in scores]),
-        "success": np.array([one.success for one in scores]),
+        "auc_11": 100 * np.array([result.thesis_auc for result in scores]),
+        "auc_21": 100 * np.array([result.auc for result in scores]),
+        "success": np.array([result.success for result in scores]),
         **dict(zip(("losses", "noticed", "followed", "alarms"), counts.tolist(), strict=True)),
     }
 
@@ -462,17 +466,17 @@ def searches(clip: TargetClip, settings: KcfParticleSettings, seed: int) -> list
         end = next((t for t in range(begin, len(searching)) if not searching[t]), len(searching))
         stop = next((t for t in range(end, len(searching)) if searching[t]), len(searching))
         last = min(end + AFTERWARDS, stop)
-        frames, before = range(begin, last), states[begin - 1]
-        found = (
-            _kcf_boxes(images, tracker, before, frames, learn_from=begin),
-            _kcf_boxes(images, tracker, before, frames, learn_from=end),
+        frames, start = range(begin, last), states[begin - 1]
+        paths = (
+            _kcf_boxes(images, tracker, start, frames, learn_from=begin),
+            _kcf_boxes(images, tracker, start, frames, learn_from=end),
             boxes[begin:last],
         )
         labelled: BoolArray = np.asarray(np.isfinite(truth[begin:last]).all(axis=1))
-        for way, path in zip(WAYS, found, strict=True):
+        for way, path in zip(WAYS, paths, strict=True):
             overlaps = np.where(labelled, iou_pairs(truth[begin:last], np.array(path)), np.nan)
-            for part, own in zip(parts, np.split(overlaps, [end - begin]), strict=True):
-                part[way] += own[~np.isnan(own)].tolist()
+            for part, part_overlaps in zip(parts, np.split(overlaps, [end - begin]), strict=True):
+                part[way] += part_overlaps[~np.isnan(part_overlaps)].tolist()
     return parts
 
 

@@ -169,27 +169,32 @@ def reproduce(
         raise RequestError(f"`frames`: expected at least 2, got {frames}")
     groups = {None: get_args(Group), "varied": VARIED}.get(only, (only,))
     ways = {name: way for name, way in WAYS.items() if name[0] in groups}
-    found: dict[tuple[str, str], list[FilmErrors]] = {name: [] for name in ways}
+    measured: dict[tuple[str, str], list[FilmErrors]] = {name: [] for name in ways}
     # A film has two cameras for those that are disturbed, else as many as any of the ways on it needs.
     films: dict[str, dict[tuple[Group, str], FilmRow]] = {}
     for name, way in ways.items():
         films.setdefault(repr((name[0] == "disturbed", way.film)), {})[name] = way
     for number in range(seed, seed + seeds):
-        for alike in films.values():
-            own = list(alike.values())
-            film = CarriedBallSettings(cameras=max(way.cameras for way in own), frames=frames, **own[0].film)
-            errors = store.recall(run_film, number, film, own)
-            for name, one in zip(alike, errors, strict=True):
-                found[name].append(one)
+        for ways_of in films.values():
+            rows = list(ways_of.values())
+            film = CarriedBallSettings(cameras=max(way.cameras for way in rows), frames=frames, **rows[0].film)
+            errors = store.recall(run_film, number, film, rows)
+            for name, film_errors in zip(ways_of, errors, strict=True):
+                measured[name].append(film_errors)
     tables = [
-        tabulated({label: errors for (of, label), errors in found.items() if of == group}, _columns(group), (group,))
+        tabulated(
+            {label: errors for (of, label), errors in measured.items() if of == group},
+            _columns(group),
+            (group,),
+            group.capitalize(),
+        )
         for group in groups
     ]
-    plots = {"errors": errors_figure(found)} if set(groups) >= set(VARIED) else {}
+    plots = {"errors": errors_figure(measured)} if set(groups) >= set(VARIED) else {}
     if "section 3" in groups:
         plots["pictures"] = pictures_figure(SphereClip(CarriedBallSettings(frames=frames), seed))
     note = f"Errors in cm over {seeds} films: mean over films of mean and sd, greatest max; 95 % by Student's t."
-    return Outcome(values_of(found, ("group", "name")), tables, plots, notes=[note])
+    return Outcome(values_of(measured, ("group", "name")), tables, plots, notes=[note])
 
 
 def _columns(group: str) -> list[Column]:
@@ -216,26 +221,26 @@ def run_film(seed: int, settings: CarriedBallSettings, ways: Sequence[FilmRow]) 
     empty = scene.backgrounds()
     runs, points = [], [list[FloatArray]() for _ in ways]
     for way in ways:
-        wrong, own = np.random.default_rng((seed, 5)), np.random.default_rng((seed, 4))
+        wrong, particles_rng = np.random.default_rng((seed, 5)), np.random.default_rng((seed, 4))
         cameras = [turned(camera, way.camera_error, wrong) for camera in scene.cameras[: way.cameras]]
         radius = scene.settings.radius * (1 + way.radius_error)
         likelihood = LIKELIHOODS[way.likelihood](cameras, radius, empty[: way.cameras])
         tracker = SphereTracker(likelihood, way.motion, Covering() if way.notices else None, stages=way.stages)
         # The paper measures where the ball is at the start.
-        begin = scene.truth[0], OURS.spread, way.particles, way.cameras, own, float(scene.times[0])
-        runs.append((tracker, tracker.start_at(*begin), own))
+        begin = scene.truth[0], OURS.spread, way.particles, way.cameras, particles_rng, float(scene.times[0])
+        runs.append((tracker, tracker.start_at(*begin), particles_rng))
     hidden = [range(FIRST_COVERED, FIRST_COVERED + way.covered) for way in ways]
     rng = np.random.default_rng((seed, 3))
     for index, (images, _) in enumerate(progress(scene.frames(), f"film {seed}", settings.frames)):
         board = scene.covered_image(0, rng) if any(index in frames for frames in hidden) else None
-        for n, (tracker, state, own) in enumerate(runs):
-            shown = list(images[: ways[n].cameras])
+        for n, (tracker, state, particles_rng) in enumerate(runs):
+            views_shown = list(images[: ways[n].cameras])
             if board is not None and index in hidden[n]:
-                shown[0] = board
-            state, info = tracker.step(state, TimedViews(float(scene.times[index]), shown), own)
-            runs[n] = tracker, state, own
+                views_shown[0] = board
+            state, info = tracker.step(state, TimedViews(float(scene.times[index]), views_shown), particles_rng)
+            runs[n] = tracker, state, particles_rng
             points[n].append(info.point)
-    paths = [np.array(own) for own in points]
+    paths = [np.array(particles_rng) for particles_rng in points]
     off = [np.sqrt(np.square(path - scene.truth).sum(axis=1)) for path in paths]
     along = [distance_to_path(path, scene.truth) for path in paths]
     return [{"to_position": distance_scores(a), "to_path": distance_scores(b)} for a, b in zip(off, along, strict=True)]
@@ -266,15 +271,15 @@ def pictures_figure(scene: SphereClip) -> Figure:
     return figure
 
 
-def errors_figure(found: Mapping[tuple[str, str], Sequence[FilmErrors]]) -> Figure:
+def errors_figure(measured: Mapping[tuple[str, str], Sequence[FilmErrors]]) -> Figure:
     """The mean error against particles, cameras and covered frames."""
     panels: dict[str, list[Curve]] = {}
     for group in VARIED:
         lines: dict[str, list[tuple[float, float]]] = {}
-        for (of, label), films in found.items():
+        for (of, label), films in measured.items():
             if of == group:
                 number, _, line = label.partition(" frames, ")
-                mean = 100 * float(np.mean([one["to_position"].mean for one in films]))
+                mean = 100 * float(np.mean([film["to_position"].mean for film in films]))
                 lines.setdefault(line or "`track sphere`", []).append((float(number), mean))
         panels[group] = [Curve(name, [x for x, _ in line], [y for _, y in line]) for name, line in lines.items()]
     across = ("particles", "cameras", "covered frames of camera 1")
@@ -324,12 +329,12 @@ def points(*, store: Cached, seeds: PositiveInt = 20, seed: NonNegativeInt = 0) 
         seed: of the first.
     """
     rows = {name: partial(run_throw, row) for name, row in ROWS.items()}
-    found = store.study(rows, range(seed, seed + seeds), "throws")
+    measured = store.study(rows, range(seed, seed + seeds), "throws")
     note = (
         f"{seeds} throws of {FRAMES} frames at {RATE:g} frames/s, two cameras; pixels {PIXEL:g} px off, "
         f"{100 * MISSED:.0f} % missed, {100 * FALSE:.0f} % false; drag {DRAG:g} 1/m, top spin {-SPIN[0]:g} 1/s."
     )
-    return Outcome(found, [tabulated(found, COLUMNS)], notes=[note])
+    return Outcome(measured, [tabulated(measured, COLUMNS, ("filter",), "Thrown balls")], notes=[note])
 
 
 def thrown(seed: int) -> tuple[FloatArray, FloatArray]:
@@ -380,10 +385,10 @@ def run_throw(settings: SphereSettings | None, seed: int) -> FloatArray:
             path.write_text("\n".join(["frame,x,y", *rows]) + "\n", encoding="utf-8")
         placed = [PlacedCamera(f"camera{number}", camera, RATE) for number, camera in enumerate(cameras, start=1)]
         write_cameras(Path(folder) / "cameras.yaml", placed)
-        found = track_sphere_points(
+        positions = track_sphere_points(
             files, Path(folder) / "cameras.yaml", settings=settings, deviation=PIXEL, radius=BALL, seed=seed
         )
-    frames = np.array([round(position.time * RATE) for position in found])
-    known = np.array([position.point for position in found])
+    frames = np.array([round(position.time * RATE) for position in positions])
+    located = np.array([position.point for position in positions])
     inside = frames < FRAMES
-    return np.asarray(np.linalg.norm(known[inside] - truth[frames[inside]], axis=1))
+    return np.asarray(np.linalg.norm(located[inside] - truth[frames[inside]], axis=1))

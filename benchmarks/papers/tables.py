@@ -54,8 +54,8 @@ def at_quantile(values: FloatArray, form: str, share: float) -> str:
 
 def share_of_all(values: FloatArray, form: str) -> str:
     """The sum of parts over that of wholes, percent, from values that are a part and a whole by turns."""
-    part, whole = values.reshape(-1, 2).sum(axis=0)
-    return f"{100 * part / max(whole, 1):{form}}"
+    part, total = values.reshape(-1, 2).sum(axis=0)
+    return f"{100 * part / max(total, 1):{form}}"
 
 
 def with_error(values: FloatArray, form: str, ddof: int = 1) -> str:
@@ -70,7 +70,7 @@ def with_deviation(values: FloatArray, form: str) -> str:
 
 
 def _between(values: FloatArray, form: str, ends: Callable[[FloatArray], tuple[float, float, float]]) -> str:
-    mean, low, high = (f"{one:{form}}" for one in ends(values))
+    mean, low, high = (f"{value:{form}}" for value in ends(values))
     return f"{mean} [{low}, {high}]" if len(values) > 1 else mean
 
 
@@ -88,7 +88,7 @@ class Column:
 
     Attributes:
         heading: above it.
-        value: of a measurement: a function, or its field or key; dots lead into nested ones and entries by number. A
+        value: of a unit: a function, or its field or key; dots lead into nested ones and entries by number. A
             number, or an array of which all units' together are shown.
         form: format of a number.
         factor: times the value, such as 100 for percent.
@@ -109,14 +109,16 @@ class Column:
 
     def values(self, measured: Iterable[Any]) -> FloatArray:
         """``(S,)`` values of S units."""
-        return self.factor * np.concatenate([np.atleast_1d(self._value(one)) for one in measured]).astype(np.float64)
+        return self.factor * np.concatenate([np.atleast_1d(self._value(unit)) for unit in measured]).astype(np.float64)
 
-    def _value(self, one: Any) -> Any:
+    def _value(self, unit: Any) -> Any:
         if callable(self.value):
-            return self.value(one)
+            return self.value(unit)
         for part in self.value.split("."):
-            one = one[part] if isinstance(one, Mapping) else one[int(part)] if part.isdigit() else getattr(one, part)
-        return one
+            unit = (
+                unit[part] if isinstance(unit, Mapping) else unit[int(part)] if part.isdigit() else getattr(unit, part)
+            )
+        return unit
 
 
 @dataclass(frozen=True)
@@ -136,18 +138,19 @@ class Table:
     def markdown(self) -> str:
         """The table in Markdown, without its title."""
         lines = [self.columns, ["---"] * len(self.columns), *self.rows]
-        return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+        escaped = [[cell.replace("|", r"\|") for cell in line] for line in lines]
+        return "\n".join(f"| {' | '.join(line)} |" for line in escaped)
 
     def text(self) -> str:
         """The table for a terminal."""
         from rich.console import Console
 
-        shown = score_table(self.columns[:1], self.columns[1:], [self.rows])
-        shown.title, shown.title_justify = self.title or None, "left"
+        table = score_table(self.columns[:1], self.columns[1:], [self.rows])
+        table.title, table.title_justify = self.title or None, "left"
         # A table squeezed into too few columns loses digits; a line that wraps does not.
         console = Console(width=1000, color_system=None)
         with console.capture() as capture:
-            console.print(shown)
+            console.print(table)
         return capture.get()
 
 
@@ -173,11 +176,11 @@ def tabulated(
         headings += [column.heading, *([column.beside] if column.paper else [])]
         headings += [f"{column.heading}{over}"] if column.gain else []
     lines = []
-    for name, own in measured.items():
+    for name, measurements in measured.items():
         cells: list[str] = [name] if isinstance(name, str) else list(name)
         below = base(name) if callable(base) else base
         for column in columns:
-            values = column.values(own)
+            values = column.values(measurements)
             cells.append(column.show(values, column.form))
             if column.paper:
                 cells.append(f"{column.paper[name]:{column.form}}" if name in column.paper else "")

@@ -14,11 +14,11 @@ from benchmarks.papers.__main__ import main
 from benchmarks.papers.association import (
     DATA_SETS,
     combined_scores,
-    find_given,
-    given_detections,
-    given_labels,
+    find_sequences,
     linked,
     score_table,
+    sequence_detections,
+    sequence_labels,
     track_sums,
     write_streets,
 )
@@ -183,20 +183,20 @@ def test_wrong_requests(
 
 
 def test_frames_are_left_out_evenly(data: Path) -> None:
-    (given, _) = find_given(data, DATA_SETS[0])
+    (given, _) = find_sequences(data, DATA_SETS[0])
     slow = given.at(5)
-    assert (slow.every, slow.rate, len(slow.kept)) == (4, 5.0, 6)
-    assert (given.at(100).every, given.at(12).every) == (1, 2)
-    whole, some = given_detections(given), given_detections(slow)
+    assert (slow.stride, slow.rate, len(slow.kept)) == (4, 5.0, 6)
+    assert (given.at(100).stride, given.at(12).stride) == (1, 2)
+    whole, some = sequence_detections(given), sequence_detections(slow)
     assert [len(found) for found in some] == [len(found) for found in whole[::4]]
-    every, few = given_labels(given), given_labels(slow)
+    every, few = sequence_labels(given), sequence_labels(slow)
     assert few.frames.max() == 5
     np.testing.assert_array_equal(few.boxes[few.frames == 3], every.boxes[every.frames == 12])
 
 
 def test_boxes_without_an_area_are_left_out(data: Path) -> None:
-    (given, _) = find_given(data, DATA_SETS[0])
-    boxes = np.concatenate([found.boxes for found in given_detections(given)])
+    (given, _) = find_sequences(data, DATA_SETS[0])
+    boxes = np.concatenate([found.boxes for found in sequence_detections(given)])
     assert len(boxes)
     assert (boxes[:, 2] > boxes[:, 0]).all()
 
@@ -205,7 +205,7 @@ def test_boxes_without_an_area_are_left_out(data: Path) -> None:
 @pytest.mark.integration
 def test_sort_on_mot17_scores_as_known(data_folder: Path) -> None:
     """HOTA .510, MOTA .645, IDF1 .616 and 207 switches, as measured apart from this experiment."""
-    sequences = find_given(data_folder, DATA_SETS[0])
+    sequences = find_sequences(data_folder, DATA_SETS[0])
     found = combined_scores(np.stack([track_sums(given, linked("sort", given)) for given in sequences]))
     assert found["hota"] == pytest.approx(0.510, abs=5e-4)
     assert found["mota"] == pytest.approx(0.645, abs=5e-4)

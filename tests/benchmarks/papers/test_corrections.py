@@ -6,7 +6,7 @@ import pytest
 
 from benchmarks.papers import association
 from benchmarks.papers.__main__ import main
-from benchmarks.papers.association import STREETS, find_given, write_streets
+from benchmarks.papers.association import STREETS, find_sequences, write_streets
 from benchmarks.papers.corrections import reviewed
 
 pytestmark = pytest.mark.slow
@@ -22,7 +22,7 @@ def streets(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def course(streets):
-    return reviewed(find_given(streets.parent, STREETS)[0], 6)
+    return reviewed(find_sequences(streets.parent, STREETS)[0], 6)
 
 
 def test_answers_bring_the_tracks_nearer_to_what_the_detections_allow(course):

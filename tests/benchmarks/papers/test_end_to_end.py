@@ -13,14 +13,14 @@ from benchmarks.papers.__main__ import main
 from benchmarks.papers.association import (
     DATA_SETS,
     STREETS,
-    find_given,
-    given_detections,
+    find_sequences,
+    sequence_detections,
     write_streets,
 )
 from benchmarks.papers.end_to_end import (
     FITS,
+    fold_rows,
     fold_sums,
-    given_rows,
 )
 from benchmarks.papers.store import Store
 from tests.trainers.association.crossing import crossing
@@ -70,8 +70,8 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path) -> None:
 
 def test_each_group_is_tracked_by_what_the_others_taught(data: Path, tmp_path: Path) -> None:
     one = next(one for one in DATA_SETS if one.key == "mot15")
-    sequences, fit = find_given(data, one), partial(fold_sums, FlowLoss(), 3)
-    rows = given_rows(Store(tmp_path), one, sequences, {"short": fit})
+    sequences, fit = find_sequences(data, one), partial(fold_sums, FlowLoss(), 3)
+    rows = fold_rows(Store(tmp_path), one, sequences, {"short": fit})
     expected = [fit(((b,), (a,)))[0] for a, b in (sequences, sequences[::-1])]
     np.testing.assert_allclose(rows["short"], expected)
     assert set(rows) == {"default", "short", "right links"}
@@ -81,10 +81,10 @@ def test_each_group_is_tracked_by_what_the_others_taught(data: Path, tmp_path: P
 def test_streets_are_clips_with_detections(tmp_path: Path) -> None:
     for name in ("streets", "again"):
         write_streets(tmp_path / name, 2, 4)
-    one, other = find_given(tmp_path, STREETS)
+    one, other = find_sequences(tmp_path, STREETS)
     assert one.length == 4
     assert one.rate != other.rate or one.size == other.size
-    assert sum(len(found) for found in given_detections(one)) > 4
+    assert sum(len(found) for found in sequence_detections(one)) > 4
     assert not list((tmp_path / "streets").rglob("*.jpg"))
     for path in (tmp_path / "streets").rglob("*.txt"):
         assert path.read_bytes() == (tmp_path / "again" / path.relative_to(tmp_path / "streets")).read_bytes()
