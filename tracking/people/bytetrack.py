@@ -112,14 +112,14 @@ class ByteTrack(LifecycleTracker[ByteTrackSettings]):
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people. A detection without a score counts as sure."""
-        given, least = as_detections(detections, counted=self.bad), self._least
+        given = as_detections(detections, counted=self.bad)
         sure = ~(given.scores < self.settings.high_score)
         high, low = np.flatnonzero(sure), np.flatnonzero(~sure & (given.scores >= self.settings.low_score))
         predicted = self._predict(time)
         everyone = np.arange(len(predicted))
-        paired, detected = matched(predicted, given.boxes, everyone, high, least(self.settings.min_iou))
+        paired, detected = matched(predicted, given.boxes, everyone, high, self.settings.min_iou / self._slack)
         left = self._misses == 0
         left[paired] = False
         rest = np.flatnonzero(left)
-        more, unsure = matched(predicted, given.boxes, rest, low, least(self.settings.min_iou_low))
+        more, unsure = matched(predicted, given.boxes, rest, low, self.settings.min_iou_low / self._slack)
         return self._advance(np.concatenate([paired, more]), np.concatenate([detected, unsure]), given)[0]

@@ -89,8 +89,9 @@ class LifecycleTracker(Generic[S]):
         self._motion = settings.motion
         self._record = Record()
         self._clock = Intervals(settings.max_age + 2)
-        # By what factor a frame of the filter has become longer before the last inference.
-        self._longer = 1.0
+        # By what factor a frame of the filter has become longer before the last inference; and by what factor less
+        # overlap a match needs, after an interval longer than usual, over which people move further.
+        self._longer = self._slack = 1.0
         self._belief = start_boxes(np.empty((0, 4)), self._motion)
         # Of each live track: its number in the record, its detections, and inferences since the last of them.
         self._numbers, self._hits, self._misses = (np.empty(0, dtype=np.int64) for _ in range(3))
@@ -123,13 +124,10 @@ class LifecycleTracker(Generic[S]):
             RequestError: see `Clock.now`.
         """
         passed, self._longer = self._clock.step(time)
+        self._slack = max(1.0, self._clock.passed[-1])
         belief = self._belief if self._longer == 1 else per_longer_frame(self._belief, self._longer)
         self._belief = predict_boxes(belief, self._motion, passed)
         return self._belief.boxes
-
-    def _least(self, overlap: float) -> float:
-        """The least overlap of a match: less after an interval longer than usual, over which people move further."""
-        return overlap / max(1.0, self._clock.passed[-1])
 
     def _advance(self, paired: IntArray, detected: IntArray, detections: Detections) -> tuple[Targets, Survivors]:
         """Update the tracks ``paired`` by the detections they were matched to, keep or drop the others, start new ones.
@@ -145,6 +143,7 @@ class LifecycleTracker(Generic[S]):
         """
         parts = self._divide(paired, detected, detections)
         lost = self._numbers[parts.lost], self._belief.boxes[parts.lost], self._votes.classes()[parts.lost]
+        origin = detections.origin
         updated = update_boxes(self._belief.select(paired), detections.boxes[detected], self._motion)
         old = np.concatenate([paired, parts.kept])
         started = len(parts.started)
@@ -161,7 +160,7 @@ class LifecycleTracker(Generic[S]):
         self._misses = np.append(misses, np.zeros(started, np.int64))
         present, used = np.flatnonzero(self._misses == 0), np.concatenate([detected, parts.started])
         self._votes.follow(old, started, present, used, detections)
-        origin = detections.origin[used]
+        origin = origin[used]
         scores, boxes = self._note(present, used, detections, origin)
         return self._answer(scores, boxes, self._origin(present, origin[:, 0]), lost), parts
 

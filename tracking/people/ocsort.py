@@ -147,12 +147,12 @@ class OcSort(LifecycleTracker[OcSortSettings]):
         weight = self.settings.direction_weight
         # The least cost 1 - IoU + λ C_v is the most of IoU - λ C_v, which is never below -λ.
         gains = overlaps - weight * direction_costs(self._history, centres(detections.boxes))
-        near = overlaps >= self._least(self.settings.min_iou)
+        near = overlaps >= self.settings.min_iou / self._slack
         return assign_overlaps(np.where(near, gains, -np.inf), -weight)
 
     def _recover(self, detections: Detections, paired: IntArray, detected: IntArray) -> tuple[IntArray, IntArray]:
         """The matches so far and those with last observations among what they left."""
-        last, least = self._history.boxes, self._least(self.settings.min_iou)
+        last, least = self._history.boxes, self.settings.min_iou / self._slack
         tracks = np.setdiff1d(np.arange(len(last)), paired)
         free = np.setdiff1d(np.arange(len(detections)), detected)
         more, recovered = matched(last, detections.boxes, tracks, free, least)

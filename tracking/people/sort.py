@@ -96,7 +96,7 @@ class Sort(LifecycleTracker[SortSettings]):
         """Take the detections of the next frame; its people."""
         given = as_detections(detections, counted=self.bad)
         predicted = self._predict(time)
-        least = self._least(self.settings.min_iou)
+        least = self.settings.min_iou / self._slack
         matched, detected = assign(1 - iou_matrix(predicted, given.boxes), 1 - least)
         return self._advance(matched, detected, given)[0]
 
@@ -213,7 +213,7 @@ class DeepSort(LifecycleTracker[DeepSortSettings]):
         tracks = np.setdiff1d(np.arange(len(predicted)), paired)
         free = np.setdiff1d(np.arange(len(detections)), detected)
         overlaps = iou_matrix(predicted[tracks], detections.boxes[free])
-        rows, columns = assign(1 - overlaps, 1 - self._least(1 - self.settings.position_gate))
+        rows, columns = assign(1 - overlaps, 1 - (1 - self.settings.position_gate) / self._slack)
         return np.concatenate([paired, tracks[rows]]), np.concatenate([detected, free[columns]])
 
     def _updated_appearance(self, parts: Survivors, features: FloatArray) -> FloatArray:
