@@ -109,7 +109,7 @@ def _of_classes(video: LabelledVideo, single: bool, classes: Sequence[str]) -> t
     labelled, missing = list[tuple[int, GroundTruth]](), list[NothingLabelledError]()
     for kind, name in enumerate(classes, start=1):
         try:
-            truth = video.people(wanted=name, single=single)
+            truth = video.people(kind=name, single=single)
         except NothingLabelledError as error:
             missing.append(error)
             continue

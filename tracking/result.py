@@ -475,7 +475,7 @@ class Result(Sequence[T_co]):
             images=tuple(path.name for path in getattr(opened, "images", ())),
             points=self.points,
             table=self._table(),
-            known=known | {"frames": columns_shifted(self.frames, 1)},
+            about=known | {"frames": columns_shifted(self.frames, 1)},
         )
 
     def _save_folder(self, folder: Path, overwrite: bool) -> Path:

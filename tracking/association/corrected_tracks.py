@@ -205,7 +205,7 @@ def replayed(tracks: Sequence[Track], network: SolvedNetwork, path: Path, video:
     Raises:
         RequestError: they cannot be read, or speak of another video.
     """
-    corrections = read_corrections(path, video).given
+    corrections = read_corrections(path, video).corrections
     flow, done, left_out = CorrectedFlow(network), [*corrections], list[str]()
     try:
         flow.correct(corrections)

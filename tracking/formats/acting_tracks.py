@@ -21,7 +21,9 @@ from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 
+# Of the file; others are refused.
 VERSION = 1
+# From 0-based x, y, width, height to 1-based ones, pixels.
 ONE_BASED = np.array([1.0, 1.0, 0.0, 0.0])
 
 
@@ -79,9 +81,18 @@ def _person(entry: dict[str, Any], actions: int) -> ActingTrack:
     return ActingTrack(track, single, multi)
 
 
-HANDSHAKING, HUGGING = "Handshaking", "Hugging"
-READING, DRINKING, PUSHING, CARRYING, CALLING = "Reading", "Drinking", "Pushing/Pulling", "Carrying", "Calling"
-RUNNING, WALKING, LYING, SITTING, STANDING = "Running", "Walking", "Lying", "Sitting", "Standing"
+HANDSHAKING = "Handshaking"
+HUGGING = "Hugging"
+READING = "Reading"
+DRINKING = "Drinking"
+PUSHING = "Pushing/Pulling"
+CARRYING = "Carrying"
+CALLING = "Calling"
+RUNNING = "Running"
+WALKING = "Walking"
+LYING = "Lying"
+SITTING = "Sitting"
+STANDING = "Standing"
 
 # In the order of thesis Table 5.1: between people, with objects, and neither; at most one of the last kind at a time.
 WITH_PEOPLE = (HANDSHAKING, HUGGING)

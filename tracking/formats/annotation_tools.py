@@ -86,7 +86,8 @@ def read_coco(path: Path) -> TrackedVideo:
     """
     content = read_json(path, COCO)
     with refusing(f"{path}: expected {COCO} with images, categories and annotations of boxes, got ", repr):
-        images, categories = content["images"], {one["id"]: str(one["name"]) for one in content["categories"]}
+        images = content["images"]
+        categories = {category["id"]: str(category["name"]) for category in content["categories"]}
         several = {image.get("video_id", 0) for image in images}
         if len(several) > 1:
             raise RequestError(f"{path}: expected one video, got {len(several)}; keep the images of one")
@@ -110,12 +111,12 @@ def read_coco(path: Path) -> TrackedVideo:
         identified = all(number is not None for _, number, *_ in rows)
         names = tuple(inside(images[k].get("file_name", "")) or "" for k in order)
         sizes = {(int(image["width"]), int(image["height"])) for image in images if image.get("width")}
-    known = TrackedVideo(tracks_of_rows(path, rows, classes)) if identified else tracks_without_ids(path, single)
+    video = TrackedVideo(tracks_of_rows(path, rows, classes)) if identified else tracks_without_ids(path, single)
     info = content.get("info") if isinstance(content.get("info"), dict) else {}
     rate = info.get("frame_rate", 0.0)
     videos = content.get("videos") or [{}]
     return replace(
-        known,
+        video,
         name=str(videos[0].get("name") or path.stem),
         frame_rate=float(rate) if isinstance(rate, int | float) else 0.0,
         size=sizes.pop() if len(sizes) == 1 else None,
@@ -168,42 +169,43 @@ def read_label_studio(path: Path) -> TrackedVideo:
         raise RequestError(f"{path}: expected one task of {LABEL_STUDIO}, got {count}; export one at a time")
     with refusing(f"{path}: expected {LABEL_STUDIO}, got a broken one: ", repr):
         task = content[0]
-        made = next((each for name in ("annotations", "predictions") for each in task.get(name) or []), None)
-        found = [one for one in (made or {}).get("result", []) if one.get("type") == "videorectangle"]
-        if made is None or (made["result"] and not found):
+        annotation = next((entry for name in ("annotations", "predictions") for entry in task.get(name) or []), None)
+        regions = [region for region in (annotation or {}).get("result", []) if region.get("type") == "videorectangle"]
+        if annotation is None or (annotation["result"] and not regions):
             raise RequestError(f"{path}: expected `videorectangle` in {LABEL_STUDIO}, found none")
-        names = [str(one["id"]) for one in found]
+        names = [str(region["id"]) for region in regions]
         numbered = all(name.isdecimal() and len(name) < 19 for name in names) and len({*names}) == len(names)
         ids = [int(name) if numbered else k + 1 for k, name in enumerate(names)]
         data = task["data"]
         size = (int(data["size"][0]), int(data["size"][1])) if "size" in data else None
-        length = max((int(one["value"].get("framesCount") or 0) for one in found), default=0)
-        rows = [row for number, one in zip(ids, found, strict=True) for row in _region_rows(path, number, one, size)]
-        labels = (str((one["value"].get("labels") or [""])[0]) for one in found)
+        length = max((int(region["value"].get("framesCount") or 0) for region in regions), default=0)
+        numbered_regions = zip(ids, regions, strict=True)
+        rows = [row for number, region in numbered_regions for row in _region_rows(path, number, region, size)]
+        labels = (str((region["value"].get("labels") or [""])[0]) for region in regions)
         classes = {number: (-1, label) for number, label in zip(ids, labels, strict=True)}
         name = PurePosixPath(str(data.get("video") or path.stem).split("?")[0]).name
-        value = found[0]["value"] if found else {}
+        value = regions[0]["value"] if regions else {}
         measured = float(value["framesCount"]) / float(value["duration"]) if value.get("duration") else 0.0
         rate = float(data.get("frame_rate") or 0) or measured
     return TrackedVideo(tracks_of_rows(path, rows, classes), name, rate, size, length, shares=size is None)
 
 
-def _region_rows(path: Path, number: int, one: Any, size: Size) -> Iterator[tuple[int, int, Any, float, bool]]:
-    keys = sorted(one["value"]["sequence"], key=lambda key: int(key["frame"]))
+def _region_rows(path: Path, number: int, region: Any, size: Size) -> Iterator[tuple[int, int, Any, float, bool]]:
+    keys = sorted(region["value"]["sequence"], key=lambda key: int(key["frame"]))
     frames = np.array([int(key["frame"]) - 1 for key in keys], dtype=np.int64)
-    last = int(one["value"].get("framesCount") or 0) - 1
+    last = int(region["value"].get("framesCount") or 0) - 1
     if not len(frames) or frames[0] < 0 or max(int(frames[-1]), last) >= LAST_FRAME or (np.diff(frames) == 0).any():
-        raise RequestError(f"{path}: expected each frame from 1 to {LAST_FRAME} once in track {one['id']}")
+        raise RequestError(f"{path}: expected each frame from 1 to {LAST_FRAME} once in track {region['id']}")
     if any(key.get("rotation") for key in keys):
-        raise RequestError(f"{path}: expected upright boxes, got a turned one in track {one['id']}")
+        raise RequestError(f"{path}: expected upright boxes, got a turned one in track {region['id']}")
     shares = np.array([[float(key[side]) for side in SIDES] for key in keys])
     boxes = corners_from_xywh(shares) * np.tile(size or (1, 1), 2) / 100
     enabled = np.array([bool(key.get("enabled", True)) for key in keys])
-    every, values, key = between_keys(path, frames, boxes, last if enabled[-1] else 0)
-    listed = frames[key] == every
-    score = float(one.get("score") or 1)
+    track_frames, values, key = between_keys(path, frames, boxes, last if enabled[-1] else 0)
+    listed = frames[key] == track_frames
+    score = float(region.get("score") or 1)
     for row in np.flatnonzero(enabled[key] | listed).tolist():
-        yield int(every[row]), number, values[row], score, bool(listed[row])
+        yield int(track_frames[row]), number, values[row], score, bool(listed[row])
 
 
 CORNERS = ("xtl", "ytl", "xbr", "ybr")
@@ -236,17 +238,17 @@ def write_cvat(path: Path, video: TrackedVideo) -> None:
         for run in runs_of(track.frames):
             for row in run.tolist():
                 _add_box(parent, track, row, int(track.frames[row]))
-            after = int(track.frames[run[-1]]) + 1
-            if after < video.frame_count:
-                _add_box(parent, track, int(run[-1]), after, outside=True)
+            next_frame = int(track.frames[run[-1]]) + 1
+            if next_frame < video.frame_count:
+                _add_box(parent, track, int(run[-1]), next_frame, outside=True)
     ElementTree.indent(root)
     ElementTree.ElementTree(root).write(path, encoding="utf-8", xml_declaration=True)
 
 
 def _add(parent: ElementTree.Element, name: str, text: object = None, **attributes: str) -> ElementTree.Element:
-    made = ElementTree.SubElement(parent, name, attributes)
-    made.text = None if text is None else str(text)
-    return made
+    element = ElementTree.SubElement(parent, name, attributes)
+    element.text = None if text is None else str(text)
+    return element
 
 
 def _add_box(parent: ElementTree.Element, track: Track, row: int, frame: int, outside: bool = False) -> None:
@@ -272,8 +274,8 @@ def read_cvat(path: Path) -> TrackedVideo:
         root = ElementTree.fromstring(text.encode())
     except ElementTree.ParseError as error:
         raise RequestError(f"{path}: expected CVAT's XML, got a broken one: {error}") from error
-    found, images = root.findall("track"), sorted(root.findall("image"), key=lambda image: int(image.get("id", 0)))
-    if root.tag == "annotations" and images and not found:
+    elements, images = root.findall("track"), sorted(root.findall("image"), key=lambda image: int(image.get("id", 0)))
+    if root.tag == "annotations" and images and not elements:
         rows = (row for frame, image in enumerate(images) for row in _boxes(path, frame, image))
         names = tuple(image.get("name", "") for image in images)
         return replace(tracks_without_ids(path, rows), name=path.stem, length=len(images), images=names)
@@ -281,8 +283,8 @@ def read_cvat(path: Path) -> TrackedVideo:
         there = ", ".join(sorted({child.tag for child in root})[:5]) or "nothing"
         raise RequestError(f"{path}: expected tracks or images of CVAT 1.1, got {root.tag} with {there}")
     size = [_whole(root, f".//original_size/{side}") for side in ("width", "height")]
-    classes = {int(track.get("id", -1)): (-1, track.get("label", "")) for track in found}
-    tracks = tracks_of_rows(path, (row for track in found for row in _track_rows(path, track)), classes)
+    classes = {int(track.get("id", -1)): (-1, track.get("label", "")) for track in elements}
+    tracks = tracks_of_rows(path, (row for track in elements for row in _track_rows(path, track)), classes)
     return TrackedVideo(
         tracks,
         name=root.findtext(".//task/source") or root.findtext(".//job/source") or path.stem,
@@ -301,8 +303,8 @@ def _boxes(path: Path, frame: int, image: ElementTree.Element) -> Iterator[BoxOf
         try:
             yield frame, (-1, box.get("label", "")), [float(box.attrib[name]) for name in CORNERS], False
         except (KeyError, ValueError) as error:
-            wanted = f"{', '.join(CORNERS)} of each box in numbers"
-            raise RequestError(f"{path}: expected {wanted}, got {error} in {dict(box.attrib)}") from error
+            expected = f"{', '.join(CORNERS)} of each box in numbers"
+            raise RequestError(f"{path}: expected {expected}, got {error} in {dict(box.attrib)}") from error
 
 
 def _track_rows(path: Path, track: ElementTree.Element) -> Iterator[tuple[Any, ...]]:
@@ -325,8 +327,8 @@ def _track_rows(path: Path, track: ElementTree.Element) -> Iterator[tuple[Any, .
     if frames[0] < 0 or frames[-1] >= LAST_FRAME or (np.diff(frames) == 0).any():
         raise RequestError(f"{path}: expected each frame from 0 to {LAST_FRAME - 1} once in track {number}")
     outside, hidden = (np.array([box.get(name) == "1" for box in boxes]) for name in ("outside", "occluded"))
-    every, values, key = between_keys(path, frames, corners)
-    visible = (frames[key] == every) & ~hidden[key]
+    track_frames, values, key = between_keys(path, frames, corners)
+    visible = (frames[key] == track_frames) & ~hidden[key]
     for row in np.flatnonzero(~outside[key]).tolist():
         source = sources[key[row]] if visible[row] else -1
-        yield int(every[row]), number, values[row], scores[key[row]], bool(visible[row]), source
+        yield int(track_frames[row]), number, values[row], scores[key[row]], bool(visible[row]), source

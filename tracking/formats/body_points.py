@@ -44,7 +44,7 @@ def read_poses_file(path: Path) -> PointTable:
     labelled = np.isfinite(table.points).all(axis=2).sum(axis=1) > 0
     if not labelled.any():
         raise RequestError(f"{path}: expected at least one point, got none")
-    tracks = tuple(name for name, one in zip(table.tracks, labelled, strict=True) if one)
+    tracks = tuple(name for name, has_points in zip(table.tracks, labelled, strict=True) if has_points)
     return PointTable(table.nodes, table.frames[labelled], tracks, table.points[labelled], table.scores[labelled])
 
 
@@ -70,8 +70,8 @@ def write_sleap(path: Path, table: PointTable) -> None:
     rows = []
     for n in sorted(range(len(table)), key=lambda n: (int(table.frames[n]), table.tracks[n])):
         values = np.concatenate([table.points[n], table.scores[n][:, None]], axis=1).ravel()
-        known = table.scores[n][np.isfinite(table.scores[n])]
-        score = f"{known.mean():.4f}" if len(known) else ""
+        finite = table.scores[n][np.isfinite(table.scores[n])]
+        score = f"{finite.mean():.4f}" if len(finite) else ""
         rows.append([table.tracks[n], int(table.frames[n]), score, *map(_text, values)])
     write_csv(path, ["track", "frame_idx", "instance.score", *columns], rows)
 

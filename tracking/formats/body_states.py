@@ -26,8 +26,8 @@ LAST_COLUMNS = ("score", "status")
 
 def write_states(path: Path, tracks: Iterable[BodyTrack], fields: Sequence[str]) -> None:
     """Writes tracks of bodies with state components ``fields``, by frame, then by id."""
-    every = [*tracks]
-    table = table_of(every, fields) if every else dict.fromkeys(("frame", "id", *fields, *LAST_COLUMNS), NONE)
+    listed = [*tracks]
+    table = table_of(listed, fields) if listed else dict.fromkeys(("frame", "id", *fields, *LAST_COLUMNS), NONE)
     write_columns(path, table | {"frame": table["frame"] + 1}, ".4f", score=".4g")
 
 
@@ -52,8 +52,8 @@ def read_states(path: Path, fields: Sequence[str] | None = None) -> list[BodyTra
         RequestError: it is no such file, a column is missing, or a value is not what it should be.
     """
     table = read_named_rows(path, "states")
-    wanted = list(fields) if fields else [name for name in table.names if name not in ("frame", "id", *LAST_COLUMNS)]
-    table.need(("frame", "id", *(wanted or ("a", "b", "theta"))))
+    columns = list(fields) if fields else [name for name in table.names if name not in ("frame", "id", *LAST_COLUMNS)]
+    table.need(("frame", "id", *(columns or ("a", "b", "theta"))))
     if not table.rows:
         raise RequestError(f"{path}: expected at least one state, got none")
     frames, ids = table.whole_numbers("frame", 1, LAST_FRAME) - 1, table.whole_numbers("id", 1)
@@ -65,14 +65,15 @@ def read_states(path: Path, fields: Sequence[str] | None = None) -> list[BodyTra
         raise RequestError(
             f"{path}: expected an id once in a frame, got id {ids[row]} twice in frame {frames[row] + 1}"
         )
-    scores = [finite_number(path, line, "score", one.get("score") or "1") for line, one in table.rows]
-    states, score, every_status = table.numbers(wanted), np.array(scores), np.array(statuses)
+    scores = [finite_number(path, line, "score", cells.get("score") or "1") for line, cells in table.rows]
+    states, score, every_status = table.numbers(columns), np.array(scores), np.array(statuses)
     rows = np.argsort(frames, kind="stable")
     parts = [rows[part] for part in rows_of_each(ids[rows])]
     return [BodyTrack(int(ids[p[0]]), frames[p], states[p], score[p], tuple(every_status[p].tolist())) for p in parts]
 
 
 FOLDER = "silhouettes"
+# Bits of a pixel, one a body.
 MOST_BODIES = 8
 
 
@@ -109,5 +110,5 @@ def centre_inside(silhouettes: ImageArray, identity: int, centres: FloatArray) -
     frames, height, width = silhouettes.shape
     column, row = np.floor(np.nan_to_num(centres, nan=-1.0, posinf=-1.0, neginf=-1.0)).astype(np.int64).T
     inside = (column >= 0) & (column < width) & (row >= 0) & (row < height)
-    found = silhouettes[np.arange(frames), np.where(inside, row, 0), np.where(inside, column, 0)]
-    return np.asarray(inside & silhouette_of(found, identity))
+    pixels = silhouettes[np.arange(frames), np.where(inside, row, 0), np.where(inside, column, 0)]
+    return np.asarray(inside & silhouette_of(pixels, identity))

@@ -41,18 +41,28 @@ from tsuiseki.tracking.types.class_choice import PERSON_NAMES
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
 
-LABELS, ANNOTATIONS = "label_02", "annotations"
+LABELS = "label_02"
+ANNOTATIONS = "annotations"
 COUNTED = "Pedestrian"
 KITTI_NAMES = dict(enumerate((COUNTED, "Cyclist", "Car", "Van", "Truck", "Tram", "Misc", "Person", "Person_sitting")))
 # Results on them are neither right nor wrong, as KITTI itself scores.
 ALIKE = {COUNTED: ("Person", "Person_sitting"), "Car": ("Van",)}
-# By occlusion.
-KITTI_VISIBLE, VISDRONE_VISIBLE = np.array([1.0, 0.75, 0.25, 0.5]), np.array([1.0, 0.75, 0.25])
+# Visible share of a person by KITTI's number of occlusion.
+KITTI_VISIBLE = np.array([1.0, 0.75, 0.25, 0.5])
+# The same by VisDrone's.
+VISDRONE_VISIBLE = np.array([1.0, 0.75, 0.25])
 # Height, width, length, place and turn of nothing.
 NO_SPACE = "-1 -1 -1 -1000 -1000 -1000 -10"
 KITTI_ROW = "frame track type truncated occluded alpha left top right bottom"
 VISDRONE_ROW = "frame,id,left,top,width,height,score,category,truncation,occlusion"
-IGNORED_REGION, PEDESTRIAN, PEOPLE, MOST = 0, 1, 2, 11
+# VisDrone's number of a region in which results are neither right nor wrong.
+IGNORED_REGION = 0
+# VisDrone's number of people who stand or walk.
+PEDESTRIAN = 1
+# VisDrone's number of people in other postures.
+PEOPLE = 2
+# VisDrone's highest number of a category.
+MOST = 11
 _KINDS = ("pedestrian", "people", "bicycle", "car", "van", "truck", "tricycle", "awning-tricycle", "bus", "motor")
 VISDRONE_NAMES = dict(enumerate(_KINDS, start=PEDESTRIAN))
 BDD_NAMES = dict(enumerate(("pedestrian", "rider", "car", "truck", "bus", "train", "motorcycle", "bicycle")))
@@ -80,25 +90,25 @@ def write_kitti(path: Path, video: TrackedVideo) -> None:
     path.write_text("".join(text), encoding="utf-8")
 
 
-def read_kitti(path: Path, length: int | None = None, wanted: int | str | None = None) -> GroundTruth:
+def read_kitti(path: Path, length: int | None = None, kind: int | str | None = None) -> GroundTruth:
     """KITTI's labels of a drive of ``length`` frames, if known, by frame; of a type, by default pedestrians.
 
     Raises:
         RequestError: the file is missing, malformed, has no pedestrian, has one twice in a frame, or labels frames
             beyond the drive.
     """
-    given = read_rows(path, "KITTI tracking labels").without_heading(len(KITTI_ROW.split()))
+    table = read_rows(path, "KITTI tracking labels").without_heading(len(KITTI_ROW.split()))
     # Frame, occlusion, and the box.
-    rows = given.numbers(KITTI_ROW, (0, 4, 6, 7, 8, 9))
+    rows = table.numbers(KITTI_ROW, (0, 4, 6, 7, 8, 9))
     framed = (rows[:, 0] >= 0) & (rows[:, 0] < LAST_FRAME) & (rows[:, 0] % 1 == 0)
     flat = ~(rows[:, 4:] > rows[:, 2:4])
-    given.refuse(
+    table.refuse(
         (~framed, f"a frame number from 0 to {LAST_FRAME - 1}"),
         (flat[:, 0] | flat[:, 1], "right beyond left and bottom below top"),
     )
-    ids = given.whole_numbers("track", 1)
-    (number,) = wanted_numbers(wanted, KITTI_NAMES, (0,), path)
-    name, kinds = KITTI_NAMES[number], np.array([cells[2] for cells in given.cells], dtype=np.str_)
+    ids = table.whole_numbers("track", 1)
+    (number,) = wanted_numbers(kind, KITTI_NAMES, (0,), path)
+    name, kinds = KITTI_NAMES[number], np.array([cells[2] for cells in table.cells], dtype=np.str_)
     frames, counted = rows[:, 0].astype(np.int64), kinds == name
     if not counted.any():
         what = "pedestrians, of the type " if name == COUNTED else ""
@@ -153,32 +163,32 @@ def find_visdrone(folder: Path) -> list[LabelFile]:
     """
     labels, pictures = sorted((folder / ANNOTATIONS).glob("*.txt")), folder / "sequences"
     place = pictures if pictures.is_dir() else folder
-    found = [LabelFile(path.stem, list_images(place / path.stem), path) for path in labels]
-    bare = next((one for one in found if not one.images), None)
+    clips = [LabelFile(path.stem, list_images(place / path.stem), path) for path in labels]
+    bare = next((clip for clip in clips if not clip.images), None)
     if bare is not None and place == pictures:
         raise RequestError(f"{bare.labels}: expected images in {pictures / bare.name}, found none")
-    if not found:
+    if not clips:
         raise RequestError(f"expected label files NAME.txt in {folder}/{ANNOTATIONS}, found none")
-    return found
+    return clips
 
 
-def read_visdrone(path: Path, length: int | None = None, wanted: int | str | None = None) -> GroundTruth:
+def read_visdrone(path: Path, length: int | None = None, kind: int | str | None = None) -> GroundTruth:
     """VisDrone's labels of a clip of ``length`` frames, if known, by frame.
 
-    The category ``wanted`` counts, by number or name; by default pedestrians and people.
+    The category ``kind`` counts, by number or name; by default pedestrians and people.
 
     Raises:
         RequestError: the file is missing, malformed, has no such category or none of it to evaluate, or labels frames
             beyond the clip.
     """
-    given = read_rows(path, "VisDrone-MOT labels").without_heading(10)
-    rows = given.numbers(VISDRONE_ROW)
+    table = read_rows(path, "VisDrone-MOT labels").without_heading(10)
+    rows = table.numbers(VISDRONE_ROW)
     # Crowds are fenced in by regions that may be as thin as a line.
     wide = (rows[:, 4] > 0) & (rows[:, 5] > 0)
-    numbers = wanted_numbers(wanted, VISDRONE_NAMES, (PEDESTRIAN, PEOPLE), path)
+    numbers = wanted_numbers(kind, VISDRONE_NAMES, (PEDESTRIAN, PEOPLE), path)
     counted = np.isin(rows[:, 7], numbers) & (rows[:, 6] != 0)
     framed = (rows[:, 0] >= 1) & (rows[:, 0] <= LAST_FRAME) & (rows[:, 0] % 1 == 0)
-    given.refuse(
+    table.refuse(
         (~framed, f"a frame number from 1 to {LAST_FRAME}"),
         (~np.isin(rows[:, 7], np.arange(MOST + 1)), f"a category of 0-{MOST}"),
         (counted & ~wide, "a positive width and height"),
@@ -188,9 +198,9 @@ def read_visdrone(path: Path, length: int | None = None, wanted: int | str | Non
             f"{path}: labels reach frame {rows[:, 0].max():g}, but the clip has {length} images; "
             "are these the labels of another clip?"
         )
-    ids = given.whole_numbers("id", 1)
+    ids = table.whole_numbers("id", 1)
     if not counted.any():
-        what = "pedestrians (1) or people (2)" if wanted is None else f"labels of {wanted}"
+        what = "pedestrians (1) or people (2)" if kind is None else f"labels of {kind}"
         raise NothingLabelledError(f"{path}: no usable box: expected {what} with score 1")
     visible = VISDRONE_VISIBLE[np.clip(rows[:, 9], 0, 2).astype(np.int64)]
     ignored = (rows[:, 7] == IGNORED_REGION) | (rows[:, 6] == 0)
@@ -211,21 +221,21 @@ def is_bdd100k(path: Path) -> bool:
 
 def _bdd_files(folder: Path) -> list[Path]:
     places = ("*.json", "labels/box_track_20/*/*.json", "box_track_20/*/*.json", "labels/*.json")
-    return next((found for place in places if (found := sorted(folder.glob(place)))), [])
+    return next((files for place in places if (files := sorted(folder.glob(place)))), [])
 
 
 def find_bdd100k(path: Path) -> list[LabelFile]:
     """The video of a label file, or those in a folder by name, with pictures where the data set's folders lie above."""
-    found = []
+    videos = []
     for labels in [path] if path.is_file() else _bdd_files(path):
         above = labels.resolve().parents[:5]
         places = (place for folder in above for place in sorted(folder.glob(f"images/track/*/{labels.stem}")))
         images = next((images for place in places if (images := list_images(place))), ())
-        found.append(LabelFile(labels.stem, images, labels))
-    return found
+        videos.append(LabelFile(labels.stem, images, labels))
+    return videos
 
 
-def read_bdd100k(path: Path, _: int | None = None, wanted: int | str | None = None) -> GroundTruth:
+def read_bdd100k(path: Path, _: int | None = None, kind: int | str | None = None) -> GroundTruth:
     """BDD100K's labels in a file, by frame; of a class by its name, by default people: pedestrians.
 
     Raises:
@@ -234,19 +244,19 @@ def read_bdd100k(path: Path, _: int | None = None, wanted: int | str | None = No
     expected = f"{path}: expected a list of frames with frameIndex and labels of id, category and box2d: "
     with refusing(expected, str):
         frames = json.loads(read_text(path, "labels of BDD100K"))
-        rows = [(int(f["frameIndex"]), one) for f in frames for one in f.get("labels") or [] if one.get("box2d")]
+        rows = [(int(f["frameIndex"]), label) for f in frames for label in f.get("labels") or [] if label.get("box2d")]
         numbers = np.array([number for number, _ in rows], dtype=np.int64)
         corners = ("x1", "y1", "x2", "y2")
-        boxes = np.array([[float(one["box2d"][k]) for k in corners] for _, one in rows]).reshape(-1, 4)
-        kinds = np.array([OLDER.get(one["category"], one["category"]) for _, one in rows], dtype=np.str_)
-        ids = np.unique([str(one["id"]) for _, one in rows], return_inverse=True)[1].astype(np.int64) + 1
-        visible = np.array([0.5 if _attribute(one, "occluded") else 1.0 for _, one in rows])
-        crowd = np.array([_attribute(one, "crowd") for _, one in rows], dtype=np.bool_)
+        boxes = np.array([[float(label["box2d"][k]) for k in corners] for _, label in rows]).reshape(-1, 4)
+        kinds = np.array([OLDER.get(label["category"], label["category"]) for _, label in rows], dtype=np.str_)
+        ids = np.unique([str(label["id"]) for _, label in rows], return_inverse=True)[1].astype(np.int64) + 1
+        visible = np.array([0.5 if _attribute(label, "occluded") else 1.0 for _, label in rows])
+        crowd = np.array([_attribute(label, "crowd") for _, label in rows], dtype=np.bool_)
     if len(numbers) and not (numbers.min() >= 0 and numbers.max() < LAST_FRAME):
         raise RequestError(f"{path}: expected frameIndex from 0 to {LAST_FRAME - 1}")
-    counted = np.isin(kinds, [BDD_NAMES[n] for n in wanted_numbers(wanted, BDD_NAMES, (0,), path)]) & ~crowd
+    counted = np.isin(kinds, [BDD_NAMES[n] for n in wanted_numbers(kind, BDD_NAMES, (0,), path)]) & ~crowd
     if not counted.any():
-        raise NothingLabelledError(f"{path}: no usable box: expected labels of {wanted or BDD_NAMES[0]}, got none")
+        raise NothingLabelledError(f"{path}: no usable box: expected labels of {kind or BDD_NAMES[0]}, got none")
     if bad := np.flatnonzero((boxes[:, 2:] <= boxes[:, :2]).any(axis=1)).tolist():
         raise RequestError(f"{path}: expected x1 < x2 and y1 < y2, got {boxes[bad[0]].tolist()}")
     if (row := repeated(numbers[counted], ids[counted])) is not None:
@@ -291,7 +301,7 @@ class BoxLayout:
         if not (path.is_file() and path.suffix == ".txt"):
             return []
         if path.parent.name == self.inside and self.fits(folder):
-            return [one for one in self.find(folder) if one.labels.name == path.name]
+            return [video for video in self.find(folder) if video.labels.name == path.name]
         return [LabelFile(path.stem, (), path)] if self.alone(path) else []
 
 

@@ -72,9 +72,10 @@ class Correction:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise RequestError(f"expected a correction {', '.join(KINDS)}, got {self.kind!r}")
-        least, most, _ = KINDS[self.kind]
-        if not least <= len(self.boxes) <= most or (self.kind == "several") != bool(self.parts):
-            usual = f"{least} boxes" if most == least else f"{least} boxes or more" if most > 2 else "1 or 2 boxes"
+        lowest, highest, _ = KINDS[self.kind]
+        if not lowest <= len(self.boxes) <= highest or (self.kind == "several") != bool(self.parts):
+            several = f"{lowest} boxes or more" if highest > 2 else "1 or 2 boxes"
+            usual = f"{lowest} boxes" if highest == lowest else several
             raise RequestError(f"correction {self.kind}: expected {usual}, got {len(self.boxes)}")
         for box in self.boxes:
             if box is None and self.kind == "switch":
@@ -94,15 +95,15 @@ class Correction:
             return self.sentence
         if self.kind == "several":
             return "; ".join(map(str, self.parts))
-        shown = [
+        places = [
             f"the box at ({box.x + box.width / 2:.0f}, {box.y + box.height / 2:.0f}) in frame {box.frame + 1}"
             for box in self.there
         ]
         return KINDS[self.kind][2].format(
-            one=shown[0],
-            two=f"{shown[0]} and {shown[-1]}",
+            one=places[0],
+            two=f"{places[0]} and {places[-1]}",
             last=self.there[-1].frame + 1,
-            drawn="added" if len(shown) == 1 else "moved",
+            drawn="added" if len(places) == 1 else "moved",
             name=self.name or "nothing",
         )
 
@@ -116,8 +117,8 @@ class Correction:
     def parse(cls, row: Any) -> Correction:
         """What `written` gave; raises RequestError where it is something else."""
         try:
-            given = [None if b is None else [float(v) for v in b] for b in row.get("boxes", [])]
-            boxes = tuple(None if b is None else Box(int(b[0]) - 1, *b[1:]) for b in given)
+            values = [None if b is None else [float(v) for v in b] for b in row.get("boxes", [])]
+            boxes = tuple(None if b is None else Box(int(b[0]) - 1, *b[1:]) for b in values)
             parts = tuple(map(cls.parse, row.get("parts", [])))
             return cls(row["kind"], boxes, str(row.get("name", "")), parts, str(row.get("sentence", "")))
         except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError) as error:
@@ -138,16 +139,16 @@ class CorrectedVideo:
     size: tuple[int, int] | None
     frames: int
 
-    def check(self, other: CorrectedVideo, path: Path, slack: float = 0.0) -> None:
-        """Refuse corrections of ``other`` for this video, whose frames are known but for ``slack``.
+    def check(self, about: CorrectedVideo, path: Path, slack: float = 0.0) -> None:
+        """Refuse corrections ``about`` another video for this one, whose frames are known but for ``slack``.
 
         Raises:
             RequestError: it has another size or length; where neither is known, another name.
         """
-        sizes, lengths = (self.size, other.size), (self.frames, other.frames)
-        long = 0 not in lengths and abs(self.frames - other.frames) > slack
+        sizes, lengths = (self.size, about.size), (self.frames, about.frames)
+        long = 0 not in lengths and abs(self.frames - about.frames) > slack
         if long or (None not in sizes and sizes[0] != sizes[1]):
-            raise RequestError(f"{path}: expected corrections of {self}, got those of {other}")
+            raise RequestError(f"{path}: expected corrections of {self}, got those of {about}")
 
     def __str__(self) -> str:
         size = "" if self.size is None else f" of {self.size[0]}x{self.size[1]} pixels"
@@ -156,18 +157,18 @@ class CorrectedVideo:
 
 @dataclass(frozen=True)
 class CorrectionLog:
-    """All corrections, in order; those taken back can be repeated until a new one is given."""
+    """All corrections, in order; those taken back can be repeated until a new one comes."""
 
-    given: tuple[Correction, ...] = ()
+    corrections: tuple[Correction, ...] = ()
     undone: tuple[Correction, ...] = ()
 
     def and_then(self, row: Correction | Literal["undo", "redo"]) -> CorrectionLog:
         """The log after one more line; an undo or redo of nothing changes nothing."""
         if isinstance(row, Correction):
-            return CorrectionLog((*self.given, row))
+            return CorrectionLog((*self.corrections, row))
         if row == "undo":
-            return CorrectionLog(self.given[:-1], (*self.undone, *self.given[-1:]))
-        return CorrectionLog((*self.given, *self.undone[-1:]), self.undone[:-1])
+            return CorrectionLog(self.corrections[:-1], (*self.undone, *self.corrections[-1:]))
+        return CorrectionLog((*self.corrections, *self.undone[-1:]), self.undone[:-1])
 
 
 def read_corrections(path: Path, of: CorrectedVideo | None = None, slack: float = 0.0) -> CorrectionLog:

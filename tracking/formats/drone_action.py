@@ -109,8 +109,8 @@ def _folders(folder: Path) -> list[Path]:
 
 
 def _class_of(name: str) -> str | None:
-    found = OTHER_SPELLINGS.get(name, name)
-    return found if found in DRONE_ACTION_CLASSES else None
+    spelling = OTHER_SPELLINGS.get(name, name)
+    return spelling if spelling in DRONE_ACTION_CLASSES else None
 
 
 def drone_action_labels(clip: DroneActionClip, length: int | None = None) -> ActionLabels:
@@ -138,9 +138,9 @@ def read_drone_action_boxes(path: str | Path, length: int | None = None) -> Grou
     rows = table.numbers("x,y,width,height")
     if length is not None and len(rows) != length:
         raise RequestError(f"{path}: expected a row for each of {length} frames, got {len(rows)}")
-    known = np.flatnonzero(np.isfinite(rows).all(axis=1))
-    if not len(known) or (rows[known, 2:] <= 0).any():
-        k = int(known[np.argmax((rows[known, 2:] <= 0).any(axis=1))]) if len(known) else 0
+    visible = np.flatnonzero(np.isfinite(rows).all(axis=1))
+    if not len(visible) or (rows[visible, 2:] <= 0).any():
+        k = int(visible[np.argmax((rows[visible, 2:] <= 0).any(axis=1))]) if len(visible) else 0
         raise RequestError(f"{path}:{k + 1}: expected a box with a positive width and height in some frame")
-    boxes = corners_from_xywh(rows[known] - np.array([1, 1, 0, 0]))
-    return GroundTruth.of_boxes(known, np.ones(len(known), dtype=np.int64), boxes)
+    boxes = corners_from_xywh(rows[visible] - np.array([1, 1, 0, 0]))
+    return GroundTruth.of_boxes(visible, np.ones(len(visible), dtype=np.int64), boxes)

@@ -78,8 +78,8 @@ def _nodes(video: TrackedVideo) -> dict[str, NDArray[Any]]:
     places = next((names for names in (("a", "b"), ("x", "y")) if {*names, "frame", "id"} <= table.keys()), None)
     if places is None:
         raise RequestError(f"expected tracks with frame, id and a place, got {', '.join(list(table)[:8])}")
-    known = {"t": table["frame"], "y": table[places[1]], "x": table[places[0]], "track_id": table["id"]}
-    return known | {n: v for n, v in table.items() if v.dtype.kind in "fi" and n not in (*places, "frame", "id")}
+    columns = {"t": table["frame"], "y": table[places[1]], "x": table[places[0]], "track_id": table["id"]}
+    return columns | {n: v for n, v in table.items() if v.dtype.kind in "fi" and n not in (*places, "frame", "id")}
 
 
 def _write_array(folder: Path, values: NDArray[Any]) -> None:
@@ -149,7 +149,7 @@ class ExportFormat:
 
 
 def _write_table(path: Path, video: TrackedVideo) -> None:
-    write_table(path, dict(video.table), video.known)
+    write_table(path, dict(video.table), video.about)
 
 
 FORMATS = {
@@ -178,9 +178,9 @@ LABEL_FILES = ("annotations.xml", "annotations.json", "_annotations.coco.json", 
                *(f"annotations/{part}*.json" for part in ("instances_", "train", "val", "test")))  # fmt: skip
 SUFFIXES: dict[str, str] = {}
 """By suffix the format that is meant where none is named: the first above."""
-for _name, _one in FORMATS.items():
-    if _one.suffix:
-        SUFFIXES.setdefault(_one.suffix, _name)
+for _name, _format in FORMATS.items():
+    if _format.suffix:
+        SUFFIXES.setdefault(_format.suffix, _name)
 
 
 def format_named(name: str) -> ExportFormat:
@@ -211,10 +211,10 @@ def exported_in(folder: Path) -> list[Path]:
     """
     inner = sorted(path for path in folder.iterdir() if path.is_dir())
     for places in ([folder], inner, sorted((folder / "labels").glob("*/"))):
-        files = [[file for one in LABEL_FILES for file in sorted(place.glob(one))] for place in places]
-        wanted = [at for place, some in zip(places, files, strict=True) for at in (place, *some)]
-        if found := [at for at in wanted if format_at(at)]:
-            return found
+        files = [[file for pattern in LABEL_FILES for file in sorted(place.glob(pattern))] for place in places]
+        candidates = [at for place, label_files in zip(places, files, strict=True) for at in (place, *label_files)]
+        if readable := [at for at in candidates if format_at(at)]:
+            return readable
     return []
 
 
@@ -227,8 +227,9 @@ def read_exported(path: Path, single: bool = False) -> TrackedVideo:
     name = format_at(path)
     read = FORMATS[name].read if name else None
     if read is None:
-        raise RequestError(f"expected a file of {', '.join(n for n, one in FORMATS.items() if one.read)}, got {path}")
-    known = read(path)
-    if not (known.identified or single):
+        readable = ", ".join(n for n, export in FORMATS.items() if export.read)
+        raise RequestError(f"expected a file of {readable}, got {path}")
+    video = read(path)
+    if not (video.identified or single):
         raise RequestError(f"{path}: expected an id of each box, found none: labels of single pictures")
-    return known
+    return video

@@ -32,12 +32,12 @@ class LabelFile:
 
 
 def wanted_numbers(
-    wanted: int | str | None, names: Mapping[int, str], people: Collection[int], what: object
+    kind: int | str | None, names: Mapping[int, str], people: Collection[int], what: object
 ) -> tuple[int, ...]:
     """Numbers of the classes of a layout that count.
 
     Args:
-        wanted: a number, a name, or ``person`` or None for people.
+        kind: a number, a name, or ``person`` or None for people.
         names: of all classes, by number.
         people: numbers of those that are people.
         what: has them, for messages.
@@ -45,18 +45,18 @@ def wanted_numbers(
     Raises:
         RequestError: there is no such class.
     """
-    if wanted is None or ClassChoice((wanted,)).plain == (PEOPLE,):
+    if kind is None or ClassChoice((kind,)).plain == (PEOPLE,):
         return tuple(people)
-    return ClassChoice((wanted,)).numbers(names, names.keys(), what)
+    return ClassChoice((kind,)).numbers(names, names.keys(), what)
 
 
-def same_class(one: str, other: str) -> bool:
+def same_class(name: str, other_name: str) -> bool:
     """Whether two names are of one class; all names of people are.
 
     >>> same_class("Person", "pedestrian"), same_class("car", "Car"), same_class("car", "truck")
     (True, True, False)
     """
-    first, second = one.strip().lower(), other.strip().lower()
+    first, second = name.strip().lower(), other_name.strip().lower()
     return first == second or {first, second} <= set(PERSON_NAMES)
 
 
@@ -64,9 +64,10 @@ def same_class(one: str, other: str) -> bool:
 FARTHEST = 1e7
 # Counting from 1 moves shares of 0 to -1.
 WITHIN_A_PIXEL = 1.01
-# Shares of the boxes: from the first on a warning is given that they leave the picture, from the second on they are
-# refused.
-FEW, MOST = 0.1, 0.5
+# Share of the boxes from which on a warning says that they leave the picture.
+FEW = 0.1
+# Share of the boxes from which on they are refused.
+MOST = 0.5
 # Share of its area from which on a box leaves the picture.
 CUT = 0.3
 
@@ -144,8 +145,8 @@ def compare_with_labels(where: str | Path, right: int, boxes: FloatArray, labels
     if _like_corners(boxes, (size[0], size[1])):
         hint = "they fit as corners x1, y1, x2, y2, where x, y, width, height are expected"
     there, here = (
-        "{:.0f},{:.0f} to {:.0f},{:.0f}".format(*some[:, :2].min(axis=0), *some[:, 2:].max(axis=0))
-        for some in (boxes, labels)
+        "{:.0f},{:.0f} to {:.0f},{:.0f}".format(*part[:, :2].min(axis=0), *part[:, 2:].max(axis=0))
+        for part in (boxes, labels)
     )
     line = f"{right} of {len(boxes)} boxes are on labelled ones; they lie in {there}, the labels in {here}; {hint}"
     warnings.warn(f"{where}: {line}", InputWarning, stacklevel=3)

@@ -60,7 +60,7 @@ from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
 Size: TypeAlias = tuple[int, int] | None
 """Width and height of the frames that labels are wanted for; None takes those of the frames that lie with them."""
-Wanted: TypeAlias = int | str | None
+CountedClass: TypeAlias = int | str | None
 """Number or name of the class that counts; None for people."""
 
 
@@ -77,7 +77,7 @@ class LabelledVideo:
         read_actions: who does what, in pixels of a size; None without such labels.
         size: width and height of the pictures, where the sequence says.
         classes: names of the classes by the numbers that results bear, where the layout has numbers.
-        every: these are the classes that somebody labelled, and no layout's own.
+        labelled_classes: these are the classes that somebody labelled, and no layout's own.
         first: frame of a video file, from 0, that is frame 0 of the labels.
         frame_rate: frames a second, where the layout says; None elsewhere.
         network: file of the detections of a reviewed result, whose frames count as in the video; None elsewhere.
@@ -86,24 +86,24 @@ class LabelledVideo:
     name: str
     files: tuple[Path, ...]
     length: int | None
-    read_people: Callable[[Size, Wanted], GroundTruth] | None
+    read_people: Callable[[Size, CountedClass], GroundTruth] | None
     read_actions: Callable[[Size], ActionLabels] | None = None
     size: Size = None
     classes: Mapping[int, str] = field(default_factory=dict)
-    every: bool = False
+    labelled_classes: bool = False
     first: int = 0
     frame_rate: float | None = None
     network: Path | None = None
 
     def people(
-        self, protocol: Protocol = "lenient", size: Size = None, wanted: Wanted = None, single: bool = False
+        self, protocol: Protocol = "lenient", size: Size = None, kind: CountedClass = None, single: bool = False
     ) -> GroundTruth:
         """Who is where.
 
         Args:
             protocol: by which Okutama-Action's labels count, see `okutama_truth`.
             size: for Okutama-Action's labels, and those in shares of a picture.
-            wanted: the class that counts, by number or name; by default people.
+            kind: the class that counts, by number or name; by default people.
             single: keep boxes without an id, whose ids are -1.
 
         Raises:
@@ -111,16 +111,16 @@ class LabelledVideo:
                 class.
         """
         if self.read_people is not None:
-            truth = self.read_people(size, wanted)
+            truth = self.read_people(size, kind)
             compare_with_picture(self.name, truth.boxes, self.size)
-            kept = truth if single else truth.select((truth.ids >= 0) | ~truth.evaluated)
-            if truth.evaluated.any() and not kept.evaluated.any():
+            identified = truth if single else truth.select((truth.ids >= 0) | ~truth.evaluated)
+            if truth.evaluated.any() and not identified.evaluated.any():
                 raise RequestError(
                     f"{self.name}: expected an id of each box (COCO: track_id, CEPDOF: person_id), found none; labels "
                     "of single pictures teach and score detections"
                 )
-            return kept
-        wanted_numbers(wanted, {}, (), self.name)
+            return identified
+        wanted_numbers(kind, {}, (), self.name)
         truth, _ = okutama_truth(self.actions(size), protocol)
         if not truth.evaluated.any():
             raise RequestError(f"{self.name}: expected a labelled person who is neither lost nor occluded, got none")
@@ -146,15 +146,15 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
     path = path.parent if path.name == ABOUT else path
     if path.is_dir():
         parts = (part for part in sorted(path.iterdir()) if part.is_dir())
-        found = _in_folder(path, multiple_actions)
-        found = found or [video for part in parts for video in _in_folder(part, multiple_actions)]
-        if not found:
+        videos = _in_folder(path, multiple_actions)
+        videos = videos or [video for part in parts for video in _in_folder(part, multiple_actions)]
+        if not videos:
             raise RequestError(
                 f"{path}: expected labelled video, such as img1/ and gt/gt.txt, annotations.json, annotations.xml, or "
                 "images/ and labels/; found none"
             )
-        return found
-    if boxes := [_of_boxes(layout, one) for layout in BOX_LAYOUTS for one in layout.at(path)]:
+        return videos
+    if boxes := [_of_boxes(layout, file) for layout in BOX_LAYOUTS for file in layout.at(path)]:
         return boxes
     if is_rotated(path):
         return [_rotated(path)]
@@ -179,13 +179,13 @@ def _in_folder(folder: Path, multiple_actions: bool) -> list[LabelledVideo]:
     if is_okutama(folder):
         return [_okutama(video) for video in find_okutama(folder, multiple_actions)]
     for layout in BOX_LAYOUTS:
-        if found := layout.at(folder):
-            return [_of_boxes(layout, one) for one in found]
+        if files := layout.at(folder):
+            return [_of_boxes(layout, file) for file in files]
     if is_drone_action(folder):
         return [_drone_action(clip) for clip in find_drone_action(folder)]
     exported = exported_in(folder)
-    other = (path for place in ("annotations/*.json", "*.json") for path in sorted(folder.glob(place)))
-    if rotated := [path for path in exported or other if is_rotated(path)]:
+    json_files = (path for place in ("annotations/*.json", "*.json") for path in sorted(folder.glob(place)))
+    if rotated := [path for path in exported or json_files if is_rotated(path)]:
         return [_rotated(path) for path in rotated]
     if list_images(folder) and is_rotated(folder):
         return [_rotated(folder)]
@@ -194,24 +194,24 @@ def _in_folder(folder: Path, multiple_actions: bool) -> list[LabelledVideo]:
 
 def _reviewed(folder: Path) -> LabelledVideo:
     """A result that somebody corrected; a box that no detection supports is neither right nor wrong."""
-    every, known = read_folder(folder)
-    tracks: list[Track] = [getattr(track, "track", track) for track in every]
+    loaded, facts = read_folder(folder)
+    tracks: list[Track] = [getattr(track, "track", track) for track in loaded]
     if not tracks or not all(isinstance(track, Track) for track in tracks):
         raise RequestError(f"{folder}: expected tracks of boxes to learn from, got none")
-    source = Path(known.get("source") or folder / "img1")
+    source = Path(facts.get("source") or folder / "img1")
     images = (list_images(source / "img1") or list_images(source)) if source.is_dir() else ()
-    tracked = known["frames"].get("frame") or range(len(images) or 1 + max(int(t.frames[-1]) for t in tracks))
+    tracked = facts["frames"].get("frame") or range(len(images) or 1 + max(int(t.frames[-1]) for t in tracks))
     first, last = min(tracked), max(tracked)
 
-    def read(_: Size, wanted: Wanted) -> GroundTruth:
-        wanted_numbers(wanted, {}, (), folder)
+    def read(_: Size, kind: CountedClass) -> GroundTruth:
+        wanted_numbers(kind, {}, (), folder)
         rows = boxes_of_tracks(tracks)
         everyone = np.ones(len(rows.ids))
         return GroundTruth(rows.frames - first, rows.ids, rows.boxes, rows.observed, ~rows.observed, everyone)
 
     files = images[first : last + 1] or ((source,) if source.is_file() else ())
-    video = LabelledVideo(folder.name, files, last + 1 - first, read, size=known.get("size"), first=first)
-    return replace(video, frame_rate=known.get("frame_rate"), network=folder / "flow.npz")
+    video = LabelledVideo(folder.name, files, last + 1 - first, read, size=facts.get("size"), first=first)
+    return replace(video, frame_rate=facts.get("frame_rate"), network=folder / "flow.npz")
 
 
 def _sequence(sequence: MotSequence) -> LabelledVideo:
@@ -219,7 +219,7 @@ def _sequence(sequence: MotSequence) -> LabelledVideo:
         sequence.name,
         sequence.images,
         sequence.length or None,
-        lambda _, wanted: read_ground_truth(sequence.ground_truth_path, wanted),
+        lambda _, kind: read_ground_truth(sequence.ground_truth_path, kind),
         (lambda size: read_clip_labels(sequence, size)) if (sequence.folder / ACTIONS_FILE).is_file() else None,
         (sequence.width, sequence.height) if sequence.width and sequence.height else None,
         MOT_NAMES,
@@ -230,7 +230,7 @@ def _ground_truth(path: Path) -> LabelledVideo:
     """Labels with name and length of the sequence that a ``gt/gt.txt`` lies in, where it lies in one."""
     folder = path.resolve().parent.parent
     name = folder.name if path.name == "gt.txt" else path.stem
-    alone = LabelledVideo(name, (), None, lambda _, wanted: read_ground_truth(path, wanted), classes=MOT_NAMES)
+    alone = LabelledVideo(name, (), None, lambda _, kind: read_ground_truth(path, kind), classes=MOT_NAMES)
     if path.name != "gt.txt" or path.resolve().parent.name != "gt" or not (folder / "seqinfo.ini").is_file():
         return alone
     return replace(_sequence(read_sequence(folder)), files=(), read_people=alone.read_people, read_actions=None)
@@ -241,18 +241,18 @@ def _okutama(video: LabelFile) -> LabelledVideo:
     return LabelledVideo(video.name, video.images, length, None, lambda size: read_okutama_video(video, size))
 
 
-def _of_boxes(layout: BoxLayout, one: LabelFile) -> LabelledVideo:
-    length = len(one.images) or None
-    read: Callable[[Size, Wanted], GroundTruth] = lambda _, wanted: layout.read(one.labels, length, wanted)  # noqa: E731
-    return LabelledVideo(one.name, one.images, length, read, classes=layout.names)
+def _of_boxes(layout: BoxLayout, file: LabelFile) -> LabelledVideo:
+    length = len(file.images) or None
+    read: Callable[[Size, CountedClass], GroundTruth] = lambda _, kind: layout.read(file.labels, length, kind)  # noqa: E731
+    return LabelledVideo(file.name, file.images, length, read, classes=layout.names)
 
 
 def _drone_action(clip: DroneActionClip) -> LabelledVideo:
     images = list_images(clip.source)
     length = len(images) or None
 
-    def read(_: Size, wanted: Wanted) -> GroundTruth:
-        wanted_numbers(wanted, {}, (), clip.source)
+    def read(_: Size, kind: CountedClass) -> GroundTruth:
+        wanted_numbers(kind, {}, (), clip.source)
         return read_drone_action_boxes(clip.labelled(), length)
 
     return LabelledVideo(clip.name, images or (clip.source,), length, read, lambda _: drone_action_labels(clip, length))
@@ -264,13 +264,13 @@ def _rotated(path: Path) -> LabelledVideo:
     near = (path.parent, path.parent.parent, path.parent.parent / "frames")
     places = (path,) if path.is_dir() else tuple(place / path.stem for place in near)
     places += (path.parent, *(place / "images" for place in near[:2]))
-    found = [{name: image for image in list_images(place) for name in (image.stem, image.name)} for place in places]
-    files = next((tuple(map(some.__getitem__, labels)) for some in found if labels.keys() <= some.keys()), ())
+    named = [{name: image for image in list_images(place) for name in (image.stem, image.name)} for place in places]
+    files = next((tuple(map(images.__getitem__, labels)) for images in named if labels.keys() <= images.keys()), ())
 
-    def read(_: Size, wanted: Wanted) -> GroundTruth:
-        wanted_numbers(wanted, {}, (), path)
-        frames = np.repeat(np.arange(len(labels)), [len(one.boxes) for one in labels.values()])
-        boxes, ids = (np.concatenate([getattr(one, name) for one in labels.values()]) for name in ("boxes", "ids"))
+    def read(_: Size, kind: CountedClass) -> GroundTruth:
+        wanted_numbers(kind, {}, (), path)
+        frames = np.repeat(np.arange(len(labels)), [len(image.boxes) for image in labels.values()])
+        boxes, ids = (np.concatenate([getattr(image, name) for image in labels.values()]) for name in ("boxes", "ids"))
         # Ids of tracks count from 1; these may be 0.
         return GroundTruth.of_boxes(frames, np.where(ids < 0, -1, ids + 1), about_bodies(boxes))
 
@@ -279,19 +279,19 @@ def _rotated(path: Path) -> LabelledVideo:
 
 def _exported(path: Path) -> LabelledVideo:
     """Labels of another program, with the images in ``images``, or those or the video that they name beside them."""
-    known, folder = read_exported(path, single=True), path if path.is_dir() else path.parent
+    exported, folder = read_exported(path, single=True), path if path.is_dir() else path.parent
     places = [folder, *(folder / name for name in ("images", "data"))]
     places += [folder.parent / "images", folder.parent / path.stem.removeprefix("instances_")]
-    named = [[place / name for name in known.images] for place in places]
-    images = next((tuple(some) for some in named if some and all(one.is_file() for one in some)), ())
+    named = [[place / name for name in exported.images] for place in places]
+    images = next((tuple(paths) for paths in named if paths and all(image.is_file() for image in paths)), ())
     images = images or list_images(picture_places(folder)[1])
-    video = folder / (inside(known.name) or "")
-    length = known.length or len(images) or None
+    video = folder / (inside(exported.name) or "")
+    length = exported.length or len(images) or None
     files = images or ((video,) if video.is_file() else ())
-    name = known.stem if known.name and not known.stem.endswith("annotations") else folder.name
+    name = exported.stem if exported.name and not exported.stem.endswith("annotations") else folder.name
 
-    def read(size: Size, wanted: Wanted) -> GroundTruth:
-        return known.in_pixels(path, size).labels(path, wanted)
+    def read(size: Size, kind: CountedClass) -> GroundTruth:
+        return exported.in_pixels(path, size).labels(path, kind)
 
-    names = {number: kind for kind, number in known.kinds.items()}
-    return LabelledVideo(name, files, length, read, None, known.size, names, every=True)
+    names = {number: kind for kind, number in exported.kinds.items()}
+    return LabelledVideo(name, files, length, read, None, exported.size, names, labelled_classes=True)

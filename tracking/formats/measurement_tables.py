@@ -61,10 +61,11 @@ def read_scans(path: Path, names: Sequence[str], period: float = 1.0) -> list[Sc
         raise RequestError(f"{path}: expected at least one row of measurements, got none")
     times = table.numbers([clock])[:, 0]
     if len(early := np.flatnonzero(np.diff(times) < 0)):
-        before, after = times[early[0] : early[0] + 2]
+        earlier, later = times[early[0] : early[0] + 2]
         line = table.rows[early[0] + 1][0]
-        raise RequestError(f"{path}:{line}: expected rows in order of {clock}, got {after:g} after {before:g}; sort it")
-    filled = replace(table, rows=[one for one in table.rows if any(one[1][name] for name in names)])
+        got = f"{later:g} after {earlier:g}"
+        raise RequestError(f"{path}:{line}: expected rows in order of {clock}, got {got}; sort it")
+    filled = replace(table, rows=[entry for entry in table.rows if any(entry[1][name] for name in names)])
     measured = [any(row[name] for name in names) for _, row in table.rows]
     values, spreads = filled.numbers(names), [_covariance(path, *row, names, errors) for row in filled.rows]
     covariances = np.array(spreads).reshape(-1, len(names), len(names))
@@ -179,10 +180,10 @@ def read_points(path: Path, length: int | None = None) -> list[FloatArray]:
 
 def write_points(path: Path, detections: Iterable[Detections]) -> None:
     """Centres of the boxes of each frame, as `read_points` reads them."""
-    every = [*detections]
-    frames = np.repeat(np.arange(1, len(every) + 1), [len(one) for one in every])
-    x, y = np.concatenate([np.empty((0, 2)), *(centres(one.boxes) for one in every)]).T
-    scores = np.nan_to_num(np.concatenate([np.empty(0), *(one.scores for one in every)]))
+    listed = [*detections]
+    frames = np.repeat(np.arange(1, len(listed) + 1), [len(frame) for frame in listed])
+    x, y = np.concatenate([np.empty((0, 2)), *(centres(frame.boxes) for frame in listed)]).T
+    scores = np.nan_to_num(np.concatenate([np.empty(0), *(frame.scores for frame in listed)]))
     write_columns(path, {"frame": frames, "x": x, "y": y, "score": scores}, ".3f", score=".4f")
 
 

@@ -34,6 +34,7 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray,
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
 
+# Number of the class of people who stand or walk.
 PEDESTRIAN = 1
 NAMES = dict(
     enumerate(
@@ -45,20 +46,22 @@ NAMES = dict(
         start=PEDESTRIAN,
     )
 )
+# Numbers of the classes on which results are neither right nor wrong.
 DISTRACTORS = (2, 7, 8, 12)
+# The same in MOT20.
 MOT20_DISTRACTORS = (2, 6, 7, 8, 12)
 # Fewer scores tell no two scales apart.
 FEWEST_OF_A_SCALE = 20
 
 
-def read_ground_truth(path: str | Path, wanted: int | str | None = None) -> GroundTruth:
+def read_ground_truth(path: str | Path, kind: int | str | None = None) -> GroundTruth:
     """The labels in a ``gt.txt`` of MOT15, 16, 17 or 20, distinguished by the number of columns.
 
     A sequence whose folder is named ``MOT20-…`` follows MOT20's list of distractors.
 
     Args:
         path: of the file.
-        wanted: number or name of the class that counts; by default pedestrians. Where column 7 marks no row of another
+        kind: number or name of the class that counts; by default pedestrians. Where column 7 marks no row of another
             class, as in MOT16 to 20, all of its rows count.
 
     Raises:
@@ -73,13 +76,13 @@ def read_ground_truth(path: str | Path, wanted: int | str | None = None) -> Grou
     compare_with_picture(path, boxes_of(rows))
     active = rows[:, 6] != 0
     if rows.shape[1] == 10:
-        wanted_numbers(wanted, {PEDESTRIAN: NAMES[PEDESTRIAN]}, (PEDESTRIAN,), path)
+        wanted_numbers(kind, {PEDESTRIAN: NAMES[PEDESTRIAN]}, (PEDESTRIAN,), path)
         evaluated, ignored, visibility = active, np.zeros(len(rows), dtype=np.bool_), np.ones(len(rows))
     else:
         is_mot20 = any(part.startswith("MOT20") for part in path.parts)
         classes = rows[:, 7].astype(np.int64)
         others = {number: str(number) for number in set(classes.tolist()) - NAMES.keys()}
-        (number,) = wanted_numbers(wanted, {**NAMES, **others}, (PEDESTRIAN,), path)
+        (number,) = wanted_numbers(kind, {**NAMES, **others}, (PEDESTRIAN,), path)
         evaluated = active & (classes == number)
         ignored = np.isin(classes, MOT20_DISTRACTORS if is_mot20 else DISTRACTORS)
         if number != PEDESTRIAN:
@@ -87,7 +90,7 @@ def read_ground_truth(path: str | Path, wanted: int | str | None = None) -> Grou
             evaluated = evaluated if evaluated.any() else classes == number
         visibility = np.where(rows[:, 8] < 0, 1.0, np.clip(rows[:, 8], 0, 1))
     if not evaluated.any():
-        raise NothingLabelledError(_nothing_usable(path, rows, active, wanted))
+        raise NothingLabelledError(_nothing_usable(path, rows, active, kind))
     order = np.argsort(frames, kind="stable")
     return GroundTruth(frames, ids, boxes_of(rows), evaluated, ignored, visibility).select(order)
 
@@ -165,12 +168,12 @@ def _classes(rows: FloatArray) -> IntArray | None:
 
 def _warn_of_two_scales(path: Path, scores: FloatArray) -> None:
     """Warn of scores of which some are shares and others percentages, such as those of two detectors."""
-    known = scores[~np.isnan(scores)]
-    if len(known) < FEWEST_OF_A_SCALE or known.min() < 0:
+    finite = scores[~np.isnan(scores)]
+    if len(finite) < FEWEST_OF_A_SCALE or finite.min() < 0:
         return
-    shares, percent = known[(known > 0.1) & (known <= 1)], known[known >= 10]
-    between = np.mean((known > 1) & (known < 5))
-    if min(len(shares), len(percent)) > 0.05 * len(known) and between < 0.01:
+    shares, percent = finite[(finite > 0.1) & (finite <= 1)], finite[finite >= 10]
+    between = np.mean((finite > 1) & (finite < 5))
+    if min(len(shares), len(percent)) > 0.05 * len(finite) and between < 0.01:
         warnings.warn(
             f"{path}: {len(shares)} scores in [0.1, 1] and {len(percent)} from 10 to {percent.max():g} look like two "
             "scales, and are compared as they are; bring them to one, or people of the lower one count for less",
@@ -209,8 +212,8 @@ def write_detections(path: Path, detections: Iterable[Detections]) -> None:
     """Write one `Detections` a frame as ``det.txt``; what no detector scored gets 0."""
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("w", encoding="utf-8") as file:
-        for frame, one in enumerate(detections):
-            file.write(detection_lines(frame, one))
+        for frame, detected in enumerate(detections):
+            file.write(detection_lines(frame, detected))
 
 
 def detection_lines(frame: int, detections: Detections) -> str:
@@ -270,8 +273,8 @@ def write_tracks(path: str | Path, tracks: Iterable[Track]) -> None:
     if path.suffix.lower() in (".json", ".csv", ".parquet", ".xml", ".xlsx"):
         raise RequestError(f"{path}: expected the name of a text file, such as tracks.txt, got {path.suffix}")
     path.parent.mkdir(parents=True, exist_ok=True)
-    every = [*tracks]
-    rows, kinds = boxes_of_tracks(every), {track.id: track.class_id for track in every}
+    listed = [*tracks]
+    rows, kinds = boxes_of_tracks(listed), {track.id: track.class_id for track in listed}
     columns = zip(rows.frames + 1, rows.ids.tolist(), boxes_as_text(rows.boxes), rows.scores, strict=True)
     path.write_text("".join(f"{f},{i},{b},{s:.4f},{kinds[i]},-1,-1\n" for f, i, b, s in columns), encoding="utf-8")
 
@@ -281,14 +284,16 @@ def _refuse_repeated(path: Path, lines: IntArray, frames: IntArray, ids: IntArra
         raise RequestError(f"{path}:{lines[row]}: id {ids[row]} stands twice in frame {frames[row] + 1}")
 
 
-def _nothing_usable(path: Path, rows: FloatArray, active: BoolArray, wanted: int | str | None) -> str:
+def _nothing_usable(path: Path, rows: FloatArray, active: BoolArray, kind: int | str | None) -> str:
     if not active.any():
         return f"{path}: no usable box: column 7 marks every row as not to be considered"
     classes = ", ".join(f"{value:g}" for value in np.unique(rows[active, 7]))
-    return f"{path}: no usable box: expected class {wanted or '1 (pedestrian)'} in column 8, got only {classes}"
+    return f"{path}: no usable box: expected class {kind or '1 (pedestrian)'} in column 8, got only {classes}"
 
 
-SCORE = 6  # Column of the score, counted from 0.
+# Column of the score, counted from 0.
+SCORE = 6
+# Columns that are read.
 MOST = 10
 # What stands in the fifth column where boxes are written as corners.
 CORNER = re.compile(r"(bb_?)?(x_?2|x_?max|right|x_?br)", re.IGNORECASE)
@@ -299,10 +304,10 @@ def _read(path: Path, fewest: int, what: str, detected: bool = False) -> tuple[F
 
     Detections may be without width or height, without a score, which is NaN then, and none at all.
     """
-    given = read_rows(path, what)
-    rows = given.without_heading(fewest)
-    if len(rows.cells) < len(given.cells):
-        _check_heading(path, given.cells[0])
+    table = read_rows(path, what)
+    rows = table.without_heading(fewest)
+    if len(rows.cells) < len(table.cells):
+        _check_heading(path, table.cells[0])
     if not rows.cells and detected:
         warnings.warn(f"{path} is empty: nothing was detected", InputWarning, stacklevel=3)
     if not rows.cells:

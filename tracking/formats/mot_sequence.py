@@ -111,10 +111,10 @@ def find_sequences(folder: str | Path) -> list[MotSequence]:
     folder = Path(folder)
     if folder.is_dir() and is_sequence(folder):
         return [read_sequence(folder)]
-    found = [p for p in sorted(folder.iterdir()) if p.is_dir() and is_sequence(p)] if folder.is_dir() else []
-    if not found:
+    folders = [p for p in sorted(folder.iterdir()) if p.is_dir() and is_sequence(p)] if folder.is_dir() else []
+    if not folders:
         raise RequestError(f"expected a MOTChallenge sequence or a folder of sequences at {folder}, found none")
-    return [read_sequence(p) for p in found]
+    return [read_sequence(p) for p in folders]
 
 
 def list_images(folder: Path) -> tuple[Path, ...]:

@@ -25,6 +25,7 @@ from tsuiseki.tracking.types import BoolArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
+# Width and height of the video that labels are in, pixels.
 LABEL_SIZE = (3840, 2160)
 # Where such labels lie in a MOTChallenge sequence.
 ACTIONS_FILE = "gt/actions.txt"
@@ -52,7 +53,7 @@ def read_okutama(path: str | Path, size: tuple[int, int]) -> ActionLabels:
     ids = rows.whole_numbers("track_id", 0, first=0)
     frames = rows.whole_numbers("frame", 5, 0, LAST_FRAME - 1)
     names = [
-        [_known(name, f"{path}:{line}") for name in cells[10:]]
+        [_action_name(name, f"{path}:{line}") for name in cells[10:]]
         for line, cells in zip(rows.lines, rows.cells, strict=True)
     ]
     lost, occluded, generated = (numbers[:, column] == 1 for column in (6, 7, 8))
@@ -60,9 +61,9 @@ def read_okutama(path: str | Path, size: tuple[int, int]) -> ActionLabels:
     width, height = LABEL_SIZE
     expected = f"xmin ymin xmax ymax of a box in {width}x{height} (mark a person out of view as lost)"
     rows.refuse((~lost & (areas(boxes) <= 0), expected))
-    kept = np.flatnonzero(~lost)
-    if (row := repeated(frames[kept], ids[kept])) is not None:
-        k = kept[row]
+    present = np.flatnonzero(~lost)
+    if (row := repeated(frames[present], ids[present])) is not None:
+        k = present[row]
         raise RequestError(f"{path}:{rows.lines[k]}: id {ids[k]} stands twice in frame {frames[k]}")
     boxes[lost] = 0.0, 0.0, 1.0, 1.0
     return ActionLabels(frames, ids, boxes, lost, occluded, generated, actions_of(names), OKUTAMA_ACTIONS)
@@ -83,11 +84,11 @@ def _complaint(cells: list[str], text: str) -> str:
     return ""
 
 
-def _known(name: str, place: str) -> str:
-    known = _SPELLINGS.get(name.replace(" ", "").lower(), name)
-    if known not in OKUTAMA_ACTIONS:
+def _action_name(name: str, place: str) -> str:
+    spelling = _SPELLINGS.get(name.replace(" ", "").lower(), name)
+    if spelling not in OKUTAMA_ACTIONS:
         raise RequestError(f"{place}: unknown action {name!r}; known are {', '.join(OKUTAMA_ACTIONS)}")
-    return known
+    return spelling
 
 
 def write_okutama(path: Path, labels: ActionLabels, size: tuple[int, int]) -> None:
@@ -123,10 +124,10 @@ def okutama_truth(labels: ActionLabels, protocol: Protocol) -> tuple[GroundTruth
     lost rows are removed, a result on an occluded one is neither right nor wrong, and all frames count. Both match from
     an IoU of 0.5 on.
     """
-    kept = ~labels.lost & (labels.frames >= counted_from(protocol).first)
+    counted = ~labels.lost & (labels.frames >= counted_from(protocol).first)
     if protocol == "published":
-        kept &= ~labels.occluded
-    chosen = labels.select(np.flatnonzero(kept)[np.argsort(labels.frames[kept], kind="stable")])
+        counted &= ~labels.occluded
+    chosen = labels.select(np.flatnonzero(counted)[np.argsort(labels.frames[counted], kind="stable")])
     truth = GroundTruth(
         frames=chosen.frames,
         ids=chosen.ids,
@@ -144,7 +145,7 @@ def counted_from(protocol: Protocol) -> FrameRange:
 
 
 LABEL_FOLDERS = ("SingleActionTrackingLabels", "MultiActionLabels")
-# Of the frames that come with the data.
+# Width and height of the frames that come with the data, pixels.
 EXTRACTED_SIZE = (1280, 720)
 ADVICE = "use the frames that come with the data, Extracted-Frames-1280x720"
 
@@ -188,8 +189,8 @@ def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[Lab
     else:
         # Walking through the folders takes a while where there are a hundred thousand frames: once for all videos.
         # Of frames in several sizes the 1280x720 ones come last, and stay.
-        found = sorted(folder.glob("**/Extracted-Frames-*/*"), key=str, reverse=True)
-        places = {place.name: place for place in found if place.is_dir()}
+        frame_folders = sorted(folder.glob("**/Extracted-Frames-*/*"), key=str, reverse=True)
+        places = {place.name: place for place in frame_folders if place.is_dir()}
         files = _label_files(folder / "Labels", multiple_actions)
         videos = [_published(labels, places.get(labels.stem)) for labels in files]
     if not videos:
@@ -240,9 +241,9 @@ def check_frames(labels: ActionLabels, length: int, size: tuple[int, int], name:
 
 def _label_files(folder: Path, multiple_actions: bool) -> list[Path]:
     for kind in reversed(LABEL_FOLDERS) if multiple_actions else LABEL_FOLDERS:
-        found = sorted((folder / kind).glob("*/*.txt"))
-        if found:
-            return found
+        files = sorted((folder / kind).glob("*/*.txt"))
+        if files:
+            return files
     return []
 
 

@@ -17,7 +17,10 @@ from pathlib import Path
 from tsuiseki.tracking.errors import RequestError
 
 _NAME = re.compile(r"(\d{4}|00-1)C(\d)T(\d{4})F(\d{3,4})\.jpg")
-DISTRACTORS, JUNK = 0, -1
+# Number that stands for various others, wrong answers to every query.
+DISTRACTORS = 0
+# Number that stands for crops that are neither right nor wrong.
+JUNK = -1
 
 
 @dataclass(frozen=True)
@@ -71,7 +74,9 @@ def read_mars(folder: str | Path) -> list[PersonCrop]:
     return crops
 
 
-TRAIN, QUERY, GALLERY = "bounding_box_train", "query", "bounding_box_test"
+TRAIN = "bounding_box_train"
+QUERY = "query"
+GALLERY = "bounding_box_test"
 _MARKET = re.compile(r"(-1|\d+)_c(\d+)s?(\d*)_(\d+)_.*\.(?:jpg|png)", re.IGNORECASE)
 
 

@@ -42,8 +42,8 @@ PLACES = ("x", "y", "rx", "ry", "rw", "rh", "degrees")
 def filled_frames(tracks: Sequence[Any]) -> dict[str, str]:
     """By id the frames, from 1, in which no detection supports the box, such as ``"12-15,20"``."""
     boxes = [getattr(track, "track", track) for track in tracks]
-    known = [(track.id, track.frames[~track.observed]) for track in boxes if isinstance(track, Track)]
-    return {str(number): _spans(frames) for number, frames in known if len(frames)}
+    filled = [(track.id, track.frames[~track.observed]) for track in boxes if isinstance(track, Track)]
+    return {str(number): _spans(frames) for number, frames in filled if len(frames)}
 
 
 def _spans(frames: IntArray) -> str:
@@ -68,8 +68,8 @@ def read_folder(folder: Path) -> tuple[list[Any], dict[str, Any]]:
     if name == "." and name not in results and results:
         raise RequestError(f"{folder} holds several results; load one of {', '.join(str(folder / n) for n in results)}")
     about = results.get(name, {})
-    known: dict[str, Any] = {key: record[key] for key in ("settings", "facts", "seconds") if key in record}
-    known["frames"] = columns_shifted(record.get("frames", {}), -1)
+    attributes: dict[str, Any] = {key: record[key] for key in ("settings", "facts", "seconds") if key in record}
+    attributes["frames"] = columns_shifted(record.get("frames", {}), -1)
     readers: dict[str, Reader] = dict.fromkeys(TABLES, _of_table)
     readers["tracks.json"] = lambda place, _: read_acting_tracks(place / "tracks.json", needed=False)
     readers["world.csv"] = _of_floor
@@ -78,12 +78,12 @@ def read_folder(folder: Path) -> tuple[list[Any], dict[str, Any]]:
     read = next((read for name, read in readers.items() if (folder / name).is_file()), None)
     if read is None:
         raise RequestError(f"{folder}: expected a result, such as tracks.txt, found none")
-    tracks, names = read(folder, known["frames"])
+    tracks, names = read(folder, attributes["frames"])
     if record.get("partial"):
         warnings.warn(f"{folder} is a partial result: {record.get('reason', 'stopped')}", InputWarning, stacklevel=4)
     if (folder / POINTS_FILE).is_file():
-        known["points"] = read_poses_file(folder / POINTS_FILE)
-    return [_with_filled(track, about.get("filled", {})) for track in tracks], {**known, **about, "names": names}
+        attributes["points"] = read_poses_file(folder / POINTS_FILE)
+    return [_with_filled(track, about.get("filled", {})) for track in tracks], {**attributes, **about, "names": names}
 
 
 def _record(folder: Path) -> tuple[dict[str, Any], str]:
@@ -118,13 +118,13 @@ def _of_floor(folder: Path, _: Mapping[str, Any]) -> tuple[list[Any], tuple[str,
     table = read_named_rows(path, "places on a floor", ("id", *PLACES))
     ids, values = table.numbers(["id"])[:, 0], table.numbers(PLACES)
     values[:, -1] = np.radians(values[:, -1])
-    found = []
+    floor_tracks = []
     for track in read_tracks(folder / "tracks.txt"):
-        own: FloatArray = values[ids == track.id]
-        if len(own) != len(track):
-            raise RequestError(f"{path}: expected {len(track)} rows of id {track.id} as in tracks.txt, got {len(own)}")
-        found.append(FloorTrack(track, own[:, 2:], own[:, :2]))
-    return found, ()
+        rows: FloatArray = values[ids == track.id]
+        if len(rows) != len(track):
+            raise RequestError(f"{path}: expected {len(track)} rows of id {track.id} as in tracks.txt, got {len(rows)}")
+        floor_tracks.append(FloorTrack(track, rows[:, 2:], rows[:, :2]))
+    return floor_tracks, ()
 
 
 def _of_one(folder: Path, columns: Mapping[str, Any]) -> tuple[list[Any], tuple[str, ...]]:

@@ -97,8 +97,8 @@ def write_rotated_detections(path: Path, detections: Mapping[str, RotatedBoxes])
     rows = [
         {"image_id": name, "bbox": [*np.round(box[:4], 3).tolist(), round(float(np.degrees(box[4])), 4)],
          "score": round(float(score), 5)}
-        for name, each in detections.items()
-        for box, score in zip(each.boxes, each.scores, strict=True)
+        for name, image in detections.items()
+        for box, score in zip(image.boxes, image.scores, strict=True)
     ]  # fmt: skip
     path.write_text(json.dumps(rows) + "\n", encoding="utf-8")
 
@@ -180,15 +180,15 @@ def _grouped(rows: Sequence[_Row], names: Sequence[str]) -> dict[str, RotatedBox
         grouped[row[0]].append(row)
     largest = max((row[2] for row in rows), default=0)
     result = {}
-    for name, some in grouped.items():
-        boxes = np.array([row[1] for row in some], dtype=np.float64).reshape(-1, 5)
+    for name, image_rows in grouped.items():
+        boxes = np.array([row[1] for row in image_rows], dtype=np.float64).reshape(-1, 5)
         boxes[:, 4] = half_turned(boxes[:, 4])
-        ids = np.array([row[2] for row in some], dtype=np.int64)
+        ids = np.array([row[2] for row in image_rows], dtype=np.int64)
         # The second box of a person in one image is somebody of its own.
         first = np.zeros(len(ids), dtype=np.bool_)
         first[np.unique(ids, return_index=True)[1]] = True
         for k in np.flatnonzero(~first & (ids >= 0)):
             largest += 1
             ids[k] = largest
-        result[name] = RotatedBoxes(boxes, ids, np.array([row[3] for row in some], dtype=np.float64))
+        result[name] = RotatedBoxes(boxes, ids, np.array([row[3] for row in image_rows], dtype=np.float64))
     return result

@@ -28,6 +28,7 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
 MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 COMMENT = ("#", "%")
+# Largest whole number of 64 bits.
 LARGEST_ID = 2**63 - 1
 _EMPTY = '\t,;" \ufeff'
 _END_OF_LINE = re.compile(r"\r+\n|\r")
@@ -61,14 +62,14 @@ def read_text(path: Path, what: str) -> str:
 
 
 @contextmanager
-def refusing(message: str, shown: Callable[[Exception], str] = lambda _: "") -> Iterator[None]:
-    """What fails within, as content of another kind does, is a RequestError of a message and what is ``shown``."""
+def refusing(message: str, describe: Callable[[Exception], str] = lambda _: "") -> Iterator[None]:
+    """What fails within, as content of another kind does, is a RequestError of a message and what ``describe`` says."""
     try:
         yield
     except RequestError:
         raise
     except (AttributeError, IndexError, KeyError, OverflowError, RecursionError, TypeError, ValueError) as error:
-        raise RequestError(f"{message}{shown(error)}") from error
+        raise RequestError(f"{message}{describe(error)}") from error
 
 
 def read_json(path: Path, what: str) -> Any:
@@ -140,8 +141,8 @@ class Rows:
         first = self.cells[0] if self.cells else [""]
         if not first[0] or any(map(_NUMBER.match, first)) or (len(self.cells) == 1 and len(first) < columns):
             return self
-        shown = self.texts[0][:60]
-        warnings.warn(f"{self.path}: the first line, {shown!r}, is a heading and left out", InputWarning, stacklevel=4)
+        line = self.texts[0][:60]
+        warnings.warn(f"{self.path}: the first line, {line!r}, is a heading and left out", InputWarning, stacklevel=4)
         return Rows(self.path, self.cells[1:], self.lines[1:], self.texts[1:], self.separator)
 
 
@@ -155,8 +156,8 @@ def rows_of(text: str, path: Path) -> Rows:
     if "\r" in text:
         text = _END_OF_LINE.sub("\n", text)
     filled = [(n, line) for n, line in enumerate(text.split("\n"), start=1) if line.strip(_EMPTY)]
-    kept = [(n, line) for n, line in filled if not line.lstrip(_EMPTY).startswith(COMMENT)]
-    lines, texts = [n for n, _ in kept], [line.strip(" \ufeff") for _, line in kept]
+    content = [(n, line) for n, line in filled if not line.lstrip(_EMPTY).startswith(COMMENT)]
+    lines, texts = [n for n, _ in content], [line.strip(" \ufeff") for _, line in content]
     separator = _separator(texts)
     try:
         cells = _cells(texts, separator)
@@ -164,7 +165,7 @@ def rows_of(text: str, path: Path) -> Rows:
         raise RequestError(f"{path}: expected rows of cells, got something else ({error})") from error
     if separator != "," and "," in text:
         _mend_decimal_commas(path, cells)
-    comment = next((line for n, line in filled[::-1] if kept and n < kept[0][0]), "")
+    comment = next((line for n, line in filled[::-1] if content and n < content[0][0]), "")
     return Rows(path, cells, lines, texts, SEPARATORS[separator], comment.strip("".join(COMMENT) + _EMPTY))
 
 
@@ -181,7 +182,7 @@ def _separator(lines: Sequence[str]) -> str:
 
 def _cells(texts: Sequence[str], separator: str) -> list[list[str]]:
     """The cells of each text, without the empty ones at its end."""
-    found = []
+    rows = []
     for text in texts:
         here = separator if separator in text else _separator([text])
         bare = text.rstrip(f"{here}\t ")
@@ -189,8 +190,8 @@ def _cells(texts: Sequence[str], separator: str) -> list[list[str]]:
             row = next(csv.reader([bare], delimiter=here, skipinitialspace=True))
         else:
             row = bare.split(None if here == " " else here)
-        found.append([cell.strip() for cell in row] if " " in bare else row)
-    return found
+        rows.append([cell.strip() for cell in row] if " " in bare else row)
+    return rows
 
 
 def _mend_decimal_commas(path: Path, cells: list[list[str]]) -> None:
@@ -200,8 +201,8 @@ def _mend_decimal_commas(path: Path, cells: list[list[str]]) -> None:
             if "," in cell and (match := _DECIMAL_COMMA.fullmatch(cell)):
                 example, row[k] = example or cell, f"{match[1]}.{match[2]}"
     if example:
-        shown = example.replace(",", ".")
-        warnings.warn(f"{path}: decimal commas, such as {example}, are read as {shown}", InputWarning, stacklevel=4)
+        mended = example.replace(",", ".")
+        warnings.warn(f"{path}: decimal commas, such as {example}, are read as {mended}", InputWarning, stacklevel=4)
 
 
 @dataclass(frozen=True)

@@ -42,6 +42,7 @@ ATTRIBUTES = {
     "BC": "background clutter",
     "LR": "low resolution",
 }
+# Number of the first labelled image of OTB's sequences that begin later, by `same_name`.
 FIRST_NUMBERS = {"david": 300, "blurcar1": 247, "blurcar3": 3, "blurcar4": 18}
 # First image of each further part of UAV123's videos, at 30 frames/s; UAV123@10fps keeps every third.
 LATER_PARTS = {
@@ -90,19 +91,19 @@ def find_single_sequences(folder: str | Path, attributes: Path | None = None) ->
     listed = read_attributes(attributes) if attributes is not None else None
     if folder.is_file():
         name = folder.parent.name if LABEL_NAMES.fullmatch(folder.name) else folder.stem
-        found = [SingleSequence(name, (), read_boxes(folder))]
+        sequences = [SingleSequence(name, (), read_boxes(folder))]
     elif not folder.is_dir():
         raise RequestError(f"expected a folder of sequences or a label file at {folder}, found none")
     else:
-        found = _in_folder(folder) or [
+        sequences = _in_folder(folder) or [
             s for child in sorted(folder.iterdir()) if child.is_dir() for s in _in_folder(child)
         ]
-        found = found or _label_files(folder, listed)
+        sequences = sequences or _label_files(folder, listed)
     if listed is not None:
-        found = [replace(s, attributes=listed[same_name(s.name)]) for s in found if same_name(s.name) in listed]
-    if not found:
+        sequences = [replace(s, attributes=listed[same_name(s.name)]) for s in sequences if same_name(s.name) in listed]
+    if not sequences:
         raise RequestError(f"{folder}: expected groundtruth_rect.txt, groundtruth.txt or NAME.txt files, found none")
-    return sorted(found, key=lambda sequence: sequence.name.lower())
+    return sorted(sequences, key=lambda sequence: sequence.name.lower())
 
 
 def read_attributes(path: Path) -> dict[str, frozenset[str]]:
@@ -117,13 +118,13 @@ def read_attributes(path: Path) -> dict[str, frozenset[str]]:
     """
     if path.is_dir():
         published = read_published(path)
-        shown = {a: {same_name(name) for name in scores.sequences} for a, scores in published.items()}
-        return {name: frozenset(a for a in ATTRIBUTES if name in shown.get(a, ())) for name in shown["ALL"]}
+        listed = {a: {same_name(name) for name in scores.sequences} for a, scores in published.items()}
+        return {name: frozenset(a for a in ATTRIBUTES if name in listed.get(a, ())) for name in listed["ALL"]}
     result = {}
     for number, line in enumerate(read_text(path, "a list of sequences and attributes").splitlines(), 1):
         if line.strip():
-            name, _, rest = line.strip().replace("\t", " ").partition(" ")
-            result[same_name(name)] = _attribute_set(rest, f"{path}, line {number}")
+            name, _, attributes = line.strip().replace("\t", " ").partition(" ")
+            result[same_name(name)] = _attribute_set(attributes, f"{path}, line {number}")
     return result
 
 
@@ -175,7 +176,7 @@ def _in_folder(folder: Path) -> list[SingleSequence]:
         images = list_images(folder)
         parts = _labels_apart(folder) if images else []
         return [_paired(p.stem, images, read_boxes(p), frozenset(), _first_of_part(p)) for p in parts]
-    images = next((found for name in IMAGE_FOLDERS if (found := list_images(folder / name))), list_images(folder))
+    images = next((listing for name in IMAGE_FOLDERS if (listing := list_images(folder / name))), list_images(folder))
     listed = folder / "attrs.txt"
     attributes = _attribute_set(read_text(listed, "attributes"), str(listed)) if listed.is_file() else frozenset[str]()
     result = []
@@ -196,9 +197,9 @@ def _labels_apart(folder: Path) -> list[Path]:
     folder = folder.resolve()
     for root in list(folder.parents)[:3]:
         for place in (root / "anno" / folder.parent.name, root / "anno"):
-            whole = place / f"{folder.name}.txt"
-            if whole.is_file():
-                return [whole]
+            label_file = place / f"{folder.name}.txt"
+            if label_file.is_file():
+                return [label_file]
             if parts := sorted(place.glob(f"{folder.name}_[1-9].txt")):
                 return parts
     return []
@@ -251,12 +252,15 @@ def _label_files(folder: Path, listed: Iterable[str] | None) -> list[SingleSeque
     """``NAME.txt`` files of labels alone; with a list, other text files beside them are passed over."""
     paths = sorted(folder.glob("*.txt"))
     if listed is not None:
-        wanted = set(listed)
-        paths = [path for path in paths if same_name(path.stem) in wanted]
+        names = set(listed)
+        paths = [path for path in paths if same_name(path.stem) in names]
     return [SingleSequence(path.stem, (), read_boxes(path)) for path in paths]
 
 
-RECTANGLE, POLYGON = 4, 8
+# Numbers of a row that is x, y, width, height.
+RECTANGLE = 4
+# Numbers of a row that is four corners x, y.
+POLYGON = 8
 
 
 def read_boxes(path: str | Path) -> FloatArray:

@@ -22,10 +22,13 @@ from tsuiseki.tracking.types.tracks import PointTable
 
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 MISSING = "pip install h5py (or tsuiseki[hdf5]), or give CSV: sleap-convert --format analysis.csv"
-USER, PREDICTED = 0, 1
+# Type of an instance that a user placed.
+USER = 0
+# Type of an instance that a network found.
+PREDICTED = 1
 CENTRED = 1.1
 """Format of projects from which the first pixel's centre is 0, 0."""
-# What is written, and its tables.
+# Format of projects that are written; its tables follow.
 WRITTEN = 1.2
 FRAME = [("frame_id", "u8"), ("video", "u4"), ("frame_idx", "u8"), ("instance_id_start", "u8"),
          ("instance_id_end", "u8")]  # fmt: skip
@@ -159,7 +162,7 @@ def _project(file: Any) -> PointTable:
     frames, instances = file["frames"][()], file["instances"][()]
     shift = 0.0 if float(file["metadata"].attrs.get("format_id", 1.0)) >= CENTRED else -0.5
     placed = {USER: _points(file["points"][()], shift), PREDICTED: _points(file["pred_points"][()], shift)}
-    found: list[tuple[int, str, FloatArray]] = []
+    animals: list[tuple[int, str, FloatArray]] = []
     for frame in frames[frames["video"] == frames["video"].min(initial=0)]:
         rows = instances[int(frame["instance_id_start"]) : int(frame["instance_id_end"])]
         corrected = {int(row["from_predicted"]) for row in rows if row["instance_type"] == USER}
@@ -168,10 +171,10 @@ def _project(file: Any) -> PointTable:
                 continue
             kind, track = int(row["instance_type"]), int(row["track"])
             values = placed[kind][int(row["point_id_start"]) : int(row["point_id_end"])]
-            found.append((int(frame["frame_idx"]), tracks[track] if 0 <= track < len(tracks) else "", values))
-    values = np.array([points for _, _, points in found]).reshape(-1, len(nodes), 3)
-    numbers = np.array([number for number, _, _ in found], dtype=np.int64)
-    return PointTable(nodes, numbers, tuple(name for _, name, _ in found), values[:, :, :2], values[:, :, 2])
+            animals.append((int(frame["frame_idx"]), tracks[track] if 0 <= track < len(tracks) else "", values))
+    values = np.array([points for _, _, points in animals]).reshape(-1, len(nodes), 3)
+    numbers = np.array([number for number, _, _ in animals], dtype=np.int64)
+    return PointTable(nodes, numbers, tuple(name for _, name, _ in animals), values[:, :, :2], values[:, :, 2])
 
 
 def _points(rows: Any, shift: float) -> FloatArray:
@@ -200,17 +203,17 @@ def _analysis(file: Any) -> PointTable:
     )  # fmt: skip
 
 
-def _by_axes(data: Any, wanted: tuple[str, ...], sizes: dict[str, int]) -> FloatArray:
-    """The array of a file with the axes ``wanted``, in whose reverse SLEAP writes it, and sleap-io as it says.
+def _by_axes(data: Any, names: tuple[str, ...], sizes: dict[str, int]) -> FloatArray:
+    """The array of a file with the axes ``names``, in whose reverse SLEAP writes it, and sleap-io as it says.
 
     Raises:
         ValueError: its axes are others than it says, or have not the ``sizes`` that are known.
     """
     order = data.attrs.get("dims")
-    axes = wanted[::-1] if order is None else tuple(json.loads(order))
-    if sorted(axes) != sorted(wanted) or any(sizes.get(a, n) != n for a, n in zip(axes, data.shape, strict=True)):
+    axes = names[::-1] if order is None else tuple(json.loads(order))
+    if sorted(axes) != sorted(names) or any(sizes.get(a, n) != n for a, n in zip(axes, data.shape, strict=True)):
         raise ValueError(f"an array of shape {data.shape} with axes {', '.join(map(str, axes))}, expected {sizes}")
-    return np.asarray(np.transpose(data[()], [axes.index(one) for one in wanted]), dtype=np.float64)
+    return np.asarray(np.transpose(data[()], [axes.index(name) for name in names]), dtype=np.float64)
 
 
 def _text(value: Any) -> str:

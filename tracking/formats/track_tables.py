@@ -33,7 +33,9 @@ CORNERS = ("x1", "y1", "x2", "y2")
 ROTATED = ("rx", "ry", "rw", "rh", "angle")
 TEXTS = ("status", "class_name", "cameras")
 WHOLE = ("frame", "id", "detection", "class_id", "detection_class")
-COVARIANCE, TRIANGLE = ("xx", "xy", "xz", "yy", "yz", "zz"), np.triu_indices(3)
+COVARIANCE = ("xx", "xy", "xz", "yy", "yz", "zz")
+# Rows and columns of the upper triangle of a covariance, in the order of `COVARIANCE`.
+TRIANGLE = np.triu_indices(3)
 # Under this key a file has what is known beside the tracks.
 KNOWN = "tsuiseki"
 
@@ -79,8 +81,8 @@ def tracks_of(table: Columns) -> list[Any]:
         make = _boxed if "x1" in table else _sensed if "existence" in table else _body
         return [make({name: table[name][rows] for name in table}) for rows in np.split(order, ends) if len(rows)]
     except KeyError as error:
-        shown = ", ".join(table) or "none"
-        raise RequestError(f"expected columns of tracks, such as {error.args[0]}, got {shown}") from error
+        columns = ", ".join(table) or "none"
+        raise RequestError(f"expected columns of tracks, such as {error.args[0]}, got {columns}") from error
     except ValueError as error:
         raise RequestError(f"expected rows of tracks: {error}") from error
 
@@ -137,7 +139,7 @@ def _boxed(part: Columns) -> Any:
         {int(part["class_id"][0]): str(part["class_name"][0])} if "class_name" in part else {},
     )
     if "rx" in part:
-        places, rotated = (np.column_stack([part[name] for name in some]) for some in (("x", "y"), ROTATED))
+        places, rotated = (np.column_stack([part[name] for name in columns]) for columns in (("x", "y"), ROTATED))
         return FloorTrack(track, rotated, places)
     actions = [[column for name, column in part.items() if name.startswith(kind)] for kind in ("single_", "multi_")]
     return ActingTrack(track, *map(np.column_stack, actions)) if all(actions) else track
@@ -174,7 +176,7 @@ def _sensed(part: Columns) -> SensedTrack:
     covariances = np.empty((len(part["id"]), len(state), len(state)))
     for a, b in triangle:
         covariances[:, a, b] = covariances[:, b, a] = part[f"cov_{state[a]}_{state[b]}"]
-    positions, velocities = (np.column_stack([part[before + axis] for axis in axes]) for before in ("", "v"))
+    positions, velocities = (np.column_stack([part[prefix + axis] for axis in axes]) for prefix in ("", "v"))
     modes = np.array([column for name, column in part.items() if name.startswith("mode")]).reshape(-1, len(covariances))
     times, existence = part["time"], part["existence"]
     number = int(part["id"][0])
@@ -216,13 +218,13 @@ def cut_to(track: Any, frame: int) -> Any | None:
     row = np.flatnonzero(frames == frame)
     if not len(row):
         return None
-    values = ((one.name, getattr(track, one.name)) for one in fields(track))
+    values = ((attribute.name, getattr(track, attribute.name)) for attribute in fields(track))
     cut = {name: np.asarray(value)[row] if np.ndim(value) else value for name, value in values}
     return type(track)(**cut | ({"statuses": tuple(cut["statuses"].tolist())} if "statuses" in cut else {}))
 
 
-def write_table(path: Path, table: Columns, known: Mapping[str, Any]) -> None:
-    """Write a table by the ending of the file: ``.csv``, ``.json`` or ``.parquet``; the last two keep ``known``, too.
+def write_table(path: Path, table: Columns, about: Mapping[str, Any]) -> None:
+    """Write a table by the ending of the file: ``.csv``, ``.json`` or ``.parquet``; the last two keep ``about``, too.
 
     Raises:
         RequestError: Parquet needs pyarrow, which is not installed.
@@ -233,35 +235,35 @@ def write_table(path: Path, table: Columns, known: Mapping[str, Any]) -> None:
         write_columns(path, table)
     elif ending == ".json":
         columns = ",\n".join(f"{json.dumps(name)}: {json.dumps(column.tolist())}" for name, column in table.items())
-        head = json.dumps(known, default=str)
+        head = json.dumps(about, default=str)
         path.write_text(f'{{"{KNOWN}": {head},\n"columns": {{\n{columns}\n}}}}\n', encoding="utf-8")
     else:
         needed("pyarrow", "Parquet")
         import pyarrow
         import pyarrow.parquet
 
-        written = pyarrow.table(table).replace_schema_metadata({KNOWN: json.dumps(known, default=str)})
+        written = pyarrow.table(table).replace_schema_metadata({KNOWN: json.dumps(about, default=str)})
         pyarrow.parquet.write_table(written, path)
 
 
 def read_table(path: Path) -> tuple[Columns, dict[str, Any]]:
-    """What `write_table` wrote: the table, and what is known beside it.
+    """What `write_table` wrote: the table, and what stands beside it.
 
     Raises:
         RequestError: there is no such file, it has something else, or Parquet needs pyarrow, which is not installed.
     """
-    ending, known = path.suffix.lower(), dict[str, Any]()
+    ending, about = path.suffix.lower(), dict[str, Any]()
     if ending == ".csv":
         table = _read_csv(path)
     elif ending == ".json":
         with refusing(f"{path}: expected tracks as `Result.save` writes them, got other JSON"):
             content = json.loads(read_text(path, "tracks as JSON"))
-            table, known = {name: np.asarray(column) for name, column in content["columns"].items()}, content[KNOWN]
+            table, about = {name: np.asarray(column) for name, column in content["columns"].items()}, content[KNOWN]
     else:
-        table, known = _read_parquet(path)
+        table, about = _read_parquet(path)
     if "frame" in table:
         table["frame"] = np.asarray(table["frame"], dtype=np.int64) - 1
-    return table, known
+    return table, about
 
 
 def _read_csv(path: Path) -> Columns:

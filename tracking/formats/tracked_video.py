@@ -30,7 +30,9 @@ PERSON = "person"
 
 LONGEST = 1_000_000
 """Frames of a track that is filled in between keys: 11 hours."""
+# The frames or ids of nothing.
 NONE = np.empty(0, np.int64)
+# Gives the columns of a table of no tracks their types.
 EMPTY_TRACK = Track(1, NONE, np.empty((0, 4)), np.empty(0), np.empty(0, np.bool_))
 
 
@@ -51,12 +53,12 @@ class TrackedBoxes(NamedTuple):
 
 def boxes_of_tracks(tracks: Iterable[Track]) -> TrackedBoxes:
     """All boxes of the tracks in one table, by frame and then by id."""
-    every = [EMPTY_TRACK, *tracks]
-    ids = np.repeat([track.id for track in every], [len(track) for track in every])
+    listed = [EMPTY_TRACK, *tracks]
+    ids = np.repeat([track.id for track in listed], [len(track) for track in listed])
     names = ("frames", "boxes", "scores", "observed", "detection")
-    frames, *rest = (np.concatenate([getattr(track, name) for track in every]) for name in names)
+    frames, *columns = (np.concatenate([getattr(track, name) for track in listed]) for name in names)
     order = np.lexsort([ids, frames])
-    return TrackedBoxes(frames[order], ids[order], *(column[order] for column in rest))
+    return TrackedBoxes(frames[order], ids[order], *(column[order] for column in columns))
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,7 @@ class TrackedVideo:
         identified: one id is one object; otherwise an id says nothing, as in pictures labelled one by one.
         crowds: ids of regions on which a detection is neither right nor wrong.
         table: all tracks, of whatever kind, see `formats.track_tables`.
-        known: what a table keeps beside the tracks.
+        about: what a table keeps beside the tracks.
     """
 
     tracks: Sequence[Track]
@@ -89,7 +91,7 @@ class TrackedVideo:
     identified: bool = True
     crowds: Collection[int] = ()
     table: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    known: Mapping[str, Any] = field(default_factory=dict)
+    about: Mapping[str, Any] = field(default_factory=dict)
 
     @cached_property
     def boxes(self) -> TrackedBoxes:
@@ -105,8 +107,9 @@ class TrackedVideo:
     @property
     def frame_count(self) -> int:
         """`length`, or where that is not known, the frames up to the last that has something."""
-        frames = [one.frames for one in (self.boxes, self.points) if one is not None]
-        return max(self.length, *(int(some.max(initial=-1)) + 1 for some in [*frames, self.table.get("frame", NONE)]))
+        frames = [part.frames for part in (self.boxes, self.points) if part is not None]
+        frames.append(np.asarray(self.table.get("frame", NONE)))
+        return max(self.length, *(int(numbers.max(initial=-1)) + 1 for numbers in frames))
 
     @property
     def stem(self) -> str:
@@ -145,15 +148,15 @@ class TrackedVideo:
     def kind(self) -> Mapping[int, str]:
         """By id the name of its class; who has none is a person."""
         named = ((track, f"class {track.class_id}" if track.class_id >= 0 else PERSON) for track in self.tracks)
-        return {track.id: track.class_name or other for track, other in named}
+        return {track.id: track.class_name or usual for track, usual in named}
 
     @cached_property
     def kinds(self) -> Mapping[str, int]:
         """The number of each class by its name, from 0 where not all are known; in their order."""
-        known = {self.kind[track.id]: track.class_id for track in self.tracks} or {PERSON: 0}
-        if min(known.values()) < 0 or len({*known.values()}) < len(known):
-            known = {kind: number for number, kind in enumerate(sorted(known))}
-        return dict(sorted(known.items(), key=lambda item: item[1]))
+        numbers = {self.kind[track.id]: track.class_id for track in self.tracks} or {PERSON: 0}
+        if min(numbers.values()) < 0 or len({*numbers.values()}) < len(numbers):
+            numbers = {kind: number for number, kind in enumerate(sorted(numbers))}
+        return dict(sorted(numbers.items(), key=lambda item: item[1]))
 
     def image(self, frame: int) -> str:
         """The name of a frame's image; those of a video file are counted from 1, as FFmpeg does."""
@@ -172,20 +175,20 @@ class TrackedVideo:
         tracks = [replace(track, boxes=track.boxes * np.tile(size, 2)) for track in self.tracks]
         return replace(self, tracks=tracks, size=size, shares=False)
 
-    def labels(self, path: Path, wanted: int | str | None = None) -> GroundTruth:
+    def labels(self, path: Path, kind: int | str | None = None) -> GroundTruth:
         """The boxes as labels, which were read from ``path``.
 
-        The class ``wanted`` counts, by number or name; by default people, or all where no class is called so.
+        The class ``kind`` counts, by number or name; by default people, or all where no class is called so.
 
         Raises:
             RequestError: there is no box, or no such class, or boxes cannot be pixels of the picture.
         """
-        rows, names = self.boxes, {number: kind for kind, number in self.kinds.items()}
+        rows, names = self.boxes, {number: name for name, number in self.kinds.items()}
         if not len(rows.frames):
             raise NothingLabelledError(f"{path}: expected labelled boxes, found none")
         compare_with_picture(path, rows.boxes, self.size)
-        people = [number for number, kind in names.items() if kind.lower() in PERSON_NAMES] or list(names)
-        counted = {names[number] for number in wanted_numbers(wanted, names, people, path)}
+        people = [number for number, name in names.items() if name.lower() in PERSON_NAMES] or list(names)
+        counted = {names[number] for number in wanted_numbers(kind, names, people, path)}
         of_class = [track.id for track in self.tracks if self.kind[track.id] in counted]
         ids = rows.ids if self.identified else np.full(len(rows.ids), -1)
         truth = GroundTruth.of_boxes(rows.frames, ids, rows.boxes)
@@ -222,9 +225,9 @@ def between_keys(
     end = max(int(frames[-1]), last)
     if end - frames[0] >= LONGEST:
         raise RequestError(f"{path}: expected a track of at most {LONGEST} frames, got one of {end + 1 - frames[0]}")
-    every = np.arange(frames[0], end + 1)
-    values = np.column_stack([np.interp(every, frames, column) for column in boxes.T])
-    return every, values, np.searchsorted(frames, every, side="right") - 1
+    track_frames = np.arange(frames[0], end + 1)
+    values = np.column_stack([np.interp(track_frames, frames, column) for column in boxes.T])
+    return track_frames, values, np.searchsorted(frames, track_frames, side="right") - 1
 
 
 def tracks_of_rows(
@@ -242,14 +245,14 @@ def tracks_of_rows(
     Raises:
         RequestError: an id stands twice in a frame, a number is impossible, or a box has no area.
     """
-    given = list(rows)
-    if not given:
+    listed = list(rows)
+    if not listed:
         return []
     with refusing(f"{path}: expected numbers of frames, ids and boxes: ", str):
-        frames, ids = (np.array([row[k] for row in given], dtype=np.int64) for k in (0, 1))
-        boxes = np.array([row[2] for row in given], dtype=np.float64).reshape(-1, 4)
-        scores = np.array([row[3] for row in given], dtype=np.float64)
-        sources = np.array([row[5] if len(row) > 5 else -1 for row in given], dtype=np.int64)
+        frames, ids = (np.array([row[k] for row in listed], dtype=np.int64) for k in (0, 1))
+        boxes = np.array([row[2] for row in listed], dtype=np.float64).reshape(-1, 4)
+        scores = np.array([row[3] for row in listed], dtype=np.float64)
+        sources = np.array([row[5] if len(row) > 5 else -1 for row in listed], dtype=np.int64)
     if frames.min() < 0 or frames.max() >= LAST_FRAME or ids.min() < 0:
         raise RequestError(
             f"{path}: expected frames up to {LAST_FRAME} and ids from 0, got frame {frames[frames.argmax()]} and id "
@@ -264,18 +267,18 @@ def tracks_of_rows(
         )
     if (twice := repeated(frames, ids)) is not None:
         raise RequestError(f"{path}: id {ids[twice]} stands twice in frame {frames[twice]}, counted from 0")
-    observed, shift = np.array([row[4] for row in given], dtype=np.bool_), 1 if ids.min() == 0 else 0
+    observed, shift = np.array([row[4] for row in listed], dtype=np.bool_), 1 if ids.min() == 0 else 0
     order = np.argsort(frames, kind="stable")
     parts = [order[part] for part in rows_of_each(ids[order])]
     names = sorted({name for _, name in classes.values()})
-    found = []
+    tracks = []
     for p in parts:
         kind, name = classes[int(ids[p[0]])]
         kind = names.index(name) if kind < 0 and name else kind
         origin = np.column_stack([sources[p], np.full(len(p), kind)])
         number = int(ids[p[0]]) + shift
-        found.append(Track(number, frames[p], boxes[p], scores[p], observed[p], origin, {kind: name} if name else {}))
-    return found
+        tracks.append(Track(number, frames[p], boxes[p], scores[p], observed[p], origin, {kind: name} if name else {}))
+    return tracks
 
 
 def tracks_without_ids(path: Path, rows: Iterable[BoxOfPicture]) -> TrackedVideo:

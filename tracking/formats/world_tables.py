@@ -65,18 +65,19 @@ def read_correspondences(path: Path, columns: Sequence[str] = COLUMNS) -> list[C
     table = read_named_rows(path, f"a CSV file with columns {', '.join(columns)}", columns)
     if not table.rows:
         raise RequestError(f"{path}: expected rows of points, found none")
-    known = dict(zip(columns, table.numbers(columns).T, strict=True))
-    values = np.column_stack([known.get(name, np.zeros(len(table.rows))) for name in COLUMNS])
+    by_name = dict(zip(columns, table.numbers(columns).T, strict=True))
+    values = np.column_stack([by_name.get(name, np.zeros(len(table.rows))) for name in COLUMNS])
     cameras = [row.get("camera") or "camera1" for _, row in table.rows]
-    found = []
+    groups = []
     for camera in dict.fromkeys(cameras):
         rows = [k for k, name in enumerate(cameras) if name == camera]
         lines = [table.rows[k][0] for k in rows]
-        found.append(Correspondences(camera, values[rows, :3], values[rows, 3:], lines))
-    return found
+        groups.append(Correspondences(camera, values[rows, :3], values[rows, 3:], lines))
+    return groups
 
 
 VISIBLE = ("visibility", "visible", "vis")
+# Files with a column of visibility count pixels from the first one's centre.
 HALF_PIXEL = 0.5
 
 
@@ -100,12 +101,14 @@ def read_ball_points(path: Path) -> FloatArray:
     if hidden.all():
         raise RequestError(f"{path}: expected at least one frame that shows the ball, got none")
     pixels = np.full((int(frames.max()) + 1, 2), np.nan)
-    shown = replace(table, rows=[row for row, none in zip(table.rows, hidden, strict=True) if not none])
-    pixels[frames[~hidden]] = shown.numbers(("x", "y")) + shift
+    visible_rows = replace(table, rows=[row for row, none in zip(table.rows, hidden, strict=True) if not none])
+    pixels[frames[~hidden]] = visible_rows.numbers(("x", "y")) + shift
     return pixels
 
 
+# Standard deviation of a position along each axis where a file does not say, metres.
 DEVIATION = 0.2
+# Deviations that two places of one person may lie apart, and a metre.
 SAME = 5.0
 
 
@@ -147,8 +150,8 @@ def read_floor_positions(path: Path) -> FloorPositions:
     values = np.column_stack([table.numbers(("time", "x", "y")), deviations])
     order = np.argsort(values[:, 0], kind="stable")
     values, names = values[order], np.array(ids, dtype=np.int64)[order]
-    known = names >= 0
-    if repeated(values[known, 0], names[known]) is not None:
+    identified = names >= 0
+    if repeated(values[identified, 0], names[identified]) is not None:
         raise RequestError(f"{path}: expected each id once at a time, got one twice")
     return FloorPositions(path, values[:, 0], values[:, 1:3], values[:, 3], names)
 
@@ -159,16 +162,16 @@ def check_names(sensors: list[FloorPositions], tolerance: float) -> None:
     Raises:
         RequestError: two places of one id within the tolerance lie farther apart than their deviations allow.
     """
-    for k, one in enumerate(sensors):
-        for other in sensors[k + 1 :]:
-            for row in np.flatnonzero(one.names >= 0):
-                at = (other.names == one.names[row]) & (np.abs(other.times - one.times[row]) <= tolerance)
+    for k, sensor in enumerate(sensors):
+        for second in sensors[k + 1 :]:
+            for row in np.flatnonzero(sensor.names >= 0):
+                at = (second.names == sensor.names[row]) & (np.abs(second.times - sensor.times[row]) <= tolerance)
                 for twin in np.flatnonzero(at):
-                    apart = float(np.linalg.norm(one.places[row] - other.places[twin]))
-                    if apart > SAME * np.hypot(one.deviations[row], other.deviations[twin]) + 1.0:
+                    apart = float(np.linalg.norm(sensor.places[row] - second.places[twin]))
+                    if apart > SAME * np.hypot(sensor.deviations[row], second.deviations[twin]) + 1.0:
                         raise RequestError(
-                            f"expected one place of id {one.names[row]} at {one.times[row]:g} s, got places "
-                            f"{apart:.1f} m apart in {one.path} and {other.path}"
+                            f"expected one place of id {sensor.names[row]} at {sensor.times[row]:g} s, got places "
+                            f"{apart:.1f} m apart in {sensor.path} and {second.path}"
                         )
 
 
@@ -205,13 +208,13 @@ FLOOR_HEADER = "id,time,x,y,left,top,width,height,rx,ry,rw,rh,degrees"
 def write_world(path: Path, tracks: Sequence[FloorTrack], seconds: Callable[[IntArray], FloatArray]) -> None:
     """Write ``tracks`` by time, then by id; ``seconds`` gives the times of 0-based frames."""
     rows = []
-    for each in tracks:
-        boxes = xywh_from_corners(each.track.boxes) + np.array([1, 1, 0, 0])
-        degrees = (np.degrees(each.rotated[:, 4:]) + 180) % 360 - 180
-        values = np.concatenate([each.places, boxes, each.rotated[:, :4], degrees], axis=1)
-        times = seconds(each.track.frames).tolist()
-        for frame, time, line in zip(each.track.frames.tolist(), times, values.tolist(), strict=True):
-            x, y, *rest = line
-            text = ",".join([f"{x:.4f}", f"{y:.4f}", *(f"{v:.2f}" for v in rest)])
-            rows.append((frame, each.track.id, f"{each.track.id},{time:.4f},{text}\n"))
+    for track in tracks:
+        boxes = xywh_from_corners(track.track.boxes) + np.array([1, 1, 0, 0])
+        degrees = (np.degrees(track.rotated[:, 4:]) + 180) % 360 - 180
+        values = np.concatenate([track.places, boxes, track.rotated[:, :4], degrees], axis=1)
+        times = seconds(track.track.frames).tolist()
+        for frame, time, line in zip(track.track.frames.tolist(), times, values.tolist(), strict=True):
+            x, y, *sizes = line
+            text = ",".join([f"{x:.4f}", f"{y:.4f}", *(f"{v:.2f}" for v in sizes)])
+            rows.append((frame, track.track.id, f"{track.track.id},{time:.4f},{text}\n"))
     path.write_text(FLOOR_HEADER + "\n" + "".join(line for *_, line in sorted(rows)), encoding="utf-8")

@@ -24,7 +24,9 @@ from tsuiseki.tracking.formats.rows import read_rows, read_text, whole
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo, tracks_of_rows, tracks_without_ids
 from tsuiseki.tracking.geometry import centres
 
-LABELS, ABOUT, IMAGES = "labels", "data.yaml", "images"
+LABELS = "labels"
+ABOUT = "data.yaml"
+IMAGES = "images"
 EXPECTED = "class x y width height [score] [id]"
 
 
@@ -77,21 +79,21 @@ def read_yolo(folder: Path) -> TrackedVideo:
     names = about.get("names") or {}
     named = dict(enumerate(names)) if isinstance(names, list) else names if isinstance(names, dict) else {}
     places = {image.stem: frame for frame, image in enumerate(images)}
-    found: list[tuple[int, tuple[int, int | None, tuple[float, ...], float]]] = []
+    labelled: list[tuple[int, tuple[int, int | None, tuple[float, ...], float]]] = []
     for path in files:
         frame = _frame(path, places)
-        own = size if about.get("width") or not places else image_size(images[frame])
-        found += [(frame, row) for row in _rows(path, own or (1, 1))]
-    kinds = {kind: (kind, str(named.get(kind, kind))) for _, (kind, *_) in found}
-    classes = {number: kinds[kind] for _, (kind, number, _, _) in found if number is not None}
-    if any(number is None for _, (_, number, _, _) in found):
-        known = tracks_without_ids(folder, ((frame, kinds[kind], box, False) for frame, (kind, _, box, _) in found))
+        picture = size if about.get("width") or not places else image_size(images[frame])
+        labelled += [(frame, row) for row in _rows(path, picture or (1, 1))]
+    kinds = {kind: (kind, str(named.get(kind, kind))) for _, (kind, *_) in labelled}
+    classes = {number: kinds[kind] for _, (kind, number, _, _) in labelled if number is not None}
+    if any(number is None for _, (_, number, _, _) in labelled):
+        video = tracks_without_ids(folder, ((frame, kinds[kind], box, False) for frame, (kind, _, box, _) in labelled))
     else:
-        rows = ((frame, number, box, score, True) for frame, (_, number, box, score) in found)
-        known = TrackedVideo(tracks_of_rows(folder, rows, classes))
-    stem = re.sub(r"_?\d+$", "", files[0].stem) if files and known.identified else ""
+        rows = ((frame, number, box, score, True) for frame, (_, number, box, score) in labelled)
+        video = TrackedVideo(tracks_of_rows(folder, rows, classes))
+    stem = re.sub(r"_?\d+$", "", files[0].stem) if files and video.identified else ""
     return replace(
-        known,
+        video,
         name=stem or folder.resolve().name,
         frame_rate=float(about.get("frame_rate") or 0),
         size=size,
@@ -128,16 +130,16 @@ def _frame(path: Path, places: Mapping[str, int]) -> int:
 
 
 def _rows(path: Path, size: tuple[int, int]) -> Iterator[tuple[int, int | None, tuple[float, ...], float]]:
-    given = read_rows(path, "YOLO's rows")
-    for k, cells in enumerate(given.cells):
+    table = read_rows(path, "YOLO's rows")
+    for k, cells in enumerate(table.cells):
         single = len(cells) == EXPECTED.split().index("height") + 1
         number, kind = None if single else whole(cells[-1]), whole(cells[0])
         try:
             x, y, width, height, *score = [float(cell) for cell in (cells[1:] if single else cells[1:-1])]
         except ValueError:
-            raise given.error(k, EXPECTED) from None
+            raise table.error(k, EXPECTED) from None
         if kind is None or len(score) > 1 or (number is None and not single):
-            raise given.error(k, f"{EXPECTED}, with a whole number as id")
+            raise table.error(k, f"{EXPECTED}, with a whole number as id")
         corners = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
         box = tuple(share * side for share, side in zip(corners, (*size, *size), strict=True))
         yield kind, number, box, score[0] if score else 1.0

@@ -116,7 +116,7 @@ class Session:
             self._solve(self._log)
             self._refresh()
             # Of a review that was killed, the last corrections may not be in the tracks yet.
-            self.saved = self._result.facts.get("corrections", 0) == len(self._log.given)
+            self.saved = self._result.facts.get("corrections", 0) == len(self._log.corrections)
             self._open = stack.pop_all()
 
     def _solved_tracks(self) -> list[Track]:
@@ -152,7 +152,7 @@ class Session:
     @property
     def answered(self) -> int:
         """What was decided and not taken back."""
-        return len(self._log.given)
+        return len(self._log.corrections)
 
     def questions(self) -> list[Question]:
         """What to ask next, the least certain first; nothing of tracks that no flow solved."""
@@ -250,7 +250,7 @@ class Session:
 
     def undo(self) -> Changes:
         """Take back what was decided last."""
-        return self._recorded("undo") if self._log.given else Changes([], ["there is nothing to take back"])
+        return self._recorded("undo") if self._log.corrections else Changes([], ["there is nothing to take back"])
 
     def redo(self) -> Changes:
         """Say again what was taken back last."""
@@ -265,13 +265,13 @@ class Session:
 
     def _solve(self, log: CorrectionLog) -> None:
         """Solve under corrections, at costs that are fitted to them after every so many."""
-        flow, fitted = self._flow, len(log.given) // EVERY
+        flow, fitted = self._flow, len(log.corrections) // EVERY
         if fitted != self._fitted:
-            network = refitted(self._network, log.given[: EVERY * fitted])
+            network = refitted(self._network, log.corrections[: EVERY * fitted])
             if network is not self._costs:
                 flow = CorrectedFlow(network)
             self._costs = network
-        flow.correct(log.given)
+        flow.correct(log.corrections)
         self._flow, self._fitted = flow, fitted
 
     def _refresh(self) -> Changes:

@@ -263,7 +263,7 @@ def corrected_boxes(path: Path, source: Source) -> dict[int, FloatArray]:
     from tsuiseki.tracking.association.correction_demands import corners
     from tsuiseki.tracking.formats.correction_log import CorrectedVideo, read_corrections
 
-    file = read_corrections(path, CorrectedVideo(Path(source.name).name, source.size, 0)).given
+    file = read_corrections(path, CorrectedVideo(Path(source.name).name, source.size, 0)).corrections
     parts = [part for one in file for part in (one.parts or (one,)) if part.kind == "box"]
     if not parts:
         raise RequestError(f"{path}: expected boxes that show where the target is, got none")

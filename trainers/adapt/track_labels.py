@@ -92,7 +92,9 @@ def certain_boxes(file: Path, size: tuple[int, int]) -> CertainBoxes:
         RequestError: they cannot be read, or speak of a video of another size.
     """
     labelled = [
-        row for correction in read_corrections(file, CorrectedVideo("", size, 0)).given for row in _boxes(correction)
+        row
+        for correction in read_corrections(file, CorrectedVideo("", size, 0)).corrections
+        for row in _boxes(correction)
     ]
     rows = np.array(labelled, dtype=np.float64).reshape(-1, 6)
     boxes = np.column_stack([rows[:, 1:3], rows[:, 1:3] + rows[:, 3:5]])

@@ -91,7 +91,12 @@ def classes_of(folder: Path, arguments: Sequence[str] = ()) -> list[str]:
         if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
             raise RequestError(f"`model.classes`: expected names such as [person,car], got {text or 'nothing'}")
         return names
-    named = {number: name for video in open_labelled(folder) if video.every for number, name in video.classes.items()}
+    named = {
+        number: name
+        for video in open_labelled(folder)
+        if video.labelled_classes
+        for number, name in video.classes.items()
+    }
     return list(dict.fromkeys(named[number] for number in sorted(named))) or [PEOPLE]
 
 

@@ -109,7 +109,7 @@ def test_rows_that_are_marked_count_where_some_are(tmp_path: Path) -> None:
     text = truth.read_text().splitlines()
     truth.write_text("\n".join([text[0].replace(",1,3,1", ",0,3,1"), *text[1:]]))
     (video,) = open_labelled(truth)
-    assert (int(video.people(wanted="car").evaluated.sum()), int(video.people().evaluated.sum())) == (5, 6)
+    assert (int(video.people(kind="car").evaluated.sum()), int(video.people().evaluated.sum())) == (5, 6)
 
 
 def test_what_lacks_a_class_is_told_and_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -148,7 +148,7 @@ def test_crowds_and_others_of_bdd100k_are_neither_right_nor_wrong(tmp_path: Path
     frames[1]["labels"][2]["category"] = "other vehicle"
     file.write_text(json.dumps(frames))
     (video,) = open_labelled(file)
-    truth = video.people(wanted="car")
+    truth = video.people(kind="car")
     assert (int(truth.evaluated.sum()), int(truth.ignored.sum()), truth.visibility.min()) == (5, 2, 0.5)
     file.write_text(file.read_text().replace('"x2"', '"right"'))
     with pytest.raises(ValueError, match="expected a list of frames with frameIndex and labels"):

@@ -90,7 +90,7 @@ def test_a_label_file_by_itself_is_known_by_its_rows(tmp_path: Path) -> None:
     rows = "1,4,100,50,20,60,1,4,0,1\n2,4,103,50,20,60,1,4,1,2\n2,0,5,5,90,90,0,0,0,0\n"
     (tmp_path / "clip.txt").write_text(rows)
     (video,) = open_labelled(tmp_path / "clip.txt")
-    assert video.people(wanted="car").visibility.tolist() == [0.75, 0.25, 1.0]
+    assert video.people(kind="car").visibility.tolist() == [0.75, 0.25, 1.0]
     # Rows of MOTChallenge have nine columns, or end in -1, and their file is called gt.txt.
     for name, text in (("gt.txt", rows), ("mot.txt", rows.replace(",1\n", ",-1\n")), ("m.txt", "1,4,9,5,2,6,1,1,1\n")):
         (tmp_path / name).write_text(text)

@@ -77,10 +77,10 @@ def test_labels_score_and_people_among_cars_count(name: str, video: TrackedVideo
     assert (labelled.name, labelled.length, labelled.size) == ("street", 10, (640, 480))
     truth = labelled.people()
     assert set(truth.ids[truth.evaluated].tolist()) == {2, 9}
-    cars = labelled.people(wanted="car")
+    cars = labelled.people(kind="car")
     assert cars.ids[cars.evaluated].tolist() == [7, 7]
     with pytest.raises(RequestError, match=r"\d car, \d person\), got bus"):
-        labelled.people(wanted="bus")
+        labelled.people(kind="bus")
     people = [track for track in video.tracks if track.id != 7]
     assert evaluate_people(path, people).mota == 1
     # As a result, the car is wrong.
@@ -306,7 +306,7 @@ def test_pictures_labelled_one_by_one_have_boxes_and_no_ids(make: Callable[[Path
     (video,) = open_labelled(make(tmp_path / "set"))
     assert [path.name for path in video.files] == ["000.png", "001.png", "002.png", "003.png"]
     truth = video.people(single=True)
-    people, cars = truth.select(truth.evaluated), video.people(wanted="car", single=True)
+    people, cars = truth.select(truth.evaluated), video.people(kind="car", single=True)
     assert people.frames.tolist() == [0, 1]
     np.testing.assert_allclose(people.boxes, [[10, 20, 40, 60], [20, 20, 80, 60]])
     np.testing.assert_allclose(cars.boxes[cars.evaluated], [[5, 5, 10, 10]])
