@@ -115,6 +115,7 @@ def _forward(path: Path) -> ReadFrame:
     return read
 
 
+# Of the files of cut crops: a digest holds it, so that files of another layout are cut anew.
 VERSION = 3
 
 

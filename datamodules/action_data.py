@@ -39,9 +39,12 @@ class ActionBatch(NamedTuple):
 
 
 CUTTING = CropSettings()
-# How training crops are changed (thesis 5.4.2): chances of a mirror image, left and right, and top and bottom, as a
-# camera that looks straight down sees both; and the scale of the changes of brightness and contrast.
-FLIP_HORIZONTAL, FLIP_VERTICAL, COLOUR = 0.5, 0.5, 0.2
+# Chance that a training crop is mirrored left and right (thesis 5.4.2).
+FLIP_HORIZONTAL = 0.5
+# Chance that it is mirrored top and bottom: a camera that looks straight down sees people from all sides.
+FLIP_VERTICAL = 0.5
+# Scale of the changes of brightness and contrast, as the standard deviation of the logarithm of the gain.
+COLOUR = 0.2
 
 
 class ActionBatches(Dataset[ActionBatch]):

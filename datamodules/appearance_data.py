@@ -38,15 +38,24 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 Float32Array = NDArray[np.float32]
 
 
-# How crops are changed. Chance of a mirror image; deviation of the box's centre, in box sizes, and of the logarithm of
-# its width and height.
-FLIP, SHIFT, STRETCH = 0.5, 0.05, 0.07
-# Strength of the tint, saturation, gamma and contrast that the whole batch shares, and of those from crop to crop.
-CAMERA_COLOUR, VIEW_COLOUR = 1.0, 0.25
+# Chance that a crop is mirrored.
+FLIP = 0.5
+# Standard deviation of the box's centre, in box sizes, as a detector's boxes are a little off.
+SHIFT = 0.05
+# Standard deviation of the logarithm of the box's width and height.
+STRETCH = 0.07
+# Strength of the tint, saturation, gamma and contrast that the whole batch shares, as one camera's.
+CAMERA_COLOUR = 1.0
+# Strength of the same from crop to crop, as light differs from place to place.
+VIEW_COLOUR = 0.25
 # Crops are brought down to between this and the full input height, in pixels.
 LOWEST_HEIGHT = 28
-# Chances of a blur and of a compression; and that a piece of another crop or a plain patch covers a part.
-BLUR, JPEG, OCCLUDE = 0.4, 0.5, 0.4
+# Chance that a crop is blurred.
+BLUR = 0.4
+# Chance that a crop is compressed.
+JPEG = 0.5
+# Chance that a piece of another crop or a plain patch covers a part.
+OCCLUDE = 0.4
 # Largest deviation of the sensor noise, grey levels.
 NOISE = 6.0
 

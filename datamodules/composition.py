@@ -20,10 +20,13 @@ from tsuiseki.datamodules.scenes.people.person import render_person_sprite
 from tsuiseki.tracking.geometry import areas, clip_boxes, intersections
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
-# Change against the background, in grey levels, that is surely noise and surely a person.
-_NOISE, _CERTAIN = 10.0, 28.0
-# Labellers leave a little room about people; the silhouette of a generated one is exact.
+# Change against the background up to which a pixel surely shows the background, grey levels.
+_NOISE = 10.0
+# Change from which a pixel surely shows a person, grey levels.
+_CERTAIN = 28.0
+# Share of its size that a box is larger than a generated silhouette: labellers leave a little room about people.
 _LABEL_MARGIN = 0.04
+# Least width of a box in its height, as labelled boxes of narrow people are no narrower.
 _SMALLEST_ASPECT = 0.28
 # Height in pixels at which people are rendered.
 _HEIGHT = 110
@@ -265,7 +268,7 @@ def _premultiplied(pixels: ImageArray) -> NDArray[np.float32]:
 
 
 def mirror(person: Cutout) -> Cutout:
-    """``person`` seen in a mirror."""
+    """``person`` with left and right exchanged, box and all."""
     width = person.pixels.shape[1]
     x1, y1, x2, y2 = person.box
     return Cutout(np.ascontiguousarray(person.pixels[:, ::-1]), np.array([width - x2, y1, width - x1, y2]))

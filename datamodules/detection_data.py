@@ -23,7 +23,14 @@ from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import ImageArray
 
-PERSON, IGNORED, PADDING = 1, -1, 0
+# Label of a person, the first class that is an object.
+PERSON = 1
+# Label of a box that neither counts as an object nor as background.
+IGNORED = -1
+# Label of rows that fill up a batch.
+PADDING = 0
+# Random textures that are made once and then stand in for places without people; making one an example costs more than
+# drawing one.
 _TEXTURES = 48
 
 

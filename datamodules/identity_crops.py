@@ -33,6 +33,7 @@ from tsuiseki.tracking.geometry import intersections
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 
+# Of a view around the person's box, in box sizes, so that a shifted or larger box still lies in it.
 MARGIN = 0.2
 
 
@@ -217,7 +218,9 @@ def training_crops(folder: str | Path) -> list[PersonCrop]:
     return chosen
 
 
+# Probability that a person is dressed much like the one before: those are what a tracker confuses.
 LOOK_ALIKES = 0.5
+# Steepest tilt of the camera under the horizon, radians.
 STEEPEST = 0.8
 
 

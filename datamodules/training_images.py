@@ -146,10 +146,15 @@ class TrainingImages:
 
 
 _SEQUENCE = "random-scenes"
-# Pictures of one clip of a drone, and frames between two of them: long enough for other poses and views.
-_PER_CLIP, _APART = 6, 45
-# Generated pictures from a drone are as a window of a frame that is half as wide again: people large enough to learn.
-_DRONE_PEOPLE, _DRONE_FOCAL = 7, (1.5, 3.0)
+# Pictures of one clip of a drone.
+_PER_CLIP = 6
+# Frames between two of them: long enough for other poses and views.
+_APART = 45
+# People of a clip of a drone.
+_DRONE_PEOPLE = 7
+# (shortest, longest) focal length of it in widths of the image: as a window of a frame half as wide again, which shows
+# people large enough to learn.
+_DRONE_FOCAL = (1.5, 3.0)
 
 
 def check_source(source: TrainingSource) -> None:

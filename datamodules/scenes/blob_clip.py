@@ -21,6 +21,7 @@ from tsuiseki.tracking.geometry import areas, intersections
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
 
+# Hue of each colour, degrees.
 HUES = {"red": 0.0, "orange": 28.0, "yellow": 55.0, "green": 120.0, "cyan": 182.0, "blue": 230.0, "magenta": 300.0}
 # Browns, greys, dull greens: hue in degrees, saturation, value.
 NATURAL = np.array([[30, 0.35, 0.45], [42, 0.3, 0.6], [85, 0.3, 0.4], [100, 0.4, 0.3], [25, 0.5, 0.3], [210, 0.1, 0.6]])

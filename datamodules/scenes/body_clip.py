@@ -22,18 +22,27 @@ from tsuiseki.tracking.formats.body_states import FOLDER, write_states
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.tracks import exact_track
 
+# Most bodies of a clip, as many as a tank has room for.
 MOST_BODIES = 5
 # The noise of the camera is drawn once, somewhat larger than an image: drawing it anew would cost more than the scene.
 _SHIFT = 64
-# Distance of the walls from the image's border, and a ball's diameter at rest, pixels.
-WALL, DIAMETER = 12, 60.0
-# Pixels a second squared; natural frequency of a ball against a wall, radians a second.
-GRAVITY, STIFFNESS = 500.0, 38.0
-# Share of critical damping while a ball touches, and how fast a free one becomes round, 1/second.
-LOSS, RECOVERY = 0.02, 60.0
-# Of the camera, grey levels.
+# Distance of the walls from the image's border, pixels.
+WALL = 12
+# Of a ball at rest, pixels.
+DIAMETER = 60.0
+# Pixels a second squared.
+GRAVITY = 500.0
+# Natural frequency of a ball against a wall, radians a second.
+STIFFNESS = 38.0
+# Damping while a ball touches, as a share of critical damping.
+LOSS = 0.02
+# How fast a free ball becomes round, 1/second.
+RECOVERY = 60.0
+# Standard deviation of the camera's noise, grey levels.
 NOISE = 4.0
+# Of the simulation, so that a bounce takes many steps.
 STEPS_PER_SECOND = 240.0
+# By how much a ball is flattened at most, as a share of its radius.
 LARGEST_SQUASH = 0.55
 # Headings towards the left, right, upper and lower wall.
 INTO_WALL = np.array([np.pi, 0.0, -np.pi / 2, np.pi / 2])

@@ -34,8 +34,10 @@ INSIDE = 0.1
 BREADTH = 12.0
 # Share of the time between two frames for which the shutter is open, and motion blurs.
 SHUTTER = 0.5
-# Standard deviations of the lens's blur, pixels, and of the sensor's noise, grey levels of 255.
-BLUR, NOISE = 0.6, 3.0
+# Standard deviation of the lens's blur, pixels.
+BLUR = 0.6
+# Standard deviation of the sensor's noise, grey levels of 255.
+NOISE = 3.0
 # Most copies of a frame that motion blur averages.
 LONGEST_SMEAR = 24
 Layout = Literal["mot", "okutama"]
@@ -45,8 +47,10 @@ OKUTAMA_LABELS = "Labels/SingleActionTrackingLabels/3840x2160/1.1.{seed}.txt"
 # Somebody of whom less than this share shows is labelled as occluded.
 OCCLUDED = 0.4
 Strength = Literal["still", "calm", "violent"]
-# Radians under the horizon at most, and in the direction that the camera looks in.
-STEEPEST, BEARING = math.radians(89.5), math.pi / 2
+# Steepest view under the horizon, radians: straight down has no direction.
+STEEPEST = math.radians(89.5)
+# Direction on the ground that the camera looks in, radians.
+BEARING = math.pi / 2
 
 
 @dataclass(frozen=True)
@@ -72,6 +76,7 @@ class FlightMotion:
     jerk_frames: tuple[int, int]
 
 
+# How much a camera of each strength moves; the units are those of `FlightMotion`.
 MOTIONS: dict[Strength, FlightMotion] = {
     "still": FlightMotion(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, (1, 1)),
     "calm": FlightMotion(0.04, 0.03, 2.0, 0.02, 0.2, 0.6, (4, 9)),

@@ -18,35 +18,58 @@ from tsuiseki.datamodules.scenes.body_clip import Drawn, around
 from tsuiseki.datamodules.scenes.render.solids import Float32, along
 from tsuiseki.tracking.types import FloatArray
 
+# Of the simulation, so that a beat of the tail takes many steps.
 STEPS_PER_SECOND = 120.0
-# A fish minds the wall from here on, and its centre never comes nearer than the second; pixels from the border.
+# Distance from the border within which a fish minds the wall, pixels.
 WALL_MARGIN = 110.0
+# Least distance of its centre from the border, pixels.
 NEAREST_WALL = 66.0
+# Largest bend of the body, radians.
 LARGEST_BEND = 1.4
-# Lengths in pixels, times in seconds. From the centre to the root of the tail, and the tail's length.
-ARM, TAIL = 28.0, 32.0
-# (least, greatest) beats a second of cruising, and amplitude of that beat, radians.
-BEAT_FREQUENCY, BEAT_BEND = (1.2, 2.2), (0.25, 0.5)
-# Beats a second of bursts, their amplitude in radians, and their (least, greatest) length.
-BURST_FREQUENCY, BURST_BEND, BURST_SECONDS = 3.2, 0.75, (0.4, 0.9)
-# (least, greatest) length of a segment of cruising or gliding.
+# From the centre to the root of the tail, pixels.
+ARM = 28.0
+# Length of the tail, pixels.
+TAIL = 32.0
+# (least, greatest) beats a second of cruising.
+BEAT_FREQUENCY = (1.2, 2.2)
+# (least, greatest) amplitude of that beat, radians.
+BEAT_BEND = (0.25, 0.5)
+# Beats a second of a burst.
+BURST_FREQUENCY = 3.2
+# Amplitude of those beats, radians.
+BURST_BEND = 0.75
+# (least, greatest) length of a burst, seconds.
+BURST_SECONDS = (0.4, 0.9)
+# (least, greatest) length of a segment of cruising or gliding, seconds.
 SEGMENT_SECONDS = (0.5, 1.6)
 # Probability of a sudden turn at the end of a segment of a lively fish; 0.9 where it nears a wall.
 TURNS = 0.3
-# (least, greatest) angle of a sudden turn, and the body's bend in it, radians.
-TURN_ANGLE, TURN_BEND = (1.2, 2.4), 1.3
+# (least, greatest) angle of a sudden turn, radians.
+TURN_ANGLE = (1.2, 2.4)
+# The body's bend in a sudden turn, radians.
+TURN_BEND = 1.3
 # Natural frequency of the bend's answer to its target, radians a second.
 STIFFNESS = 24.0
-# Resistance of the tail along its normal, and thrust of its speed sideways, 1/pixel.
-PLATE, THRUST = 0.03, 0.006
-# Drag along and across the body, 1/pixel, and of its turning, 1/second.
-DRAG, SIDE_DRAG, YAW_DAMPING = 0.009, 0.06, 1.5
-# Radius of gyration of the body with the water that it moves along.
+# Resistance of the tail along its normal, 1/pixel.
+PLATE = 0.03
+# Thrust of the tail's speed sideways, 1/pixel.
+THRUST = 0.006
+# Along the body, 1/pixel.
+DRAG = 0.009
+# Across the body, 1/pixel.
+SIDE_DRAG = 0.06
+# Drag of the body's turning, 1/second.
+YAW_DAMPING = 1.5
+# Radius of gyration of the body with the water that it moves along, pixels.
 GYRATION = 20.0
 # Shares of width and height that bound the places it swims to, so that ways cross.
 MIDDLE = (0.25, 0.75)
-# Shares of the segments between turns that are bursts, and glides without a beat; of the fish that turn suddenly.
-BURSTS, GLIDES, LIVELY = 0.3, 0.2, 0.5
+# Share of the segments between turns that are bursts.
+BURSTS = 0.3
+# Share of the segments between turns that are glides without a beat.
+GLIDES = 0.2
+# Share of the fish that turn suddenly.
+LIVELY = 0.5
 
 
 class _Fish:

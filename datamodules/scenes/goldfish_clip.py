@@ -17,17 +17,29 @@ from tsuiseki.tracking.types import FloatArray
 
 # Where the glass stands, from the image's border; pixels.
 PANE = 24
+# Right and down from a fish to its shadow on the floor, pixels.
 SHADOW = (11, 15)
+# Standard deviation of the shadow's blur, pixels.
 SHADOW_BLUR = 4.0
-# Length and width of the ellipse of a fish, and of its tail, pixels.
-LENGTH, WIDTH, TAIL = 56.0, 24.0, 32.0
+# Of the ellipse of a fish, pixels.
+LENGTH = 56.0
+# Of the ellipse of a fish, pixels.
+WIDTH = 24.0
+# Length of its tail, pixels.
+TAIL = 32.0
 # Each fish is larger or smaller by up to this share.
 SPREAD = 0.06
-# Strength of the moving light, of mirror images in the glass, and of shadows, as shares of the brightness.
-RIPPLES, REFLECTIONS, SHADOWS = 0.16, 0.3, 0.35
-# Share of the surface that mirrors the lamp, and stones about as orange as the fish.
-GLINTS, PEBBLES = 0.004, 6
-# Of the camera, grey levels.
+# Strength of the moving light, as a share of the brightness.
+RIPPLES = 0.16
+# Strength of mirror images in the glass, as a share of the brightness.
+REFLECTIONS = 0.3
+# Strength of the shadows, as a share of the brightness.
+SHADOWS = 0.35
+# Share of the surface that mirrors the lamp.
+GLINTS = 0.004
+# Stones about as orange as the fish, which a colour alone confuses with them.
+PEBBLES = 6
+# Standard deviation of the camera's noise, grey levels.
 NOISE = 4.0
 
 
@@ -121,7 +133,9 @@ def _mirror(image: Float32, fish: FishAppearance, state: FloatArray) -> None:
         image[part] = (1 - cover) * image[part] + cover * 0.85 * image_of.colour[pixels]
 
 
+# Colours of the stones, red, green and blue in [0, 255].
 GRAVEL = np.array([[150, 158, 150], [120, 132, 132], [172, 170, 158], [96, 110, 114], [140, 128, 112]], np.float32)
+# Colour of the water, red, green and blue in [0, 255].
 WATER = np.array([60, 118, 122], np.float32)
 
 

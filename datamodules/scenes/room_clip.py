@@ -28,23 +28,43 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 Room = Literal["large", "small"]
 # Width and length of the thesis's rooms (4.3.1), metres.
 SIZES: dict[Room, tuple[float, float]] = {"large": (8.0, 16.0), "small": (4.0, 9.0)}
+# Of a room: two on the ceiling see all of it (thesis 4.3.1).
 CAMERAS = 2
-# Share of the image's height that is the radius of a right angle to the axis, and the field, radians.
-RADIUS, FIELD = 0.475, 1.6
-# Share of a person's silhouette that shows, at least, and of its box that lies in the image, for a row of the truth.
-SHOWN, INSIDE = 0.12, 0.3
-# (lowest, highest) ceiling, metres; the cameras hang 10 cm below. Pieces of furniture in 10 square metres.
-CEILING, FURNITURE = (2.7, 3.3), 1.2
-# Standard deviations of the sensor's noise, grey levels, and of the lens's blur, pixels; rays along a pixel's side.
-NOISE, BLUR, SAMPLES = 3.0, 0.6, 2
-CAMERAS_FILE, PLACES_FILE, TRUTH_FILE = "cameras.yaml", "gt/world.csv", "truth.csv"
-# Of cameras of both kinds, which hang from the ceiling, from 0; at which shares of width and length the others stand.
+# Of a right angle to the camera's axis, as a share of the image's height.
+RADIUS = 0.475
+# Greatest angle to the axis that a ceiling camera sees, radians: a little more than half a space.
+FIELD = 1.6
+# Share of a person's silhouette that shows, at least, for a row of the truth.
+SHOWN = 0.12
+# Share of a person's box that lies in the image, at least, for a row of the truth.
+INSIDE = 0.3
+# (lowest, highest) ceiling, metres; the cameras hang 10 cm below.
+CEILING = (2.7, 3.3)
+# Pieces of furniture in 10 square metres.
+FURNITURE = 1.2
+# Standard deviation of the sensor's noise, grey levels.
+NOISE = 3.0
+# Standard deviation of the lens's blur, pixels.
+BLUR = 0.6
+# Rays along a pixel's side.
+SAMPLES = 2
+CAMERAS_FILE = "cameras.yaml"
+PLACES_FILE = "gt/world.csv"
+TRUTH_FILE = "truth.csv"
+# Of cameras of both kinds those that hang from the ceiling, from 0.
 OVERHEAD = (1, 3)
+# At which shares of width and length the others stand, in the order in which they are used.
 STANDS = ((0.0, 0.0), (1.0, 1.0), (1.0, 0.0), (0.0, 1.0), (0.0, 0.5))
-# Horizontal field of a wall camera, radians, its distance from walls and ceiling, and the height it aims at, metres.
-WALL_FIELD, AWAY, AIM = np.deg2rad(80.0), 0.25, 0.5
-# Pillars, which end below the cameras, and (lowest, highest) of their heights, metres.
-PILLARS, TALL = 3, (1.9, 2.1)
+# Horizontal field of a wall camera, radians.
+WALL_FIELD = np.deg2rad(80.0)
+# Distance of a wall camera from walls and ceiling, metres.
+AWAY = 0.25
+# Height that a wall camera aims at, metres.
+AIM = 0.5
+# Of a room; they end below the cameras.
+PILLARS = 3
+# (lowest, highest) pillar, metres.
+TALL = (1.9, 2.1)
 
 
 @dataclass(frozen=True)

@@ -25,19 +25,28 @@ from tsuiseki.datamodules.scenes.training_pictures import LEAST_VISIBLE
 from tsuiseki.tracking.cameras.panorama import CylinderView, DownwardView
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
-# Distances that people keep from each other and from the camera's foot, metres.
-APART, NEAREST = 0.55, 0.3
+# Distance that people keep from each other, metres.
+APART = 0.55
+# Distance that people keep from the camera's foot, metres.
+NEAREST = 0.3
+# Places that are drawn at most until one is free; then there is none.
 TRIES = 40
-# (shortest, longest) side of the floor and (lowest, highest) ceiling, metres.
-FLOOR, CEILING = (3.5, 18.0), (2.4, 4.5)
+# (shortest, longest) side of the floor, metres.
+FLOOR = (3.5, 18.0)
+# (lowest, highest) ceiling, metres.
+CEILING = (2.4, 4.5)
 # (least, greatest) radius of the cylinder, shares of the height.
 SCALE = (0.25, 0.7)
-# Share of the people who sit, and of the pictures that look straight down.
-SEATED, DOWNWARD = 0.45, 0.15
+# Share of the people who sit.
+SEATED = 0.45
+# Share of the pictures that look straight down.
+DOWNWARD = 0.15
 # Share of the people who are rendered, where there is a library of them.
 RENDERED = 0.9
-# (fewest, most) people in a picture, and rays along each side of a pixel.
-PEOPLE, SAMPLES = (0, 12), 2
+# (fewest, most) people in a picture.
+PEOPLE = (0, 12)
+# Rays along each side of a pixel.
+SAMPLES = 2
 
 
 class _Room:
@@ -107,7 +116,7 @@ class _Room:
         return None
 
     def _group(self, size: int) -> int:
-        """Up to ``wanted`` people on chairs, side by side at a table or without one; at least 1 counts as placed."""
+        """Up to ``size`` people on chairs, side by side at a table or without one; at least 1 counts as placed."""
         spot, rng = self.spot(0.5), self.rng
         if spot is None:
             return size

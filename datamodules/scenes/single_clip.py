@@ -24,9 +24,12 @@ from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.render.tracing import overlap
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
+# Poses of one stride.
 PHASES = 12
-# Share of people who are dressed like the one before; chance that the camera jumps ten times as far in a frame.
-LOOK_ALIKES, JERK = 0.4, 0.03
+# Probability that a person is dressed like the one before.
+LOOK_ALIKES = 0.4
+# Probability that the camera jumps ten times as far in a frame.
+JERK = 0.03
 # Standard deviation of the camera's jump between frames, pixels.
 SHAKE = 1.0
 # Factor on the size over the whole clip, drawn between 1/GROWTH and GROWTH.

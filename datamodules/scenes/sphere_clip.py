@@ -27,9 +27,14 @@ from tsuiseki.tracking.formats.world_tables import write_path3d
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.tracks import Path3D
 
-WIDTH, HEIGHT = 800, 600
+# Of an image, pixels.
+WIDTH = 800
+# Of an image, pixels.
+HEIGHT = 600
+# Horizontal field of view, radians.
 FIELD = np.deg2rad(60.0)
-# Where the cameras stand, seen from the room's middle, in the order in which they are used: degrees, metres away, high.
+# Where the cameras stand, seen from the room's middle, in the order in which they are used: degrees, metres away,
+# metres high.
 STANDS = (
     (-38.0, 4.0, 1.5),
     (38.0, 4.0, 1.7),
@@ -38,12 +43,14 @@ STANDS = (
     (0.0, 3.9, 2.3),
     (180.0, 4.1, 2.2),
 )
+# The place that all cameras look at, metres.
 AIM = (0.0, 0.0, 0.95)
 # Of the person, m/s.
 SPEED = 0.30
 # Instants whose mean stands for a smeared picture.
 EXPOSURE_BLINKS = 4
 
+# Direction to the lamp; colours of its light, of the light from above and of that from below.
 LIGHT = Light(
     np.array([0.24, -0.31, 0.92], dtype=np.float32) / np.float32(1.0001),
     np.array([0.62, 0.60, 0.56], dtype=np.float32),

@@ -20,18 +20,24 @@ from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray
 
+# Cameras that are drawn at most until one sees people as large as asked for.
 CAMERAS = 300
-# Share of the image in which people have a wanted size, at least.
+# Least share of the image in which people have the size that the settings ask for.
 WALKABLE = 0.45
+# Largest share of the image that one thing may cover.
 LARGEST = 0.05
 # Square metres of the ground in view for each person, at least.
 ROOM = 5.0
 # Share of a person's box that lies inside the image, at least, for a row of the truth.
 INSIDE = 0.1
-# (lowest, highest) camera, metres, and slow change of the brightness, share.
-CAMERA_HEIGHT, EXPOSURE_DRIFT = (2.5, 9.0), 0.06
-# Standard deviations of the lens's blur, pixels, and of the sensor's noise, grey levels of 255.
-BLUR, NOISE = 0.5, 3.0
+# (lowest, highest) camera, metres.
+CAMERA_HEIGHT = (2.5, 9.0)
+# Slow change of the brightness, as the amplitude of its logarithm.
+EXPOSURE_DRIFT = 0.06
+# Standard deviation of the lens's blur, pixels.
+BLUR = 0.5
+# Standard deviation of the sensor's noise, grey levels of 255.
+NOISE = 3.0
 
 
 @dataclass(frozen=True)

@@ -98,7 +98,9 @@ class TrainingSettings:
         )
 
 
+# An ordinary street, which the other scenes vary.
 STREET = TrainingSettings()
+# What a picture of each scene shows.
 SCENES: Mapping[str, TrainingSettings] = {
     "street": STREET,
     # Few people among many things: what scores are calibrated on, as most of a real view is empty.

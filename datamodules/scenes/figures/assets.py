@@ -30,16 +30,21 @@ LIMBS = {
     "lowerleg": ("lowerleg01", "knee", "upperleg", ("knee", "ankle")),
     "foot": ("foot", "ankle", "lowerleg", ("ankle", "toe")),
 }
-# Bones that are moved, and which of the rig's bones each of them carries along.
+# Bones that are moved.
 BONES = ("pelvis", "trunk", "head", *(f"{limb}.{side}" for side in "LR" for limb in LIMBS))
+# Of the rig's bones those that carry along all that hang on them, and the bone of `BONES` that moves them.
 _ROOTS = {"root": "pelvis", "spine04": "trunk", "neck01": "head"} | {
     f"{LIMBS[limb][0]}.{side}": f"{limb}.{side}" for limb in LIMBS for side in "LR"
 }
+# The cube of the base mesh whose middle is where each bone begins.
 _CUBES = {"pelvis": "pelvis", "trunk": "spine-4", "head": "neck"} | {
     f"{limb}.{side}": f"{side.lower()}-{LIMBS[limb][1]}" for limb in LIMBS for side in "LR"
 }
+# The cube at the end of each hand and foot.
 _TIPS = {f"wrist.{s}": f"{s.lower()}-finger-3-1" for s in "LR"} | {f"foot.{s}": f"{s.lower()}-toe-3-1" for s in "LR"}
+# Widest picture of cloth that is kept, pixels, so that a wardrobe fits into memory.
 _LARGEST_TEXTURE = 512
+# Of a decimetre, the files' unit.
 _METRES = 0.1
 
 

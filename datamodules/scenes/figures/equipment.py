@@ -14,10 +14,14 @@ from tsuiseki.datamodules.scenes.people.posture import PersonSkeleton
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 Shell = tuple[FloatArray, IntArray]
-# Metres: of a bicycle's wheel, and of its cranks' axle over the ground.
-_WHEEL, _AXLE = 0.34, 0.28
-# How far around a wheel, and around a tube, the corners are.
-_AROUND, _SECTORS = 28, 8
+# Radius of a bicycle's wheel, metres.
+_WHEEL = 0.34
+# Height of its cranks' axle over the ground, metres.
+_AXLE = 0.28
+# Corners around a wheel.
+_AROUND = 28
+# Corners around a tube.
+_SECTORS = 8
 
 
 def equipment(rng: np.random.Generator, name: str, skeleton: PersonSkeleton) -> list[Mesh]:

@@ -11,6 +11,7 @@ from tsuiseki.datamodules.scenes.figures.assets import BONES, Assets, BaseBody, 
 from tsuiseki.datamodules.scenes.figures.mesh import Mesh, Worn, ellipsoid, triangles_of_quads, vertex_normals
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
+# Names of whole suits, by sex.
 SUITS = {
     "male": (
         "male_casualsuit01", "male_casualsuit02", "male_casualsuit03", "male_casualsuit04", "male_casualsuit05",
@@ -18,18 +19,26 @@ SUITS = {
     ),
     "female": ("female_casualsuit01", "female_casualsuit02", "female_elegantsuit01", "female_sportsuit01"),
 }  # fmt: skip
+# Names of shoes.
 SHOE_PAIRS = tuple(f"shoes0{n}" for n in range(1, 7))
+# Names of hairstyles, by sex.
 HAIRS = {
     "male": ("short01", "short02", "short03", "short04", "afro01"),
     "female": ("bob01", "bob02", "Braid01", "long01", "ponytail01", "short01", "short03"),
 }
+# Names of hats.
 HATS = ("fedora", "fedora_cocked")
+# Numbers of the bones below the hip.
 _LEGS = [BONES.index(f"{part}.{s}") for part in ("upperleg", "lowerleg", "foot") for s in "LR"]
+# Numbers of the bones from shoulder to elbow.
 _UPPER_ARMS = [BONES.index(f"upperarm.{s}") for s in "LR"]
+# Numbers of the bones below the elbow.
 _LOWER_ARMS = [BONES.index(f"{part}.{s}") for part in ("lowerarm", "wrist") for s in "LR"]
+# Numbers of the bones below the ankle.
 _FEET = [BONES.index(f"foot.{s}") for s in "LR"]
+# Numbers of the bones below the knee.
 _SHANKS = [BONES.index(f"{part}.{s}") for part in ("lowerleg", "foot") for s in "LR"]
-# Layers must not lie in one another.
+# Metres that a garment lies over the layer below it: layers must not lie in one another.
 _OVER = 0.004
 
 
@@ -227,6 +236,7 @@ def _cap(rng: np.random.Generator, shape: FloatArray, body: BaseBody, joints: Fl
     return replace(mesh, triangles=mesh.triangles[above_brim], uv=mesh.uv[above_brim], labels=mesh.labels[above_brim])
 
 
+# Width and height of a picture of cloth, pixels.
 _SIDE = 128
 
 

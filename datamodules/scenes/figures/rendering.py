@@ -71,8 +71,10 @@ def shortest_turn(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(np.eye(3) + cross + cross @ cross / (1 + cosine))
 
 
-# Phases of a walk, and every which vertex, that a steady box is the mean of.
-_PHASES, _EVERY = 8, 4
+# Phases of a walk that a steady box is the mean of.
+_PHASES = 8
+# Only one vertex in so many counts for a steady box; its sides hardly differ, and it is found that much sooner.
+_VERTEX_STEP = 4
 # From further above, feet and head are too near to each other in the picture to place somebody by them, radians.
 STEEP = 1.4
 
@@ -179,7 +181,9 @@ def steady_sides(
     if not walk:
         return sprite.steady
     thin = copy.copy(figure)
-    thin.meshes = [replace(m, vertices=m.vertices[::_EVERY], weights=m.weights[::_EVERY]) for m in figure.meshes]
+    thin.meshes = [
+        replace(m, vertices=m.vertices[::_VERTEX_STEP], weights=m.weights[::_VERTEX_STEP]) for m in figure.meshes
+    ]
     sides = []
     for posture in (skeleton, *walk):
         columns = camera.project(np.concatenate(posed(thin, posture)))[0][:, 0]

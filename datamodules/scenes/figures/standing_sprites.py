@@ -20,8 +20,9 @@ from tsuiseki.datamodules.scenes.things.street_things import clutter_around
 from tsuiseki.tracking.cameras.camera_files import AnyCamera
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
-# Cloth without a colour of its own always gets one; textured clothes keep theirs now and then.
-_KEPT = 0.3
+# Probability that textured clothes keep their own colours; cloth without a colour of its own always gets one.
+_OWN_COLOURS = 0.3
+# Mean range over red, green and blue below which cloth has no colour of its own, grey levels.
 _GREY = 12.0
 
 
@@ -118,7 +119,7 @@ def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
             continue
         cloth = albedo[at].astype(np.float32)
         grey = np.ptp(cloth, axis=1).mean() < _GREY
-        if not grey and rng.random() < _KEPT:
+        if not grey and rng.random() < _OWN_COLOURS:
             albedo[at] = np.clip(cloth * np.exp(rng.normal(0, 0.2)), 0, 255).astype(np.uint8)
             continue
         bright = cloth.mean(axis=1, keepdims=True)
@@ -155,8 +156,10 @@ def _similarity(a: FloatArray, b: FloatArray, to_a: FloatArray, to_b: FloatArray
     return np.column_stack([turn, to_a - turn @ a])
 
 
-# Metres: about a person's height and less, up to that of a sign on its post.
-_LOWEST, _HIGHEST = 0.6, 3.0
+# Lowest pictured thing, metres.
+_LOWEST = 0.6
+# Highest pictured thing, about a sign on its post, metres.
+_HIGHEST = 3.0
 # Pixels of its height that are kept, as of a rendered person.
 _TALL = 256
 # A flat picture is lit as if it leant back a little: 127 times away from the camera, left, up.
@@ -167,7 +170,7 @@ def pictured_things(
     rng: np.random.Generator, photographs: Photographs, camera: AnyCamera, count: int, occupied: FloatArray,
     largest: float,
 ) -> list[Thing]:  # fmt: skip
-    """Up to ``count`` photographed things, clear of the places ``taken`` ``(N, 2)``; see `clutter_around`."""
+    """Up to ``count`` photographed things, clear of the ``occupied`` places ``(N, 2)``; see `clutter_around`."""
 
     def upright(rng: np.random.Generator, spot: FloatArray) -> Thing:
         # In somewhat other colours and proportions.

@@ -33,12 +33,21 @@ from tsuiseki.tracking.formats import acting_tracks as act
 from tsuiseki.tracking.types import FloatArray
 
 Kind = Literal["book", "phone", "bottle", "cart", "suitcase", "crate", "bench"]
+# Of a bench over the ground, metres.
 SEAT_HEIGHT = 0.45
-# Metres from a person's middle to the middle of what is pushed, pulled or carried before it.
-CART_AHEAD, SUITCASE_BEHIND, CRATE_AHEAD = 0.95, 0.75, 0.42
-HANDLE_HEIGHT, CRATE_HEIGHT = 1.0, 1.0
+# From a person's middle ahead to the middle of the cart, metres.
+CART_AHEAD = 0.95
+# From a person's middle back to the middle of the suitcase, metres.
+SUITCASE_BEHIND = 0.75
+# From a person's middle ahead to the middle of the crate, metres.
+CRATE_AHEAD = 0.42
+# Of the cart's handle over the ground, metres.
+HANDLE_HEIGHT = 1.0
+# Of the hands that carry a crate over the ground, metres.
+CRATE_HEIGHT = 1.0
 
 
+# Colours that each thing comes in.
 PALETTES: dict[Kind, tuple[Colour, ...]] = {
     "book": LIGHT,
     "phone": DARK,
@@ -141,8 +150,10 @@ def _bench(parts: Parts, prop: Prop) -> None:
 
 # Seconds of one sip: the bottle goes up, stays at the mouth, goes down and stays there.
 SIP = (0.6, 1.6, 0.6, 1.4)
-# Of a handshake: beats a second and metres of its rise and fall.
-SHAKE_RATE, SHAKE_RISE = 2.2, 0.09
+# Beats of a handshake, a second.
+SHAKE_RATE = 2.2
+# Rise and fall of a handshake, metres.
+SHAKE_RISE = 0.09
 
 
 # What each action is done with; what stands on the ground must be fetched first.
@@ -273,7 +284,11 @@ class Activity:
         return pose
 
 
-WALK, STAND = Activity(act.WALKING), Activity(act.STANDING)
+# What somebody does on the way to something else.
+WALK = Activity(act.WALKING)
+# What somebody does who waits.
+STAND = Activity(act.STANDING)
+# All that people do; lengths in seconds, and weights by which they are drawn.
 ACTIVITIES = (
     WALK,
     STAND,

@@ -10,8 +10,9 @@ import numpy as np
 from tsuiseki.datamodules.scenes.people.posture import Build, Pose, reach_for
 from tsuiseki.datamodules.scenes.render.solids import Pair, pair
 
-# Share of the stride for which a foot is on the ground, and how much of its way then lies before the hip.
+# Share of the stride for which a foot is on the ground.
 STANCE = 0.6
+# Share of the foot's way on the ground that lies before the hip.
 AHEAD = 0.42
 # Metres per second under which strides get shorter instead of slower.
 SHUFFLE = 0.5
@@ -39,7 +40,7 @@ class Manner:
 
 
 def random_manner(rng: np.random.Generator) -> Manner:
-    """One person's manner."""
+    """Drawn at random; an arm in seven holds something and does not swing."""
     holding = rng.random(2) < 0.15
     bend = rng.uniform(0.6, 1.9, 2)
     return Manner(

@@ -18,10 +18,14 @@ from tsuiseki.tracking.types import FloatArray
 
 # Seconds from one pose to the next.
 CHANGE = 0.45
-# Metres that people keep between their middles, and radians a second that they turn by.
-SPACE, TURN_RATE = 0.8, 3.5
-# Most seconds on the way to somewhere, and metres within which a place is reached.
-PATIENCE, ARRIVED = 9.0, 0.12
+# Metres that people keep between their middles.
+SPACE = 0.8
+# Fastest turn of somebody who walks, radians a second.
+TURN_RATE = 3.5
+# Most seconds on the way to somewhere, after which the errand is given up.
+PATIENCE = 9.0
+# Metres within which a place is reached.
+ARRIVED = 0.12
 
 
 @dataclass
@@ -66,7 +70,7 @@ class Performer:
 
 
 def facing(angle: float) -> FloatArray:
-    """``(2,)`` unit vector."""
+    """``(2,)`` unit vector at ``angle`` radians from the x axis."""
     return np.array([math.cos(angle), math.sin(angle)])
 
 

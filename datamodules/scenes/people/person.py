@@ -31,7 +31,7 @@ class Person:
 
 
 def random_person(rng: np.random.Generator) -> Person:
-    """Somebody drawn at random."""
+    """Build, clothes and manner drawn at random."""
     return Person(random_build(rng), Outfit(rng), random_manner(rng))
 
 

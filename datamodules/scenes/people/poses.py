@@ -14,6 +14,7 @@ from tsuiseki.datamodules.scenes.render.solids import Pair, pair
 
 # Greatest angle that an ankle bends its toes up, radians; beyond it the heel leaves the ground.
 _ANKLE = 0.6
+# A right angle, radians.
 _QUARTER = math.pi / 2
 # An arm hangs, rests before the body, holds something or reaches up: up to which number it is drawn, how much it leans
 # with the trunk, and the (least, greatest) angles that it is raised forward besides, and of the elbow.

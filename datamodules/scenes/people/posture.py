@@ -15,19 +15,32 @@ import numpy as np
 from tsuiseki.datamodules.scenes.render.solids import Pair
 from tsuiseki.tracking.types import FloatArray
 
+# From the sole to the ankle, in body heights.
 ANKLE_HEIGHT = 0.039
+# From the shoulder to the elbow, in body heights.
 UPPER_ARM = 0.186
+# From the elbow to the wrist, in body heights.
 FOREARM = 0.146
+# From the wrist to the ends of bent fingers, in body heights.
 HAND = 0.08
+# From the heel to the toes, in body heights.
 FOOT = 0.152
+# In body heights.
 SHOULDER_ABOVE_HIP = 0.288
+# From the shoulders to the bottom of the head, in body heights.
 HEAD_ABOVE_SHOULDER = 0.052
 # From a joint to the skin below it.
 _THICK = 0.05
-# Share of the body's mass of head with trunk, and of each upper arm, forearm with hand, thigh, shank and foot
-# (Winter, *Biomechanics and Motor Control of Human Movement*, 2009, table 4.1).
-_TRUNK, _MASSES = 0.578, (0.028, 0.022, 0.1, 0.0465, 0.0145)
-LEFT, RIGHT = 0, 1
+# Share of the body's mass of head with trunk (Winter, *Biomechanics and Motor Control of Human Movement*, 2009, table
+# 4.1).
+_TRUNK = 0.578
+# Likewise of each upper arm, forearm with hand, thigh, shank and foot.
+_MASSES = (0.028, 0.022, 0.1, 0.0465, 0.0145)
+# Place of the left limb in pairs.
+LEFT = 0
+# Place of the right limb in pairs.
+RIGHT = 1
+# Sign of y of the left and the right limb: the body's own y axis points left.
 SIDES = (1.0, -1.0)
 
 

@@ -17,21 +17,32 @@ from tsuiseki.datamodules.scenes.people.posture import blend
 from tsuiseki.datamodules.scenes.render.composing import Thing
 from tsuiseki.tracking.types import FloatArray
 
-# Metres people keep between their middles, and how fast they step aside, 1/s.
+# Metres that people keep between their middles.
 PERSONAL_SPACE = 0.6
+# How fast people step aside, 1/s.
 EVASION = 2.5
+# Metres between the middles of people who walk side by side.
 ABREAST = 0.65
+# Below it somebody stands, m/s.
 STANDING_SPEED = 0.25
-# (mean, standard deviation) of people on a street, m/s.
+# (mean, standard deviation) of the speed of people on a street, m/s.
 SPEED = (1.3, 0.2)
-# Of people on a street, the probability of walking in company, and of a halt at a place where the way turns.
-GROUPS, PAUSES = 0.35, 0.25
-# And of being dressed much like somebody else around.
+# Probability of walking in company, on a street.
+GROUPS = 0.35
+# Probability of a halt at a place where the way turns, on a street.
+PAUSES = 0.25
+# Probability of being dressed much like somebody else around.
 LOOK_ALIKES = 0.15
-# Dancers: metres from one to the next, and seconds from one figure to the next.
-FORMATION, FIGURE = 1.1, (0.8, 2.0)
-# Players: m/s, metres about the play that they run to, and seconds that it stays in one place.
-SPRINT, AROUND, PLAY = (2.0, 8.0), 3.0, 3.0
+# From one dancer to the next, metres.
+FORMATION = 1.1
+# (least, greatest) time from one figure of a dance to the next, seconds.
+FIGURE = (0.8, 2.0)
+# (least, greatest) speed of a player, m/s.
+SPRINT = (2.0, 8.0)
+# Standard deviation of the places about the play that players run to, metres.
+AROUND = 3.0
+# Time that the play stays in one place, seconds.
+PLAY = 3.0
 
 Motion = Literal["walk", "dance", "sport"]
 
@@ -245,10 +256,14 @@ def _repulsion(a: FloatArray, b: FloatArray, distance: float | FloatArray, other
     return np.asarray((lack[:, :, None] * turned).sum(axis=1) * 2)
 
 
-# In a room: metres from the walls that people keep, and longest way to the next place.
-MARGIN, FARTHEST = 0.45, 7.0
-# Likewise the probability of a halt where the way turns, and (mean, standard deviation) of speeds, m/s.
-HALTS, INDOORS = 0.35, (1.1, 0.25)
+# Metres from the walls that people in a room keep.
+MARGIN = 0.45
+# Longest way to the next place in a room, metres.
+FARTHEST = 7.0
+# Probability of a halt where the way turns, in a room.
+HALTS = 0.35
+# (mean, standard deviation) of the speed of people in a room, m/s.
+INDOORS = (1.1, 0.25)
 
 
 def dressed(rng: np.random.Generator, people: int, repeated: float) -> list[Person]:

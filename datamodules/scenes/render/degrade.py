@@ -104,8 +104,11 @@ def sensor_noise(rng: np.random.Generator, height: int, width: int) -> Float32:
     return np.asarray(grey + cv2.resize(coarse, (width, height), interpolation=cv2.INTER_LINEAR))
 
 
-# Pictures of noise that the frames of a fast camera are grained with, each shifted by up to so many pixels.
-_NOISES, _SHIFT = 3, 64
+# Pictures of noise that the frames of a fast camera are grained with: drawing one a frame would cost more than the
+# scene.
+_NOISES = 3
+# Most pixels that a picture of noise is shifted by, to the right and down, so that few frames share their grain.
+_SHIFT = 64
 
 
 def grains(rng: np.random.Generator, noise: float, width: int, height: int) -> list[NDArray[np.int16]]:

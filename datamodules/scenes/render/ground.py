@@ -16,11 +16,13 @@ OCTAVES = ((6.0, 0.5), (1.3, 0.4), (0.25, 0.5), (0.06, 0.5))
 # Of the grain as fine as the picture shows it.
 GRAIN = 0.9
 
-# Asphalt, paving, grass, earth, concrete: sRGB, and strength of the texture.
+# Place of paving among the materials asphalt, paving, grass, earth and concrete.
 PAVING = 1
+# Colour of each material, sRGB.
 COLOURS = np.array(
     [[0.46, 0.46, 0.48], [0.60, 0.58, 0.55], [0.30, 0.42, 0.20], [0.50, 0.43, 0.34], [0.66, 0.66, 0.64]], np.float32
 )
+# Strength of the texture of each material, as a share of the brightness.
 ROUGHNESS = np.array([0.10, 0.08, 0.30, 0.22, 0.06], np.float32)
 
 
@@ -142,8 +144,9 @@ def ground_colour(ground: Ground, x: Float32, y: Float32, footprint: Float32) ->
     return colour
 
 
-# Largest side of the map in widths of a frame, and pixels of a frame between two points of the grid of distances.
+# Largest side of the map in widths of a frame.
 LARGEST = 2.4
+# Pixels of a frame between two points of the grid of distances.
 GRID = 40
 
 

@@ -17,10 +17,13 @@ from tsuiseki.datamodules.scenes.render.tracing import Layer, RayCamera, ray_gri
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
-# Opacity from which a pixel of a cut-out belongs to the thing.
+# Opacity of 255 from which a pixel of a cut-out belongs to the thing.
 OPAQUE = 128
+# Width and height that the picture of a surface is brought to, texels.
 _SIDE = 512
+# Folders of photographs.
 _KINDS = ("surfaces", "views", "things")
+# Names of image files end like this.
 _SUFFIXES = {".jpg", ".jpeg", ".png", ".webp"}
 
 
@@ -135,6 +138,7 @@ def _pyramid(path: Path) -> list[Float32]:
 
 # Texels that a wall's picture has for each metre.
 _FINE = 48
+# Most texels along the longer side of a wall's picture.
 _LARGEST = 1024
 
 

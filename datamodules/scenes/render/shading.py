@@ -12,6 +12,7 @@ from tsuiseki.datamodules.scenes.render.solids import Colour, Detail, Float32, I
 from tsuiseki.datamodules.scenes.render.tracing import Layer, RayCamera, inner_normals
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
+# Width and height of the table of noise, after which the noise repeats.
 NOISE_SIZE = 256
 
 

@@ -20,7 +20,11 @@ from tsuiseki.tracking.types import Columns, FloatArray
 Float32 = NDArray[np.float32]
 Int32 = NDArray[np.int32]
 
-UP, FORWARD = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+# Unit vector away from the ground.
+UP = np.array([0.0, 0.0, 1.0])
+# Unit vector of the x axis, where a yaw of 0 points.
+FORWARD = np.array([1.0, 0.0, 0.0])
+# ``(8, 3)`` of a box with half sides of 1.
 CORNERS = np.array([[x, y, z] for x in (-1.0, 1.0) for y in (-1.0, 1.0) for z in (-1.0, 1.0)])
 
 Pattern = IntEnum("Pattern", "PLAIN ACROSS ALONG CHECKS SPECKLE CLOUDS BRICKS WINDOWS LEAVES", start=0)

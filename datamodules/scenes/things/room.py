@@ -182,10 +182,15 @@ def _lit(shell: Shell, camera: RayCamera, grid: Float32, light: Light) -> tuple[
     return tuple(values.reshape(*grid.shape[1:], -1) for values in met)
 
 
-SEAT, TABLE = 0.45, 0.73
-# Longest side of a box: a wide view bends longer edges.
+# Height of a chair's seat, metres.
+SEAT = 0.45
+# Height of a table, metres.
+TABLE = 0.73
+# Longest side of a box, metres: a wide view bends longer edges.
 PIECE = 0.45
+# Of paper and doors, sRGB.
 WHITE: Colour = (0.93, 0.93, 0.92)
+# Of screens and frames, sRGB.
 BLACK: Colour = (0.06, 0.06, 0.07)
 
 

@@ -144,6 +144,7 @@ def building(rng: np.random.Generator, parts: Parts) -> None:
     parts.box(parts.at(up=plinth), [half[0] + 0.05, half[1] + 0.05, plinth], base)
 
 
+# How often each thing is drawn, as a share.
 SMALL: Mapping[Maker, float] = {
     pole: 0.26, crate: 0.16, bench: 0.07, car: 0.13, bush: 0.14, column: 0.16, tripod: 0.08,
 }  # fmt: skip
@@ -189,7 +190,7 @@ def clutter_around(
 ) -> list[Thing]:
     """Up to ``count`` things at random places in view.
 
-    They keep clear of the places ``taken`` ``(N, 2)``, and none covers more of the image than ``largest``.
+    They keep clear of the ``occupied`` places ``(N, 2)``, and none covers more of the image than ``largest``.
     ``make`` gives one that stands at a place.
     """
     size = np.array([camera.width, camera.height])
@@ -217,7 +218,7 @@ def buildings_behind(rng: np.random.Generator, count: int, distance: float) -> l
 
 
 def fronts_behind(rng: np.random.Generator, count: int, occupied: FloatArray, reach: float) -> list[Thing]:
-    """Up to ``count`` walls of a town along +y, behind most of the places ``taken`` ``(N, 2)`` and clear of them.
+    """Up to ``count`` walls of a town along +y, behind most of the ``occupied`` places ``(N, 2)`` and clear of them.
 
     ``reach`` is how far those lie, metres.
     """

@@ -16,7 +16,9 @@ from tsuiseki.datamodules.scenes.render.composing import Thing
 from tsuiseki.datamodules.scenes.render.solids import UP, Colour, Parts, Pattern, Surface, across, along, pattern_of
 from tsuiseki.tracking.types import FloatArray
 
+# Red, yellow and green lamps of a traffic light, sRGB.
 _LAMPS: tuple[Colour, ...] = ((0.98, 0.15, 0.10), (0.98, 0.65, 0.10), (0.15, 0.95, 0.45))
+# Colours of leaves, sRGB.
 _LEAF: tuple[Colour, ...] = ((0.16, 0.28, 0.12), (0.26, 0.38, 0.16), (0.34, 0.34, 0.18))
 # Things go into the middle of a wall's thickness, so that they stand out of both sides by a little.
 _WALL = 0.1
@@ -198,6 +200,7 @@ def planter(rng: np.random.Generator, parts: Parts) -> None:
 
 
 Maker: TypeAlias = Callable[[np.random.Generator, Parts], None]
+# How often each thing is drawn, as a share.
 THINGS: Mapping[Maker, float] = {
     traffic_light: 0.18, road_sign: 0.18, bollards: 0.08, meter: 0.1, bin_: 0.08, bicycle: 0.09, parasol: 0.07,
     torso: 0.05, board: 0.1, planter: 0.07,
