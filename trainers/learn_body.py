@@ -124,9 +124,11 @@ def _step(outline: Outline, later: list[Outline]) -> tuple[float, float]:
     return (float(nearest[0]), float(nearest[1])) if np.linalg.norm(nearest) < reach else (0.0, 0.0)
 
 
+# Outlines to learn a body from, at least.
 FEWEST = 10
 # Outlines are lined up on this many times the points that are kept.
 FINER = 4
+# Times that outlines are lined up with their mean, which they change.
 ROUNDS = 8
 # Bends beyond those in the data are allowed by this share.
 BEYOND = 0.15
@@ -274,6 +276,7 @@ def _distance(rows: FloatArray) -> float:
     return float(np.sqrt(2.0 * np.mean(rows**2)))
 
 
+# Bends that are drawn, standard deviations.
 SHOWN_BENDS = (-2.0, -1.0, 0.0, 1.0, 2.0)
 
 

@@ -25,9 +25,11 @@ from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.output import RUN_FILE
 from tsuiseki.tracking.types import Columns, FloatArray
 
+# Steps to learn from, at least.
 FEWEST_STEPS = 10
 # Below this share of the variance of a column, what varies is the rounding of a file and not motion.
 SINGULAR = 1e-6
+# A column that varies by less than this share of the one that varies most never changes.
 STILL = 1e-9
 # Weight of a prior that the conditions say nothing, against as many steps.
 RIDGE = 1.0
@@ -183,7 +185,7 @@ def read_segments(tracks: Sequence[Path], body: Body) -> list[FloatArray]:
 
 
 def common_frame_rate(tracks: Sequence[Path], frame_rate: float | None = None) -> float:
-    """Frames per second of the tracks in some files: ``given``, or what lies beside them says.
+    """Frames per second of the tracks in some files: ``frame_rate``, or what lies beside them says.
 
     Raises:
         RequestError: nothing says it, they differ, or it is no number above 0.

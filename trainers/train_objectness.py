@@ -33,10 +33,14 @@ from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video.image_folder import read_image
 
-# Widths and heights of windows, pixels, of which all pairs of a plausible shape are used; and their greatest ratio.
-SIDES, STEEPEST = (12, 18, 27, 40, 60, 90, 135, 200), 4.0
-# Windows without an object, drawn at random, per image; C of the SVM of stage one.
-NEGATIVES, REGULARISATION = 50, 1.0
+# Widths and heights of windows, pixels, of which all pairs of a plausible shape are used.
+SIDES = (12, 18, 27, 40, 60, 90, 135, 200)
+# Greatest ratio of the sides of a window.
+STEEPEST = 4.0
+# Windows without an object, drawn at random, of each image.
+NEGATIVES = 50
+# C of the SVM of stage one.
+REGULARISATION = 1.0
 # Sizes with fewer objects among their windows are left out.
 MIN_EXAMPLES = 20
 
@@ -150,6 +154,7 @@ def _calibrate(images: Sequence[BoxedImage], weights: FloatArray, trained_on: st
     return ObjectnessModel(weights, np.array(scales), np.array(gains), np.array(offsets), trained_on)
 
 
+# Numbers of windows for which recall is reported.
 WINDOWS = (1, 3, 10, 30, 100, 300, 1000)
 
 

@@ -20,17 +20,29 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 # Grey levels by which a pixel must differ from the empty view.
 _DIFFERENT = 18.0
+# A pixel with less than this share of the largest difference near it lies beyond an edge, in what smoothing leaves
+# there.
 _HALO = 0.4
-# A shadow darkens all channels alike, and not to black.
-_DARKEST, _BRIGHTEST, _TINT = 0.45, 1.02, 0.10
-# Columns and rows of a silhouette count from this share of the box's height and width on.
-_COLUMN, _ROW = 0.06, 0.12
+# Share of the empty view's light that a shadow leaves, at least: it does not darken to black.
+_DARKEST = 0.45
+# Share of the empty view's light that a shadow leaves, at most.
+_BRIGHTEST = 1.02
+# Largest difference of these shares between red, green and blue: a shadow darkens all alike.
+_TINT = 0.10
+# Share of the box's height from which a column of a silhouette counts.
+_COLUMN = 0.06
+# Share of the box's width from which a row of a silhouette counts.
+_ROW = 0.12
+# Least area of a silhouette, as a share of the box's.
 _LEAST_FILLED = 0.15
-# What the thresholds take off each side: rendered people on two empty views are measured to 0.02 with it.
+# What the thresholds take off each side, as shares of width and height: rendered people on two empty views are measured
+# to 0.02 with it.
 _ROOM = np.array([0.08, 0.03])
+# Silhouettes that tell by how much boxes usually lie off, at least.
 _FEWEST = 20
 # The middle of a box is all person: from these shares of its width and height on, to as much before the other end.
 _MIDDLE = np.array([0.25, 0.08])
+# Share of the middle's different pixels that are no shadow, from which clothes look unlike a shadow.
 _UNLIKE = 0.7
 # A detection is that of a track's box from this overlap on.
 _SAME = 0.5
@@ -67,7 +79,6 @@ def difference(image: ImageArray, empty: ImageArray) -> tuple[BoolArray, BoolArr
     change -= np.median(change[::4, ::4], axis=(0, 1))
     size = np.abs(change).max(axis=2)
     different = size > _DIFFERENT
-    # Beyond an edge, smoothing leaves less than this share of what is on it.
     sharp = size > _HALO * cv2.dilate(size, np.ones((5, 5), np.uint8))
     ratio = (now + 4) / (then + 4)
     level, tint = ratio.mean(axis=2), ratio.max(axis=2) - ratio.min(axis=2)
@@ -201,6 +212,7 @@ _MOVED = 0.01
 _SAME_EDGES = 0.15
 # Nine of ten places of an empty picture have gradients below this (Sobel, 255 grey levels).
 _NOTHING = 15.0
+# Width of the small copies whose edges are compared, pixels: noise is averaged away there.
 _EDGE_WIDTH = 240
 
 

@@ -29,14 +29,17 @@ from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, fit_calibra
 from tsuiseki.trainers.networks.detector_training import DetectorOptimisation, DetectorTraining, detections
 from tsuiseki.trainers.networks.modules import interruptible
 
-# Windows of a step, as large as the detector's input, and people that are rendered to be composed onto the empty view
-# beside the camera's own.
-BATCH_SIZE, GENERATED_PEOPLE = 6, 200
+# Windows of a step, as large as the detector's input.
+BATCH_SIZE = 6
+# People that are rendered to be composed onto the empty view beside the camera's own.
+GENERATED_PEOPLE = 200
 # At the end of the warm-up of the first round; halved in each later one.
 LEARNING_RATE = 1e-3
 # A training is saved this many times, so that one that was stopped goes on.
 _SITTINGS = 5
+# Name of the finished training's file.
 CHECKPOINT = "detector.ckpt"
+# Decay of the moving average of the weights, a step.
 _EMA = 0.98
 # A box of which better ones cover this share together is left out: no person stands half in each of two others.
 _STRADDLING = 0.85

@@ -120,13 +120,17 @@ def above(detections: Sequence[Detections], score: float) -> list[Detections]:
     return [Detections(of_frame.boxes, of_frame.scores).select(of_frame.scores >= score) for of_frame in detections]
 
 
+# Intersections over union from which a detection lies on a track's box: the mean over them tells how well boxes lie,
+# too.
 OVERLAPS = (0.5, 0.6, 0.7, 0.8)
 # People of a round, relative to the start: with fewer the models have collapsed.
 FEWEST = 0.6
 # Before a moving camera nothing says where people are who are not tracked, and they are learnt as background.
 FEWEST_MOVING = 0.9
-# Rejected detections, relative to the start, or to a share of the people: with more, anything is a person.
-MOST, ALLOWED = 1.8, 0.25
+# Rejected detections, relative to the start, from which anything is a person.
+MOST = 1.8
+# The start counts as rejecting at least this share of the people, so that a start without any does not forbid all.
+ALLOWED = 0.25
 
 
 @dataclass(frozen=True)
@@ -261,12 +265,15 @@ def kept_round(folder: Path, detector: Path | SizedDetect) -> Round | None:
     return replace(pickle.loads(done.read_bytes()), detector=detector) if done.is_file() else None
 
 
-# What a detector must not lose against the default, share of its detections on tracks; and how much longer a frame may
-# take.
-_LESS_PRECISE, _SLOWER = 0.02, 1.25
-# Agreement must rise by this much for a round to be better: at first by more, since a detector that has learnt from
-# tracks agrees with tracks a little more whether it is better or not.
-_BETTER, _BETTER_AT_FIRST = 0.002, 0.02
+# What a detector may lose of the default's share of detections on tracks.
+_LESS_PRECISE = 0.02
+# How much longer than with the default a frame may take before it is reported.
+_SLOWER = 1.25
+# Agreement must rise by this much for a round to be better.
+_BETTER = 0.002
+# Likewise of the first round: a detector that has learnt from tracks agrees with tracks a little more whether it is
+# better or not.
+_BETTER_AT_FIRST = 0.02
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,11 @@ from tsuiseki.trainers.adapt.rounds import Adaptation, Round, above
 from tsuiseki.trainers.adapt.track_labels import DELETED, SHORT, STILL, TAKEN, TWICE, UNSURE
 from tsuiseki.trainers.adapt.watch import HELD_OUT, Watched
 
-_PICTURES, _EXAMPLES = 4, 12
+# Held-out pictures of each video that are shown.
+_PICTURES = 4
+# Boxes of each kind that are shown.
+_EXAMPLES = 12
+# A box of a track that became labels, where nothing was detected.
 _FILLED = "filled"
 # What became of boxes, in the order in which examples are shown.
 _MEANINGS = {

@@ -31,21 +31,36 @@ from tsuiseki.trainers.adapt.foreground import (
 )
 from tsuiseki.trainers.adapt.watch import Watched
 
-TAKEN, STILL, UNSURE, SHORT, TWICE, DELETED = "taken", "never moves", "unsure", "short", "twice", "deleted"
-# Least mean score of the detections of a track that becomes labels, and least seconds of them.
-_SURE, _LEAST_SECONDS = 0.5, 0.6
+TAKEN = "taken"
+STILL = "never moves"
+UNSURE = "unsure"
+SHORT = "short"
+TWICE = "twice"
+DELETED = "deleted"
+# Least mean score of the detections of a track that becomes labels.
+_SURE = 0.5
+# Least time over which such a track is detected, seconds.
+_LEAST_SECONDS = 0.6
 # Least share of a box that differs from the empty view, the median over the track: what differs less never moves.
 _MOVING = 0.2
 # Share of the way that boxes are moved onto silhouettes: their own where one is clear, or as boxes usually lie off.
 ONTO_SILHOUETTES = 0.5
 # A rejected detection of which this share differs from the empty view may be somebody.
 _SOMEBODY = 0.35
+# A box lies on another from this share of its area on.
 _COVERED = 0.5
+# Lowest moving blob that may be somebody, in heights of the lowest person.
 _LOWEST_PERSON = 0.6
+# First number of boxes of no track, above all ids of tracks.
 _NAMES_OF_OTHERS = 1_000_000
 
 
-BACKGROUND, PERSON, DRAWN = 0, 1, 2
+# Label of a box that shows no person.
+BACKGROUND = 0
+# Label of a box that shows a person.
+PERSON = 1
+# Label of a person whose box was drawn by hand.
+DRAWN = 2
 SAME = 0.5
 """Intersection over union from which two boxes of a frame are one."""
 
@@ -148,7 +163,7 @@ class TrackLabels:
 
     @property
     def tracks(self) -> list[Track]:
-        """Those taken."""
+        """Those that became labels."""
         return [t for t, v in zip(self.everyone, self.verdicts, strict=True) if v.verdict == TAKEN]
 
 
@@ -335,7 +350,7 @@ def _perhaps_people(
 
 
 def _on(boxes: FloatArray, others: FloatArray) -> BoolArray:
-    """``(N,)`` which boxes lie mostly on one of ``known``, or nearly whole on several."""
+    """``(N,)`` which boxes lie mostly on one of ``others``, or nearly whole on several."""
     shared = intersections(boxes[:, None], others[None])
     on_one = (shared > _COVERED * areas(boxes)[:, None]).any(axis=1)
     return np.asarray(on_one | (shared_with_all(boxes, others) >= EXPLAINED))

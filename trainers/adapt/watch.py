@@ -22,19 +22,29 @@ from tsuiseki.tracking.video.source import Source, open_source
 from tsuiseki.trainers.adapt.foreground import CameraMotion, Difference, difference, edge_correlation, motion_of
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 
-# Share of each video, its end, that nothing is learnt from and that says which round is best; and the share before it
-# that no weight is learnt from and that says what scores mean.
-HELD_OUT, CALIBRATED = 0.15, 0.1
+# Share of each video, its end, that nothing is learnt from and that says which round is best.
+HELD_OUT = 0.15
+# Share before it that no weight is learnt from and that says what scores mean.
+CALIBRATED = 0.1
+# Share of each video that no weight is learnt from.
 KEPT_BACK = HELD_OUT + CALIBRATED
 
+# Of a video to learn a camera from.
 FEWEST_FRAMES = 100
+# Of the kept JPEG images, in [0, 100].
 _QUALITY = 95
+# Name of the file that describes the kept pictures.
 _INFO = "watched.json"
+# Pictures that tell whether the camera moves, evenly spread over the video.
 _COMPARED = 9
 # Correlation of the edges of two empty views: over 0.7 for one camera, under 0.1 for two.
 _SAME_VIEW = 0.3
-# Grey levels of a kept picture of what differs from the empty view.
-_SAME, _SHADOW, _BRIGHT = 0, 1, 2
+# Grey level of what is as in the empty view, in a kept picture of what differs from it.
+_SAME = 0
+# Grey level of what differs as a shadow does.
+_SHADOW = 1
+# Grey level of what differs otherwise.
+_BRIGHT = 2
 
 
 @dataclass(frozen=True)

@@ -216,11 +216,20 @@ def with_unknown(samples: PairSamples, column: int, share: float, rng: np.random
 
 # More of it makes two people alike less alike for no feature but the gap.
 FALLING = {"iou": 1, "appearance": -1, "width": -1, "height": -1, "x": -1, "y": -1, "gap": 0, "action": -1}
-# Parts of each sequence of which each is left out once, frames of the gate, and pairs that are also shown to the trees
-# without their appearance.
-GROUPS, WINDOW, UNKNOWN_SHARE = 5, 10, 0.1
-# Weight of each tree, most leaves of one, pairs that a leaf needs, and L2 penalty of the leaves.
-LEARNING_RATE, LEAVES, LEAST_SAMPLES, REGULARISATION = 0.1, 12, 60, 5.0
+# Parts of each sequence of which each is left out once.
+GROUPS = 5
+# Of the gate, frames.
+WINDOW = 10
+# Share of the pairs that are also shown to the trees without their appearance.
+UNKNOWN_SHARE = 0.1
+# Weight of each tree.
+LEARNING_RATE = 0.1
+# Most leaves of a tree.
+LEAVES = 12
+# Pairs that a leaf needs, so that no leaf learns single pairs by heart.
+LEAST_SAMPLES = 60
+# L2 penalty of the leaves.
+REGULARISATION = 5.0
 # b, the bias of the observation cost (eq. 2.12).
 BIAS = -0.5
 # Of simulated detections.
@@ -314,7 +323,8 @@ class AffinitySettings(Shared):
     trees: int = 120
 
 
-SETTINGS, CHANCE = AffinitySettings(), Seed()
+SETTINGS = AffinitySettings()
+CHANCE = Seed()
 
 
 def fit_affinity(

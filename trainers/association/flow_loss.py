@@ -118,9 +118,12 @@ class FlowLoss:
         return value + (costs - here) @ torch.as_tensor(gradient, dtype=costs.dtype, device=costs.device)
 
 
-# What Δ counts for a detection that is used and false, or right and not used; for a start or an end where the labelled
-# flow has none; and for a link between detections that are not of one person.
-MISSED, BROKEN, WRONG = 1.0, 0.5, 2.0
+# What Δ counts for a detection that is used and false, or right and not used.
+MISSED = 1.0
+# What Δ counts for a start or an end where the labelled flow has none.
+BROKEN = 0.5
+# What Δ counts for a link between detections that are not of one person.
+WRONG = 2.0
 
 
 def difference_weights(owners: IntArray, tail: IntArray, head: IntArray, labelled: FloatArray) -> FloatArray:

@@ -120,7 +120,9 @@ class Nodes(Columns):
     tracks: IntArray
 
 
+# No indices.
 NONE = np.empty(0, dtype=np.int64)
+# What a window has no others of.
 NO_NODES = Nodes(NONE, NONE, np.empty((0, 4)), NONE)
 
 
@@ -253,8 +255,10 @@ def short_runs(graph: Graph, fewest: int) -> BoolArray:
     return np.asarray((np.bincount(label, minlength=count)[label] < fewest) & (graph.nodes.owners >= 0))
 
 
-# Scores nearer to 0 and 1 count as this; a video that trusts all scores alike still lets a little gradient through.
-CERTAIN, FLATTEST = 1e-6, 0.1
+# Scores nearer to 0 and 1 count as this.
+CERTAIN = 1e-6
+# Least slope of the logit: a video that trusts all scores alike still lets a little gradient through.
+FLATTEST = 0.1
 
 
 def sequence_graphs(video: DetectedVideo, settings: FlowSettings | None = None) -> Graphs:

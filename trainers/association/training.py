@@ -113,7 +113,8 @@ def _made_of(kind: type, checkpoint: Path) -> dict[str, Any]:
 
 
 # Where a checkpoint says how many epochs, and how many steps at most, its training is to have; below 0 for no end.
-PLANNED, PLANNED_STEPS = "planned_epochs", "planned_steps"
+PLANNED = "planned_epochs"
+PLANNED_STEPS = "planned_steps"
 
 
 @dataclass(frozen=True)

@@ -29,8 +29,9 @@ from tsuiseki.trainers.association.graphs import DetectedVideo
 
 # About what detections of MOT17, MOT15, KITTI and PETS are off their labels: much, and much the same a frame later.
 LIKE_REAL = DetectorFaults(jitter=0.03, steady=0.8)
-# Okutama-Action's videos.
+# Frames per second where nothing says it: that of Okutama-Action's videos.
 OTHER_RATE = 30.0
+# Intersection over union with its label from which a detected box lies right.
 RIGHT_OVERLAP = 0.5
 # A badly placed box still shows its person: links through it are right, though the box itself counts as wrong.
 SAME_OVERLAP = 0.25

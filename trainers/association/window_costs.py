@@ -43,7 +43,12 @@ from tsuiseki.trainers.association.graphs import Graph
 from tsuiseki.trainers.networks.detector_training import DetectorTraining
 from tsuiseki.trainers.networks.modules import normalised
 
-COST, DISTANCE, KNOWN = (LINK_FEATURES.index(name) for name in ("cost", "appearance", "appearance_known"))
+# Column of a link's features that holds its cost.
+COST = LINK_FEATURES.index("cost")
+# Column of the distance between the averaged appearances of its two sides.
+DISTANCE = LINK_FEATURES.index("appearance")
+# Column that is 1 where that distance is known.
+KNOWN = LINK_FEATURES.index("appearance_known")
 # Of the softmax over the views of a window, as of those that the network was trained on.
 TEMPERATURE = 0.1
 
@@ -129,7 +134,10 @@ def contrast_within(features: Tensor, graph: Graph) -> Tensor:
     )
 
 
-DETECTION_COST, LOGIT = (DETECTION_FEATURES.index(name) for name in ("cost", "logit"))
+# Column of a detection's features that holds its cost.
+DETECTION_COST = DETECTION_FEATURES.index("cost")
+# Column of the logit of its probability.
+LOGIT = DETECTION_FEATURES.index("logit")
 
 
 @dataclass(frozen=True)

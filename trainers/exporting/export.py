@@ -28,10 +28,12 @@ from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.output import output_file
 
-# Largest difference to torch, relative to the largest value of an output. Float32 sums in another order differ by a
-# few 1e-6 a layer; weights rounded to float16 by 5e-4 each, which some sixty layers add up to.
+# Largest difference to torch, relative to the largest value of an output: float32 sums in another order differ by a few
+# 1e-6 a layer.
 FLOAT32_TOLERANCE = 1e-3
+# Likewise where weights are rounded to float16: by 5e-4 each, which some sixty layers add up to.
 FLOAT16_TOLERANCE = 3e-2
+# Batch sizes that are compared with torch: a file must take any.
 _PARITY_BATCHES = (1, 3)
 # Tensors smaller than this stay float32: biases and scales matter more than their bytes.
 _SMALLEST_HALVED = 512

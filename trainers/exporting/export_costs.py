@@ -26,12 +26,18 @@ from tsuiseki.trainers.association.training import PLANNED, PLANNED_STEPS, Assoc
 from tsuiseki.trainers.exporting.export import ModelFile, convert_module, load_module, write_checked
 from tsuiseki.trainers.exporting.export_networks import write_appearance, write_heads
 
-# Costs and probabilities, absolute: float32 sums in another order differ by about 1e-6 of a cost of up to 8. Of trees a
-# share of rows may lie on a threshold, where rounding decides.
-TOLERANCE, ON_A_THRESHOLD = 1e-4, 1e-3
+# Largest difference of costs and probabilities to torch, absolute: float32 sums in another order differ by about 1e-6
+# of a cost of up to 8.
+TOLERANCE = 1e-4
+# Share of rows that may lie on a threshold of a tree, where rounding decides.
+ON_A_THRESHOLD = 1e-3
+# Version of the ONNX operators that the trees are written with.
 OPSET = 18
+# Probabilities nearer to 0 and 1 count as this, so that their logit is finite.
 NEAR_CERTAIN = 1e-6
+# Names of the file's inputs.
 INPUTS = ("links", "detections", "joins")
+# Names of the file's outputs.
 OUTPUTS = ("link_changes", "detection_changes", "join_changes")
 
 

@@ -19,6 +19,7 @@ from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.trainers.networks.modules import Optimisation, Tested, normalised, plain_hyperparameters
 
+# Actions that Okutama-Action labels.
 OKUTAMA_ACTIONS = 12
 # Largest weight of rare actions, see `positive_weights`.
 RARE_LIMIT = 5.0

@@ -27,7 +27,10 @@ from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.trainers.networks.detector_network import Resize
 
+# Detections down to this score tell what scores mean.
 LOWEST_SCORE = 0.05
+# Intersection over union from which a detection is a labelled person; and share of its area on an ignored label from
+# which it is left out.
 MATCH_OVERLAP = 0.5
 # Mean IoU of labels with the best anchor below which a training takes others than those that it starts from.
 FITTING = 0.6

@@ -26,6 +26,7 @@ Architecture = Literal["people", "branched", "ssdlite320", "ssd300", "ssd512"]
 Resize = Literal["letterbox", "stretch"]
 Normalisation = Literal["imagenet", "symmetric", "bytes"]
 
+# Width and height of the input, pixels, of architectures that take no other.
 FIXED_SIDES = {"ssdlite320": 320, "ssd300": 300, "ssd512": 512}
 # Mean and standard deviation of the channels: of torchvision's classifiers, and of its two COCO detectors.
 _NORMALISATIONS: dict[Normalisation, tuple[tuple[float, ...], tuple[float, ...]]] = {

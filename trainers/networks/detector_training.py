@@ -49,6 +49,7 @@ LOSSES: dict[DetectionLossName, tuple[losses.ScoreTerm, losses.BoxTerm]] = {
     "multibox": (losses.mined_entropy, losses.smooth_l1),
     "quality": (losses.overlap_focal, losses.complete_iou),
 }
+# Boxes of an image with the best scores, which suppression chooses from.
 _CANDIDATES = 300
 # Pictures that tell the normalisations of an exported network their statistics.
 _NORM_EXAMPLES = 32

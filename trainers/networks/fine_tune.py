@@ -25,8 +25,10 @@ from tsuiseki.trainers.exporting.export_networks import export_detector
 from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, anchor_choice
 
 CONFIG = "detector_fine_tune.yaml"
-# Of each video, in the order of time.
-LEARNT, HELD_OUT = (0.0, 0.9), (0.9, 1.0)
+# Share of each video, in the order of time, that is learnt from.
+LEARNT = (0.0, 0.9)
+# Share of each video, in the order of time, that scores the result.
+HELD_OUT = (0.9, 1.0)
 
 
 def fine_tune(arguments: Sequence[str], folder: Path, fit: Callable[[Sequence[str]], Path | None]) -> Path | None:

@@ -82,7 +82,8 @@ ASSOCIATION = Task(
 )
 # Packages of Lightning's loggers whose own errors end a training.
 LOGGING = ("wandb", "mlflow", "comet_ml", "neptune")
-PROPOSE, CONFIG = "--propose-anchors", ("--config", "-c")
+PROPOSE = "--propose-anchors"
+CONFIG = ("--config", "-c")
 SCORING = ("validate", "test")
 
 

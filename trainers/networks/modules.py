@@ -200,7 +200,7 @@ class WarmupCosine(LambdaLR):
         super().__init__(optimiser, lambda step: self.factor(step))
 
     def factor(self, step: int) -> float:
-        """On the learning rate."""
+        """What the optimiser's learning rate is multiplied by at ``step``."""
         if step < self.warmup:
             return (step + 1) / self.warmup
         first, previous = self.fall
