@@ -35,8 +35,6 @@ APPEARANCE = ("flow", "deepsort")
 ONLINE: Mapping[PeopleMethod, Callable[[Any, int], PeopleTracker]] = {
     "deepsort": DeepSort, "sort": Sort, "bytetrack": ByteTrack, "ocsort": OcSort,
 }  # fmt: skip
-
-
 # What `--affinity` takes: costs learnt on pairs, or on whole tracks.
 LearntCosts = Affinity | CostNetwork
 
