@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, overload
 
 import numpy as np
 
-from tsuiseki.tracking.association.corrected_tracks import corrected_bodies, renamed_points, replayed
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNetwork, network_of_tracks
 from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.formats.body_points import point_files
@@ -373,6 +372,8 @@ class Result(Sequence[T_co]):
             RequestError: the corrections cannot be read, or speak of another video; these tracks are corrected
                 already, or are neither people nor animals.
         """
+        from tsuiseki.tracking.association.corrected_tracks import corrected_bodies, renamed_points, replayed
+
         solved = boxes_about(self.tracks, self.names)
         bodies = [track for track in self.tracks if isinstance(track, BodyTrack)]
         if len(solved) not in (len(bodies), sum(isinstance(track, Track) for track in self.tracks)):
