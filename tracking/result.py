@@ -400,17 +400,10 @@ class Result(Sequence[T_co]):
                 files |= point_files(points, length)
         else:
             files["tracks.txt"] = _writer(write_tracks, boxes)
-        facts = {"corrections": len(again.done), "track_names": again.names}
         columns = people_in(self.frames["frame"], boxes) if "people" in self.frames else {}
-        changed = replace(
-            self,
-            tracks=tracks,
-            files={**self.files, **files},
-            facts={**self.facts, **facts},
-            frames={**self.frames, **columns},
-            points=points,
-            painter=None,
-        )
+        facts = {**self.facts, "corrections": len(again.done), "track_names": again.names}
+        known: dict[str, Any] = {"facts": facts, "files": {**self.files, **files}, "frames": {**self.frames, **columns}}
+        changed = replace(self, tracks=tracks, points=points, painter=None, **known)
         return replace(changed, painter=changed._paint)
 
     def known(self) -> dict[str, Any]:
