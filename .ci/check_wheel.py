@@ -16,7 +16,7 @@ MOST_MODEL_BYTES = 40 * 2**20
 
 def expected_files() -> set[str]:
     """The files of the repository that must be in the wheel, by their path there."""
-    suffixes = {".py", ".onnx", ".json", ".yaml", ".html", ".css", ".js", ".svg"}
+    suffixes = {".py", ".onnx", ".json", ".yaml", ".html", ".css", ".j2", ".js", ".svg"}
     found = (path for folder in FOLDERS for path in (REPOSITORY / folder).rglob("*") if path.suffix in suffixes)
     top = {f"tsuiseki/{path.name}" for path in (REPOSITORY / "src/tsuiseki").iterdir() if path.is_file()}
     return top | {f"tsuiseki/{path.relative_to(REPOSITORY).as_posix()}" for path in found if path.is_file()}

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, overload
 
@@ -202,17 +201,15 @@ class Result(Sequence[T_co]):
 
     def _repr_html_(self) -> str:
         """A table for notebooks: the tracks, from which frame to which."""
+        from tsuiseki.tracking.report.rendering import render
+
         table = self._table()
         ids = table.get("id", np.ones(len(table["score"]), np.int64) if "score" in table else np.empty(0, np.int64))
         frames = table.get("frame", np.arange(len(ids)))
-        rows = ""
-        for number in np.unique(ids)[:MOST_ROWS].tolist():
-            own = frames[ids == number]
-            rows += f"<tr><td>{number}</td><td>{own.min()}</td><td>{own.max()}</td><td>{len(own)}</td></tr>"
-        more = len(np.unique(ids)) - MOST_ROWS
-        rows += f"<tr><td colspan=4>and {more} more</td></tr>" if more > 0 else ""
-        head = "<tr><th>id</th><th>first frame</th><th>last frame</th><th>frames</th></tr>"
-        return f"<p>{escape(repr(self)[1:-1])}; frames count from 0</p><table>{head}{rows}</table>"
+        numbers = np.unique(ids).tolist()
+        moments = [(number, frames[ids == number]) for number in numbers[:MOST_ROWS]]
+        rows = [(number, own.min(), own.max(), len(own)) for number, own in moments]
+        return render("result.html.j2", text=repr(self)[1:-1], rows=rows, more=len(numbers) - MOST_ROWS)
 
     @property
     def name(self) -> str:

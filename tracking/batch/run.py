@@ -12,7 +12,6 @@ from contextlib import ExitStack
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import Any, get_args
-from urllib.parse import quote
 
 from tsuiseki.tracking.batch.continuous import in_order
 from tsuiseki.tracking.batch.executors import Processes, RayTasks
@@ -25,7 +24,7 @@ from tsuiseki.tracking.cli.parser import Option, arguments_of, documentation, op
 from tsuiseki.tracking.errors import Interrupted, RequestError, a_path, signal_of
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.output import held, whole_file, writable
-from tsuiseki.tracking.report.page import html_page, html_table, listing, section
+from tsuiseki.tracking.report.rendering import render
 from tsuiseki.tracking.runs.options import Output
 
 SOURCES = (
@@ -201,19 +200,14 @@ def write_pages(batch: Path, command: str, rows: Sequence[Row]) -> None:
     writer.writerow(COLUMNS)
     writer.writerows([*(getattr(row, name) for name in COLUMNS[:4]), round(row.seconds, 1), row.source, row.line]
                      for row in rows)  # fmt: skip
-    shown = []
-    for row in rows:
-        there = next((name for name in PAGES if (batch / row.name / name).exists()), None)
-        link = "" if there is None else f'<a href="{quote(f"{row.name}/{there}")}">{there}</a>'
-        tracks = "" if row.tracks is None else str(row.tracks)
-        shown.append((row.name, row.status, str(row.frames), tracks, f"{row.seconds:.1f} s", link))
-    failed = {row.name: row.line for row in rows if row.status == "failed"}
-    sections = [
-        section("Crossings of all", listing(_crossings(batch, rows))),
-        section("Videos", html_table(["Video", "Status", "Frames", "Tracks", "Work", "Result"], shown)),
-        section("What failed", listing(failed)),
-    ]
-    page = html_page(f"{len(rows)} videos: {command}", f"{summary_of(rows)}.", sections)
+    page = render(
+        "batch.html.j2",
+        title=f"{len(rows)} videos: {command}",
+        introduction=f"{summary_of(rows)}.",
+        crossings=_crossings(batch, rows),
+        rows=[(row, next((name for name in PAGES if (batch / row.name / name).exists()), None)) for row in rows],
+        failed={row.name: row.line for row in rows if row.status == "failed"},
+    )
     for name, text in (("summary.csv", table.getvalue()), ("index.html", page)):
         with whole_file(batch / name) as file:
             file.write(text.encode())

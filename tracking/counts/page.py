@@ -9,12 +9,11 @@ import csv
 import json
 import warnings
 from collections import Counter
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from html import escape
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
 import numpy as np
@@ -24,20 +23,9 @@ from tsuiseki.tracking.counts.counting import Answers, Table, count
 from tsuiseki.tracking.counts.scene import Scene
 from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.report.page import (
-    BOXES_NOTE,
-    embedded_image,
-    embedded_overlay,
-    html_page,
-    html_table,
-    listing,
-    scrolling,
-    seconds_table,
-    section,
-    timeline,
-)
+from tsuiseki.tracking.report.page import BOXES_NOTE, Timeline
 from tsuiseki.tracking.report.pictures import Pictures, frames_to_show, heat_picture, paths_picture, pictures_of
-from tsuiseki.tracking.report.plots import inline_svg
+from tsuiseki.tracking.report.rendering import overlay_in, render
 from tsuiseki.tracking.report.track_bars import counted, followed
 from tsuiseki.tracking.result import PageContent, Result, Writer
 from tsuiseki.tracking.types import FloatArray, ImageArray, Track
@@ -45,18 +33,36 @@ from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.tracks import boxes_about
 from tsuiseki.tracking.video.source import open_source, some_frames
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 AnyResult = TypeVar("AnyResult", bound=Result[Any])
 MOST = 100
 """Rows of a table on the page, and tracks with crops; the files have all."""
 UNITS = {"first": "first in view, s", "last": "last in view, s", "seconds": "in view, s", "path": "path, px",
          "metres": "path, m", "speed": "speed, m/s"}  # fmt: skip
-INTERVAL = "<p class=note>low and high are the ends of an interval that holds the true number in 9 of 10 cases.</p>"
-BARS = "<p class=note>A bar is the time of a track, pale where no detection supports it.</p>"
 
 
 def with_page(result: AnyResult) -> AnyResult:
     """A result that also writes ``report.html``, with its plots and numbers in ``report/``; see `PageContent`."""
     return replace(result, files={**result.files, **TrackedPage(result).files()})
+
+
+@dataclass(frozen=True)
+class PeopleRows:
+    """The table of all that was followed, as the page shows it.
+
+    Attributes:
+        headings: of the columns behind the id.
+        rows: their cells, by id.
+        count: of all rows, those left out included.
+        file: name of the file that has all.
+    """
+
+    headings: Sequence[str]
+    rows: Mapping[int, Sequence[str]]
+    count: int
+    file: str
 
 
 class TrackedPage:
@@ -107,7 +113,7 @@ class TrackedPage:
         return self.answers.scene.pixels(self.answers.paths.points)
 
     @cached_property
-    def _drawn(self) -> dict[str, ImageArray]:
+    def drawn(self) -> dict[str, ImageArray]:
         """The pictures of paths and of places."""
         answers, view, ids = self.answers, self.pictures.view, self.answers.paths.ids
         edges = np.flatnonzero(np.diff(ids, prepend=-1))
@@ -143,95 +149,68 @@ class TrackedPage:
         FIGURES[name](self.answers, "black").savefig(path, facecolor="white")
 
     def _picture(self, name: str, path: Path) -> None:
-        path.write_bytes(cv2.imencode(".png", self._drawn[name][..., ::-1])[1].tobytes())
+        path.write_bytes(cv2.imencode(".png", self.drawn[name][..., ::-1])[1].tobytes())
 
     def _write_json(self, path: Path) -> None:
         path.write_text(json.dumps(self.answers.tables, indent=1) + "\n", encoding="utf-8")
 
     def html(self, folder: Path) -> str:
         """The page, self-contained; it shows the overlay that lies in ``folder``, where one does."""
-        result, several, rate = self.result, self.nouns[1], self.answers.frame_rate
+        result, rate = self.result, self.answers.frame_rate
         numbers = result.frames.get("frame", ()) or range(self.answers.length)
         first, length = (numbers[0], numbers[-1] - numbers[0] + 1) if len(numbers) else (0, 0)
-        bars = timeline([followed(track, self.nouns[0]) for track in self.tracks], first, length, "timeline")
-        boxes = all(isinstance(getattr(one, "track", one), Track) for one in result)
-        note = BOXES_NOTE.replace("person", self.nouns[0]) if boxes else ""
-        made = {name: str(result.settings[name]) for name in ("method", "source") if name in result.settings}
-        sections = [
-            section("Tracks", embedded_overlay(folder, label="tracks", note=note)),
-            section("Crossings of lines", self._table("lines", INTERVAL, "crossings")),
-            section("Zones", self._table("zones", INTERVAL, "occupancy")),
-            section(several.capitalize(), self._everybody() or f"<p>No {several} were followed.</p>"),
-            section("How many at a time", self._svg("counts")),
-            section("All paths", self._image("paths", "All paths, each with its number at its end.")),
-            section("Where they were", self._image("places", "The brighter, the more time was spent there.")),
-            section("From line to line", self._ways("turns")),
-            section("From side to side of the picture", self._ways("sides")),
-            section("Gatherings", self._table("gatherings") if self._given else ""),
-            section("Who was followed when", bars and bars + BARS),
-            *self.content.more(),
-            section("Time", seconds_table(result.seconds, len(numbers))),
-            section("How it was made", listing(made)),
-        ]
+        boxes = all(isinstance(getattr(track, "track", track), Track) for track in result)
         who = counted(boxes_about(result, result.names), self.nouns)
-        introduction = f"{who} in {len(numbers)} frames at {rate:g} a second: {len(numbers) / rate:.1f} seconds."
-        return html_page(f"{several.capitalize()} in {result.name}", introduction, sections)
+        return render(
+            "tracked.html.j2",
+            title=f"{self.nouns[1].capitalize()} in {result.name}",
+            introduction=f"{who} in {len(numbers)} frames at {rate:g} a second: {len(numbers) / rate:.1f} seconds.",
+            page=self,
+            asked=self._given is not None,
+            most=MOST,
+            frames=len(numbers),
+            overlay=overlay_in(folder),
+            note=BOXES_NOTE.replace("person", self.nouns[0]) if boxes else "",
+            bars=Timeline([followed(track, self.nouns[0]) for track in self.tracks], first, length),
+            made={name: result.settings[name] for name in ("method", "source") if name in result.settings},
+        )
 
-    def _everybody(self) -> str:
-        """A row for each track that is shown: crops, times, path, and time in zones."""
+    def figure(self, name: str) -> Callable[[str], Figure]:
+        """The plot of a table, by the colour of its text."""
+        return partial(FIGURES[name], self.answers)
+
+    def headings(self, name: str) -> list[str]:
+        """Of the columns of a table."""
+        return [column.replace("_", " ") for column in self.answers.tables[name]]
+
+    def rows(self, name: str) -> list[list[str]]:
+        """The cells of a table, row by row."""
+        return [[_cell(value) for value in row] for row in zip(*self.answers.tables[name].values(), strict=True)]
+
+    def ways(self, name: str) -> list[list[str]]:
+        """How many went from where to where: headings, then a row for each origin; nothing where nobody did."""
+        table = self.answers.tables[name]
+        if not table["count"]:
+            return []
+        origins, destinations, counts = matrix(table)
+        rows = zip(origins, counts.tolist(), strict=True)
+        return [["from, to", *destinations], *([origin, *map(str, row)] for origin, row in rows)]
+
+    def people(self) -> PeopleRows:
+        """A row for each track that is shown: times, path, and time in zones."""
         table, stays = self.answers.tables["people"], self.answers.tables["stays"]
         within = Counter[tuple[int, str]]()
         for who, zone, seconds in zip(*(stays[name] for name in ("id", "zone", "seconds")), strict=True):
             within[who, zone] += seconds
         names = [name for name in table if name not in ("id", "class") or (name == "class" and any(table[name]))]
-        zones, crops = [zone.name for zone in self.answers.scene.zones], self.pictures.crops
-        rows, shown = [], {track.id for track in self.tracks}
-        for number, who in enumerate(table["id"]):
-            if who in shown:
-                images = "".join(embedded_image(crop) for crop in crops.get(who, ()))
-                cells = [*(_cell(table[name][number]) for name in names), *(f"{within[who, z]:.1f}" for z in zones)]
-                cells = [f'<span class="crops">{images}</span>', *cells] if crops else cells
-                rows.append([str(who), *cells])
-        if not rows:
-            return ""
-        head = ["id", *(["pictures"] if crops else []), *(UNITS.get(n, n) for n in names), *(f"{z}, s" for z in zones)]
-        return html_table(head, rows) + self._more_than(len(table["id"]), self._file("people"))
-
-    def _table(self, name: str, note: str = "", plot: str = "") -> str:
-        """A table, with a plot below it; nothing where it has no row."""
-        table = self.answers.tables[name]
-        rows = list(zip(*table.values(), strict=True))
-        if not rows:
-            return ""
-        lines = [[str(first), *map(_cell, rest)] for first, *rest in rows[:MOST]]
-        shown = html_table([one.replace("_", " ") for one in table], lines) + note
-        return shown + self._more_than(len(rows), name) + (self._svg(plot) if plot else "")
-
-    def _ways(self, name: str) -> str:
-        table = self.answers.tables[name]
-        if not table["count"]:
-            return ""
-        origins, destinations, counts = matrix(table)
-        rows = [[origin, *map(str, row)] for origin, row in zip(origins, counts.tolist(), strict=True)]
-        return html_table(["from, to", *destinations], rows) + self._links(name)
-
-    def _svg(self, name: str) -> str:
-        return scrolling(inline_svg(partial(FIGURES[name], self.answers), name)) + self._links(name)
-
-    def _image(self, name: str, alt: str) -> str:
-        return f"{embedded_image(self._drawn[name], alt)}<p class=note>{escape(alt)}</p>{self._links(name)}"
-
-    def _links(self, name: str) -> str:
-        links = _link(f"{self.inside}{name}.csv", "numbers"), _link(f"{self.inside}{name}.png", "picture")
-        return f"<p class=note>{' '.join(links)}</p>"
-
-    def _more_than(self, count: int, name: str) -> str:
-        more = f"and {count - MOST} more; " if count > MOST else ""
-        return f"<p class=note>{more}{_link(f'{self.inside}{name}.csv', 'numbers')}</p>"
-
-
-def _link(place: str, text: str) -> str:
-    return f'<a href="{place}">{text}</a>'
+        zones, shown = [zone.name for zone in self.answers.scene.zones], {track.id for track in self.tracks}
+        rows = {
+            who: [*(_cell(table[name][number]) for name in names), *(f"{within[who, zone]:.1f}" for zone in zones)]
+            for number, who in enumerate(table["id"])
+            if who in shown
+        }
+        headings = [*(UNITS.get(name, name) for name in names), *(f"{zone}, s" for zone in zones)]
+        return PeopleRows(headings, rows, len(table["id"]), self._file("people"))
 
 
 def _alone(write: Callable[[Path], object], path: Path, _: Path) -> object:
@@ -239,7 +218,7 @@ def _alone(write: Callable[[Path], object], path: Path, _: Path) -> object:
 
 
 def _cell(value: Any) -> str:
-    return "" if value is None else escape(f"{value:g}" if isinstance(value, float) else str(value))
+    return "" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
 
 
 def write_csv(table: Callable[[], Table], path: Path) -> None:

@@ -7,7 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from tsuiseki.tracking.evaluation.coverage import spans
-from tsuiseki.tracking.report.page import Bar, section, timeline
+from tsuiseki.tracking.report.page import Bar, Timeline
+from tsuiseki.tracking.report.rendering import render
 from tsuiseki.tracking.report.track_bars import followed
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types.tracks import ActingTrack
@@ -30,23 +31,20 @@ def captions_of(people: Sequence[ActingTrack], names: Sequence[str], threshold: 
 
 
 def action_timelines(result: Result[ActingTrack], threshold: float) -> str:
-    """A block for each person: when they were followed, and what they did."""
-    note = (
-        "<p class=note>A block is a person. Its first row is the time they were followed, pale where no detection "
-        "supports it; each other row is an action, drawn where its probability over the window exceeds "
-        f"{threshold:g}. Numbers count frames.</p>"
-    )
-    blocks = "".join(_timeline(person, result, threshold) for person in result)
-    return section("Who does what when", note + (blocks or "<p>No person was tracked.</p>"))
+    """A section with a block for each person: when they were followed, and what they did."""
+    from markupsafe import Markup
+
+    people = {person.track.id: _timeline(person, result, threshold) for person in result}
+    return Markup(render("actions.html.j2", people=people, threshold=threshold))
 
 
-def _timeline(person: ActingTrack, result: Result[ActingTrack], threshold: float) -> str:
+def _timeline(person: ActingTrack, result: Result[ActingTrack], threshold: float) -> Timeline:
     track, frames = person.track, result.frames["frame"]
     rows = [followed(track)]
     if person.multi is not None:
         called = person.multi > threshold
         for a in np.flatnonzero(called.any(axis=0)).tolist():
-            found = spans(track.frames, called[:, a].astype(np.int64))
+            acting = spans(track.frames, called[:, a].astype(np.int64))
             name = result.names[a]
-            rows.append((name, [Bar(span.first, span.last, name, track.id) for span in found if span.value]))
-    return timeline(rows, frames[0], frames[-1] - frames[0] + 1, f"person {track.id}", left=150)
+            rows.append((name, [Bar(span.first, span.last, name, track.id) for span in acting if span.value]))
+    return Timeline(rows, frames[0], frames[-1] - frames[0] + 1, left=150)

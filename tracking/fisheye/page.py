@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,8 +14,8 @@ from scipy.ndimage import gaussian_filter
 
 from tsuiseki.tracking.fisheye.view import CeilingSource
 from tsuiseki.tracking.report.overlay import draw_label, track_colour
-from tsuiseki.tracking.report.page import embedded_overlay, html_page, listing, section
-from tsuiseki.tracking.report.plots import dress, inline_svg
+from tsuiseki.tracking.report.plots import dress
+from tsuiseki.tracking.report.rendering import overlay_in, render
 from tsuiseki.tracking.runs.following import count
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray
 from tsuiseki.tracking.types.tracks import FloorTrack
@@ -118,29 +120,56 @@ def floor_painter(tracks: Sequence[FloorTrack], frame_rate: float) -> Callable[[
     return lambda frame: draw_floor_tracks(frame.image, tracks, frame.index, trail)
 
 
-def floor_section(
-    ceiling: CeilingSource, tracks: Sequence[FloorTrack], folder: Path, number: int = 0, inside: str = ""
-) -> str:
-    """Plan, dwell map and video of a camera.
+@dataclass(frozen=True)
+class CameraFloor:
+    """A camera on the page.
+
+    Attributes:
+        name: of the camera.
+        summary: a sentence.
+        paths: the plan, by the colour of its text.
+        dwell: the dwell map, likewise.
+        overlay: its video; None where none was drawn.
+        inside: folder of the video, as seen from the page.
+    """
+
+    name: str
+    summary: str
+    paths: Callable[[str], Figure]
+    dwell: Callable[[str], Figure]
+    overlay: Path | None
+    inside: str = ""
+
+
+def camera_floor(ceiling: CeilingSource, tracks: Sequence[FloorTrack], folder: Path, inside: str = "") -> CameraFloor:
+    """Plan, dwell map and video of a camera, for the page.
 
     Args:
         ceiling: the camera over the floor.
         tracks: the people under it.
         folder: where an overlay may lie.
-        number: of the camera on the page.
         inside: the same folder, as seen from the page.
     """
-    floor, camera, rate = ceiling.floor, ceiling.placed.camera.position[None, :2], ceiling.rate
-    walked = sum(float(np.linalg.norm(np.diff(t.places, axis=0), axis=1).sum()) for t in tracks)
-    paths = inline_svg(lambda ink: floor_figure(tracks, floor, camera, ink), f"paths{number}")
-    dwell = inline_svg(lambda ink: dwell_figure(tracks, floor, rate, ink), f"dwell{number}")
-    who = count(len(tracks), "person", "people")
-    text = f'<p>{who}, {walked:.0f} m walked in all.</p><div class="plans">{paths}{dwell}</div>'
-    return section(ceiling.placed.name, text + embedded_overlay(folder, inside=inside))
+    floor, camera = ceiling.floor, ceiling.placed.camera.position[None, :2]
+    walked = sum(float(np.linalg.norm(np.diff(track.places, axis=0), axis=1).sum()) for track in tracks)
+    return CameraFloor(
+        ceiling.placed.name,
+        f"{count(len(tracks), 'person', 'people')}, {walked:.0f} m walked in all.",
+        partial(floor_figure, tracks, floor, camera),
+        partial(dwell_figure, tracks, floor, ceiling.rate),
+        overlay_in(folder),
+        inside,
+    )
 
 
-def floor_page(cameras: Sequence[str], seconds: Mapping[str, float], facts: Mapping[str, str]) -> str:
-    """`report.html` as text: a `floor_section` of each camera, and how it was made."""
-    introduction = "Each colour and number is one person; the thick side of a box is the feet's. Triangles are cameras."
-    took = section("Time in all", listing({name: f"{1000 * v:.0f} ms" for name, v in seconds.items()}))
-    return html_page("People on the floor", introduction, [*cameras, took, section("How it was made", listing(facts))])
+def floor_page(cameras: Sequence[CameraFloor], seconds: Mapping[str, float], made: Mapping[str, object]) -> str:
+    """`report.html` as text: each camera, and how it was made."""
+    return render(
+        "ceiling.html.j2",
+        title="People on the floor",
+        introduction="Each colour and number is one person; the thick side of a box is the feet's. "
+        "Triangles are cameras.",
+        cameras=cameras,
+        seconds={name: f"{1000 * spent:.0f} ms" for name, spent in seconds.items()},
+        made=made,
+    )

@@ -84,7 +84,7 @@ def track_fisheye(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    from tsuiseki.tracking.fisheye.page import floor_page, floor_section
+    from tsuiseki.tracking.fisheye.page import camera_floor, floor_page
 
     given: Any = {"detector": detector, "appearance": appearance, "threads": threads, "device": device}
     check_choice(method, get_args(FloorMethod), "method")
@@ -100,9 +100,8 @@ def track_fisheye(
     result = floor_result(inputs, inputs.detections(video.frames(), times), method, hungarian, times, made)
 
     def page(path: Path, folder: Path) -> None:
-        shown = {name: str(value) for name, value in made.items()}
-        sections = [floor_section(inputs.ceiling, result, folder)]
-        path.write_text(floor_page(sections, times.seconds, shown), encoding="utf-8")
+        cameras_shown = [camera_floor(inputs.ceiling, result, folder)]
+        path.write_text(floor_page(cameras_shown, times.seconds, made), encoding="utf-8")
 
     return replace(result, files={**result.files, "report.html": page})
 
@@ -138,10 +137,10 @@ def fisheye(
         hungarian: settings of --method hungarian.
     """
     from tsuiseki.tracking.features.view_choice import report_blank, report_models
-    from tsuiseki.tracking.fisheye.page import floor_page, floor_section
+    from tsuiseki.tracking.fisheye.page import CameraFloor, camera_floor, floor_page
 
     opened = opened_ceiling(source, cameras, ceiling, finding, detections)
-    sections, lines, made = list[str](), list[str](), output.settings
+    shown, lines, made = list[CameraFloor](), list[str](), output.settings
     with output.run() as run:
         run.facts |= report_models(opened[0].detector, opened[0].describe)
         for inputs in opened:
@@ -154,11 +153,11 @@ def fisheye(
             chosen = method or ("hungarian" if video.live else "flow")
             result = floor_result(inputs, steps, chosen, hungarian, run.times, made)
             run.save(result, partial(ceiling.draw, run, video, result, folder), folder)
-            sections.append(floor_section(inputs.ceiling, result, run.work / folder, len(sections), folder))
+            shown.append(camera_floor(inputs.ceiling, result, run.work / folder, folder))
             summary = inputs.summary(hungarian.start_score if chosen == "hungarian" else None)
             lines.append(f"{name}: {count(len(result), 'person', 'people')}{summary}")
         report_blank(opened[0].detector)
-        page = floor_page(sections, run.times.seconds, {name: str(value) for name, value in made.items()})
+        page = floor_page(shown, run.times.seconds, made)
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
         run.done("\n".join([*lines, f"results: {output.out}"]))
     return run.status

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
-from html import escape
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +16,8 @@ from tsuiseki.tracking.floor.measured_floor import MeasuredFloor
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.track_tables import table_of
 from tsuiseki.tracking.report.overlay import track_colour
-from tsuiseki.tracking.report.page import Bar, embedded_overlay, html_page, listing, section, timeline
-from tsuiseki.tracking.report.plots import inline_svg
+from tsuiseki.tracking.report.page import Bar, Timeline
+from tsuiseki.tracking.report.rendering import overlay_in, render
 from tsuiseki.tracking.result import Writer
 from tsuiseki.tracking.types import BoolArray, Track
 from tsuiseki.tracking.types.measurements import PersonOnFloor
@@ -55,24 +55,21 @@ def floor_files(
         files[f"{feed.placed.name}/tracks.txt"] = partial(_write_tracks, own)
 
     def page(path: Path, folder: Path) -> None:
-        plots = [
-            inline_svg(lambda ink: floor_figure(walked, plan, stands, ink), "paths"),
-            inline_svg(lambda ink: dwell_figure(walked, plan, rate, ink), "dwell"),
-        ]
-        videos = [
-            section(feed.placed.name, embedded_overlay(folder / feed.placed.name, inside=feed.placed.name))
-            for feed in measured.feeds
-            if list((folder / feed.placed.name).glob("overlay.*"))
-        ]
-        sections = [
-            section("On the floor", f'<div class="plans">{"".join(plots)}</div>'),
-            section("Through the cameras", _followed(people, measured)),
-            *videos,
-            section("Time in all", listing({name: f"{1000 * v:.0f} ms" for name, v in seconds.items()})),
-            section("How it was made", listing({name: str(value) for name, value in made.items()})),
-        ]
-        introduction = "Each colour and number is one person in all cameras. Triangles are cameras."
-        path.write_text(html_page("People on one floor", introduction, sections), encoding="utf-8")
+        names = [feed.placed.name for feed in measured.feeds]
+        longest = sorted(people, key=len, reverse=True)[:MOST_PEOPLE]
+        text = render(
+            "floor.html.j2",
+            title="People on one floor",
+            introduction="Each colour and number is one person in all cameras. Triangles are cameras.",
+            paths=partial(floor_figure, walked, plan, stands),
+            dwell=partial(dwell_figure, walked, plan, rate),
+            people=[_followed(person, measured) for person in sorted(longest, key=lambda person: person.id)],
+            left_out=len(people) - len(longest),
+            overlays={name: overlay for name in names if (overlay := overlay_in(folder / name))},
+            seconds={name: f"{1000 * spent:.0f} ms" for name, spent in seconds.items()},
+            made=made,
+        )
+        path.write_text(text, encoding="utf-8")
 
     return {**files, "report.html": page}
 
@@ -104,23 +101,30 @@ def _as_floor_track(one: PersonOnFloor) -> FloorTrack:
     return FloorTrack(Track(one.id, one.scans, boxes, one.existence), np.zeros((len(one), 5)), one.positions)
 
 
-def _followed(people: Sequence[PersonOnFloor], measured: MeasuredFloor) -> str:
-    """For each person, to unfold, the times at which each sensor detected them."""
-    length = len(measured.moments)
-    chosen = sorted(sorted(people, key=len, reverse=True)[:MOST_PEOPLE], key=lambda one: one.id)
-    parts = []
-    for one in chosen:
-        colour = "#{:02x}{:02x}{:02x}".format(*track_colour(one.id))
-        rows = [
-            (name, _bars(one, one.detected[:, k])) for k, name in enumerate(measured.names) if one.detected[:, k].any()
-        ]
-        lines = timeline(rows, 0, length, f"person{one.id}")
-        walked = float(np.linalg.norm(np.diff(one.positions, axis=0), axis=1).sum())
-        head = f"{one.times[0]:.1f} to {one.times[-1]:.1f} s, {walked:.0f} m, {', '.join(escape(n) for n, _ in rows)}"
-        mark = f'<b style="color:{colour}">■</b>'
-        parts.append(f"<details><summary>{mark} {one.id}: {head}</summary>{lines}</details>")
-    left = len(people) - len(chosen)
-    return "".join(parts) + (f"<p>The {left} shortest are left out here.</p>" if left else "")
+@dataclass(frozen=True)
+class FollowedPerson:
+    """A person on the page: the colour of the id, a line about them, and when each sensor detected them."""
+
+    identity: int
+    colour: str
+    summary: str
+    line: Timeline
+
+
+def _followed(person: PersonOnFloor, measured: MeasuredFloor) -> FollowedPerson:
+    rows = [
+        (name, _bars(person, cameras))
+        for name, cameras in zip(measured.names, person.detected.T, strict=True)
+        if cameras.any()
+    ]
+    metres = float(np.linalg.norm(np.diff(person.positions, axis=0), axis=1).sum())
+    stay = f"{person.times[0]:.1f} to {person.times[-1]:.1f} s, {metres:.0f} m"
+    return FollowedPerson(
+        person.id,
+        "#{:02x}{:02x}{:02x}".format(*track_colour(person.id)),
+        ", ".join([stay, *(name for name, _ in rows)]),
+        Timeline(rows, 0, len(measured.moments)),
+    )
 
 
 def _bars(one: PersonOnFloor, cameras: BoolArray) -> list[Bar]:

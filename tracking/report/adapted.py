@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 
 import cv2
 import numpy as np
 
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.geometry import clip_boxes, grown, iou_matrix
-from tsuiseki.tracking.report.page import embedded_image, html_page, html_table, section
+from tsuiseki.tracking.report.rendering import render
 from tsuiseki.tracking.types import Detections, ImageArray, IntArray
 
 HEADINGS = {
@@ -21,19 +20,9 @@ HEADINGS = {
     "detections": "Detections a frame",
     "rejected": "Rejected a frame",
 }
-_NOTE = (
-    "Agreement is how well detections fit the tracks made of them, on frames that taught nothing: the mean F1 over "
-    "overlaps of 0.5 to 0.8. People are tracks followed with confidence, boxes those of their tracks. Rejected "
-    "detections lie on none of them."
-)
-_LEGEND = "Detections in held-out frames. Boxes of which the other picture has none are blue."
 _COLOUR, _ONLY_HERE = (255, 196, 0), (40, 110, 255)
 _SAME = 0.5
 _LONGEST, _CROP = 480, 96
-_GRID = (
-    "<style>.pair{display:grid;grid-template-columns:1fr 1fr;gap:.5rem}.pair img{width:100%}"
-    ".pair figure{margin:0}.pair figcaption{font-size:.85rem}.crops img{height:96px;margin:2px}</style>"
-)
 
 
 @dataclass(frozen=True)
@@ -44,6 +33,14 @@ class BeforeAndAfter:
     image: ImageArray
     before: Detections
     after: Detections
+
+    def pictures(self, later: str) -> list[tuple[str, int, ImageArray]]:
+        """Name, number of detections and picture of the start and of the round that is called ``later``."""
+        in_both = assign_overlaps(iou_matrix(self.before.boxes, self.after.boxes), _SAME)
+        return [
+            (name, len(detections), _drawn(self.image, detections, shared))
+            for name, detections, shared in zip(("start", later), (self.before, self.after), in_both, strict=True)
+        ]
 
 
 @dataclass(frozen=True)
@@ -72,56 +69,34 @@ class AdaptedReport:
 
 
 def adapted_page(report: AdaptedReport) -> str:
-    """The page as HTML, self-contained."""
-    notes = f"<p class=note>{_NOTE}</p>" + "".join(f"<p>{escape(note)}</p>" for note in report.notes)
-    crops = "".join(
-        f'<h3>{escape(name)}</h3><div class="crops">{"".join(map(embedded_image, crops))}</div>'
-        for name, crops in report.examples.items()
-        if crops
-    )
-    later = f"round {report.shown}" + ("" if report.shown == report.best else ", not kept")
-    pairs = "".join(_pair(compared, later) for compared in report.compared)
-    sections = [
-        section("Rounds", _table(report) + notes),
-        section("Before and after", _GRID + f"<p class=note>{_LEGEND}</p>" + pairs),
-        section("What it learnt from", crops),
-    ]
-    kept = f"round {report.best} is kept" if report.best else f"no round is kept: what is left is {report.unlearnt}"
-    title = f"A camera learnt from {', '.join(report.sources)}"
+    """The page as HTML, self-contained; the round that is kept is marked."""
     learnt = len(report.rounds) - 1
-    return html_page(title, f"{learnt} round{'' if learnt == 1 else 's'}; {kept}.", sections)
-
-
-def _table(report: AdaptedReport) -> str:
-    """A table with a row for each round, the one that is kept marked."""
-    rows = [
-        [f"round {number}" if number else "start", *(_number(values[key]) for key in HEADINGS)]
-        for number, values in enumerate(report.rounds)
-    ]
-    return html_table(["", *HEADINGS.values()], rows, lambda row, _: 0 < row == report.best)
+    kept = f"round {report.best} is kept" if report.best else f"no round is kept: what is left is {report.unlearnt}"
+    return render(
+        "adapted.html.j2",
+        title=f"A camera learnt from {', '.join(report.sources)}",
+        introduction=f"{learnt} round{'' if learnt == 1 else 's'}; {kept}.",
+        report=report,
+        head=["", *HEADINGS.values()],
+        rows=[
+            [f"round {number}" if number else "start", *(_number(values[key]) for key in HEADINGS)]
+            for number, values in enumerate(report.rounds)
+        ],
+        is_best=lambda row, _: 0 < row == report.best,
+        later=f"round {report.shown}" + ("" if report.shown == report.best else ", not kept"),
+    )
 
 
 def _number(value: float) -> str:
     return str(value) if isinstance(value, int) else f"{value:.3f}" if value <= 1 else f"{value:.1f}"
 
 
-def _pair(compared: BeforeAndAfter, later: str) -> str:
-    before, after = compared.before, compared.after
-    in_both = assign_overlaps(iou_matrix(before.boxes, after.boxes), _SAME)
-    parts = [
-        f"<figure><figcaption>{name}: {len(detections)} detected</figcaption>"
-        f"{_picture(compared.image, detections, shared)}</figure>"
-        for name, detections, shared in zip(("start", later), (before, after), in_both, strict=True)
-    ]
-    return f'<h3>{escape(compared.caption)}</h3><div class="pair">{"".join(parts)}</div>'
-
-
-def _picture(image: ImageArray, detections: Detections, in_both: IntArray) -> str:
+def _drawn(image: ImageArray, detections: Detections, in_both: IntArray) -> ImageArray:
     scale = min(1.0, 2 * _LONGEST / max(image.shape[:2]))
     drawn = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     for row, (x1, y1, x2, y2) in enumerate((detections.boxes * scale).round().astype(int).tolist()):
         cv2.rectangle(drawn, (x1, y1), (x2, y2), _COLOUR if row in in_both else _ONLY_HERE, 2)
-    return embedded_image(np.asarray(drawn, dtype=np.uint8))
+    return np.asarray(drawn, dtype=np.uint8)
 
 
 def example_crop(image: ImageArray, box: np.ndarray) -> ImageArray:

@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.report.rendering import TEMPLATES
 from tsuiseki.tracking.types import ImageArray
 
 T = TypeVar("T")
@@ -33,7 +34,7 @@ def drawn_on(image: ImageArray, page: str, take: Callable[[Any], T], asked: str,
 
     Args:
         image: ``(H, W, 3)`` uint8 RGB, ``image.png`` of the page.
-        page: HTML that posts JSON to ``answer``.
+        page: name of a file in ``templates``, which posts JSON to ``answer``.
         take: makes something of that; a `RequestError` of it is shown on the page, and the user goes on.
         asked: what to do there, for the line.
         instead: what to do where no page can be served.
@@ -88,7 +89,7 @@ class _Server(ThreadingHTTPServer, Generic[T]):
         self.address = f"http://127.0.0.1:{self.server_address[1]}{self.path}"
         png = bytes(cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1])
         self.files = {
-            self.path: ("text/html; charset=utf-8", page.encode()),
+            self.path: ("text/html; charset=utf-8", (TEMPLATES / page).read_bytes()),
             f"{self.path}image.png": ("image/png", png),
             "/favicon.ico": ("image/png", b""),  # browsers ask for it
         }

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Mapping, Sequence
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,9 +18,9 @@ from tsuiseki.tracking.types import Estimate, Track
 from tsuiseki.tracking.types.labels import GroundTruth
 
 if TYPE_CHECKING:
+    from markupsafe import Markup
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-
 
 COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
 SHARES = (("HOTA", "hota"), ("DetA", "det_a"), ("AssA", "ass_a"), ("MOTA", "mota"), ("IDF1", "idf1"))
@@ -81,18 +80,17 @@ def count_figure(truth: GroundTruth, results: Mapping[str, Sequence[Track]], len
     return figure
 
 
-def inline_svg(draw: Callable[[str], Figure], name: str) -> str:
-    """A figure as SVG for a page whose text colour it takes; ``name`` is unlike that of any other figure there."""
+def inline_svg(draw: Callable[[str], Figure], name: str) -> Markup:
+    """A figure in the page's own text colour, from behind ``<svg``; ``name`` is unlike that of others on the page."""
     import matplotlib
+    from markupsafe import Markup
 
     # matplotlib knows no currentColor: draw in a colour nothing else has, and exchange it.
     stand_in = "#010203"
     buffer = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "font.family": "sans-serif"}):
         draw(stand_in).savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
-    svg = buffer.getvalue()
-    svg = svg[svg.index("<svg") :].replace(stand_in, "currentColor")
-    return svg.replace("<svg", f'<svg class="plot" role="img" aria-label="{escape(name)}"', 1)
+    return Markup(buffer.getvalue().partition("<svg")[2].replace(stand_in, "currentColor"))
 
 
 def dress(axes: Axes, ink: str, across: str = "", up: str = "") -> None:

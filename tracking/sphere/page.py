@@ -15,8 +15,8 @@ from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.outline import sphere_outlines
 from tsuiseki.tracking.evaluation.space import distance_to_path, distance_to_position
 from tsuiseki.tracking.formats.world_tables import write_track3d
-from tsuiseki.tracking.report.page import embedded_overlay, html_page, html_table, listing, scrolling, section
-from tsuiseki.tracking.report.plots import COLOURS, dress, inline_svg
+from tsuiseki.tracking.report.plots import COLOURS, dress
+from tsuiseki.tracking.report.rendering import overlay_in, render
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.tracker import SphereLog, SphereRun
 from tsuiseki.tracking.stages import StageTimes
@@ -185,22 +185,20 @@ def sphere_result(
         path_figure(positions, cameras, truth).savefig(path, dpi=120, facecolor="white")
 
     def page(path: Path, folder: Path) -> None:
-        sections = [
-            section("What was found", _summary(log, cameras, times.seconds)),
-            section("Distance to the truth", "" if truth is None else _distances(positions, truth)),
-            section("Path", scrolling(inline_svg(partial(path_figure, positions, cameras, truth), "path")) + NOTE),
-            section(
-                "Uncertainty over time",
-                scrolling(inline_svg(partial(deviation_figure, positions, truth), "uncertainty")),
-            ),
-        ]
-        videos = [(placed.name, embedded_overlay(folder, f"overlay{k}")) for k, placed in enumerate(cameras, start=1)]
-        sections += [section(f"Overlay of {name}", video) for name, video in videos if video]
-        facts = {name: str(value) for name, value in settings.items() if value is not None}
         ball = f"A ball of {100 * chosen.radius:g} cm radius" if chosen.radius > 0 else "A point"
-        introduction = f"{ball} followed by {len(cameras)} cameras."
-        sections.append(section("How it was made", listing(facts)))
-        path.write_text(html_page("Ball in space", introduction, sections), encoding="utf-8")
+        drawn = {placed.name: overlay_in(folder, f"overlay{k}") for k, placed in enumerate(cameras, start=1)}
+        text = render(
+            "sphere.html.j2",
+            title="Ball in space",
+            introduction=f"{ball} followed by {len(cameras)} cameras.",
+            summary=_summary(log, cameras, times.seconds),
+            distances=[] if truth is None else _distances(positions, truth),
+            path=partial(path_figure, positions, cameras, truth),
+            uncertainty=partial(deviation_figure, positions, truth),
+            overlays=drawn,
+            made={name: value for name, value in settings.items() if value is not None},
+        )
+        path.write_text(text, encoding="utf-8")
 
     first, camera = next(iter(chosen.sources), None), cameras[0].camera
     rate = cameras[0].frame_rate or (0.0 if first is None else first.frame_rate)
@@ -223,13 +221,7 @@ def sphere_result(
     )
 
 
-NOTE = (
-    "<p class=note>Dots are estimates, coloured by status; pale ellipses hold the ball with 95 % by the filter's own "
-    "account; triangles are the cameras.</p>"
-)
-
-
-def _summary(log: SphereLog, cameras: Sequence[PlacedCamera], seconds: Mapping[str, float]) -> str:
+def _summary(log: SphereLog, cameras: Sequence[PlacedCamera], seconds: Mapping[str, float]) -> list[tuple[str, str]]:
     count = len(log.positions)
     rows = [("Moments", str(count)), ("Duration", f"{log.positions[-1].time - log.positions[0].time:.2f} s")]
     rows += [(status, f"{sum(p.status == status for p in log.positions)}") for status in STATUSES]
@@ -241,7 +233,7 @@ def _summary(log: SphereLog, cameras: Sequence[PlacedCamera], seconds: Mapping[s
         )
         rows.append((f"{placed.name}: frames, of them with the ball", f"{frames}, {detected}"))
     rows.append(("Filter, a moment", f"{1000 * seconds.get('filter', 0.0) / count:.1f} ms"))
-    return html_table((), rows)
+    return rows
 
 
 def distances_to_truth(positions: Sequence[Position], truth: Path3D) -> FloatArray:
@@ -254,15 +246,14 @@ def _track(positions: Sequence[Position]) -> Path3D:
     return Path3D(np.array([p.time for p in positions]), np.array([p.point for p in positions]))
 
 
-def _distances(positions: Sequence[Position], truth: Path3D) -> str:
-    """Distances of the estimates to the truth, centimetres."""
+def _distances(positions: Sequence[Position], truth: Path3D) -> list[list[str]]:
+    """Mean, largest and deviation of the distances to the truth, a row each to its position and its path."""
     away = {
         "true position": distances_to_truth(positions, truth),
         "true path": distance_to_path(_track(positions).points, truth.points),
     }
-    rows = [
+    return [
         [name, *(f"{100 * value:.2f} cm" for value in (values.mean(), values.max(), values.std()))]
         for name, values in away.items()
         if len(values)
     ]
-    return html_table(("To the", "Mean", "Largest", "Deviation"), rows)

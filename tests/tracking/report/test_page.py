@@ -12,8 +12,9 @@ import pytest
 
 from tsuiseki.tracking.evaluation.coverage import coverage, spans
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
-from tsuiseki.tracking.report import page
-from tsuiseki.tracking.report.page import Report, embedded_video, report_page
+from tsuiseki.tracking.report import rendering
+from tsuiseki.tracking.report.page import Report, report_page
+from tsuiseki.tracking.report.rendering import section, video_place
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -135,7 +136,15 @@ def test_coverage_says_who_followed_whom() -> None:
 
 def test_a_large_video_lies_beside_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "over lay.webm").write_bytes(b"video")
-    assert 'src="data:video/webm;base64,dmlkZW8="' in embedded_video(tmp_path / "over lay.webm")
-    monkeypatch.setattr(page, "MOST_EMBEDDED", 4)
-    assert 'src="over%20lay.webm"' in embedded_video(tmp_path / "over lay.webm")
-    assert 'src="left/over%20lay.webm"' in embedded_video(tmp_path / "over lay.webm", inside="left")
+    assert video_place(tmp_path / "over lay.webm") == "data:video/webm;base64,dmlkZW8="
+    monkeypatch.setattr(rendering, "MOST_EMBEDDED", 4)
+    assert video_place(tmp_path / "over lay.webm") == "over%20lay.webm"
+    assert video_place(tmp_path / "over lay.webm", inside="left") == "left/over%20lay.webm"
+
+
+def test_a_section_of_nothing_leaves_no_trace() -> None:
+    text = (
+        '{% import "parts.html.j2" as parts %}{% call parts.section(head) %}{{ parts.table(["a"], rows) }}{% endcall %}'
+    )
+    assert section(text, head="a", rows=[]).strip() == ""
+    assert "<h2>&lt;b&gt;</h2>" in section(text, head="<b>", rows=[("1",)])
