@@ -38,10 +38,10 @@ def check_choice(value: object, choices: Sequence[object], name: str) -> None:
         raise RequestError(f"`{name}`: expected {', '.join(first)} or {last}, got {value!r}")
 
 
-def hint_at(name: str, known: Sequence[str]) -> str:
-    """What to write in place of an unknown name: the nearest of those known, or one of all."""
-    near = difflib.get_close_matches(name, known, n=1)
-    return f"did you mean {near[0]}?" if near else f"expected one of {', '.join(known) or 'none'}"
+def hint_at(name: str, names: Sequence[str]) -> str:
+    """What to write in place of an unknown name: the nearest of the ``names``, or one of all."""
+    near = difflib.get_close_matches(name, names, n=1)
+    return f"did you mean {near[0]}?" if near else f"expected one of {', '.join(names) or 'none'}"
 
 
 class InputWarning(UserWarning):
@@ -57,12 +57,12 @@ class Interrupted(KeyboardInterrupt):
 
     Args:
         number: the signal.
-        kept: what there is of the result, for the user.
+        written: what there is of the result, for the user.
     """
 
-    def __init__(self, number: int = signal.SIGINT, kept: str = "nothing was written") -> None:
+    def __init__(self, number: int = signal.SIGINT, written: str = "nothing was written") -> None:
         super().__init__(number)
-        self.number, self.kept = int(number), kept
+        self.number, self.written = int(number), written
 
 
 def signal_of(error: KeyboardInterrupt) -> int:

@@ -119,8 +119,8 @@ def suppress(boxes: FloatArray, scores: FloatArray, iou: float) -> IntArray:
 
     # OpenCV wants scores from 0; only their order matters.
     positive = np.asarray(scores, dtype=np.float64) - np.min(scores) + 1
-    kept = cv2.dnn.NMSBoxes(xywh_from_corners(boxes).tolist(), positive.tolist(), 0.0, iou)
-    return np.asarray(kept, dtype=np.int64)
+    chosen = cv2.dnn.NMSBoxes(xywh_from_corners(boxes).tolist(), positive.tolist(), 0.0, iou)
+    return np.asarray(chosen, dtype=np.int64)
 
 
 def set_apart(boxes: FloatArray, classes: IntArray | None) -> FloatArray:
@@ -135,12 +135,12 @@ def set_apart(boxes: FloatArray, classes: IntArray | None) -> FloatArray:
 
 def suppress_rotated(boxes: FloatArray, scores: FloatArray, iou: float) -> IntArray:
     """As `suppress`, of ``(N, 5)`` rotated boxes (centre, size, radians clockwise)."""
-    kept: list[int] = []
+    chosen: list[int] = []
     # OpenCV's own, NMSBoxesRotated, drops boxes that hardly overlap.
     for k in np.argsort(-scores, kind="stable").tolist():
-        if not kept or rotated_iou(boxes[k : k + 1], boxes[kept]).max() <= iou:
-            kept.append(k)
-    return np.array(kept, dtype=np.int64)
+        if not chosen or rotated_iou(boxes[k : k + 1], boxes[chosen]).max() <= iou:
+            chosen.append(k)
+    return np.array(chosen, dtype=np.int64)
 
 
 def about_rotated(boxes: FloatArray) -> FloatArray:

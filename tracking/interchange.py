@@ -66,8 +66,8 @@ def as_detections(
     """
     if not isinstance(detections, Detections):
         boxes, scores, labels = _parts(detections)
-        known = None if labels is None else np.nan_to_num(labels, nan=-1).astype(np.int64)
-        detections = _checked(boxes, scores, known, _names(detections), counted)
+        numbers = None if labels is None else np.nan_to_num(labels, nan=-1).astype(np.int64)
+        detections = _checked(boxes, scores, numbers, _names(detections), counted)
     if classes is None or not len(detections):
         return detections
     if detections.classes is None:
@@ -148,7 +148,7 @@ def _array(values: Any) -> FloatArray:
 class BadBoxes:
     """Counts the boxes of a video, and the bad ones: without an area, not finite, or of an infinite score."""
 
-    given: int = 0
+    total: int = 0
     bad: int = 0
 
 
@@ -158,25 +158,25 @@ def _checked(
     bad = ~np.isfinite(boxes).all(axis=1) | (boxes[:, 2:] <= boxes[:, :2]).any(axis=1) | np.isinf(scores)
     if not bad.any():
         if counted is not None:
-            counted.given += len(bad)
+            counted.total += len(bad)
         return Detections(boxes, scores, classes=classes, names=names)
     row, alone, counted = int(bad.argmax()), counted is None, counted or BadBoxes()
     doubtful, fewest = counted.bad > 0, 1 if alone else FEWEST_BAD
-    counted.given, counted.bad = counted.given + len(bad), counted.bad + int(bad.sum())
-    if counted.bad >= fewest and 2 * counted.bad > counted.given:
-        shown = ", ".join(f"{value:g}" for value in boxes[row])
+    counted.total, counted.bad = counted.total + len(bad), counted.bad + int(bad.sum())
+    if counted.bad >= fewest and 2 * counted.bad > counted.total:
+        numbers = ", ".join(f"{value:g}" for value in boxes[row])
         raise RequestError(
-            f"expected finite boxes x1, y1, x2, y2 with x1 < x2 and y1 < y2, got {shown} in row {row}; "
+            f"expected finite boxes x1, y1, x2, y2 with x1 < x2 and y1 < y2, got {numbers} in row {row}; "
             "are they x, y, width, height?"
         )
     if not doubtful:
-        shown = ", ".join(f"{value:g}" for value in (*boxes[row], scores[row]))
+        numbers = ", ".join(f"{value:g}" for value in (*boxes[row], scores[row]))
         warnings.warn(
-            f"a box without an area, or not finite, is left out: {shown}; so are more of them. Expected x1, y1, x2, "
+            f"a box without an area, or not finite, is left out: {numbers}; so are more of them. Expected x1, y1, x2, "
             "y2, not x, y, width, height",
             InputWarning,
             stacklevel=3,
         )
     rows = np.flatnonzero(~bad)
-    kept = None if classes is None else classes[rows]
-    return Detections(boxes[rows], scores[rows], classes=kept, sources=rows, names=names)
+    labels = None if classes is None else classes[rows]
+    return Detections(boxes[rows], scores[rows], classes=labels, sources=rows, names=names)

@@ -24,6 +24,7 @@ from tsuiseki.tracking.errors import RequestError, a_path
 
 Kind = Literal["detector", "appearance", "action", "affinity", "association", "objectness"]
 METADATA_KEY = "tsuiseki"
+# Of the card; a file of a later one is refused.
 FORMAT_VERSION = 1
 _PIXELS = {"tensor(float)": "float32", "tensor(float16)": "float16", "tensor(uint8)": "uint8"}
 # How a file names another that holds weights: the key, then the length of the name and the name itself.
@@ -84,8 +85,8 @@ class ModelCard:
             raise ValueError("no model card")
         if values["format_version"] > FORMAT_VERSION:
             raise ValueError(f"format version {values['format_version']}")
-        known = {f.name for f in dataclasses.fields(cls)}
-        values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items() if k in known}
+        names = {f.name for f in dataclasses.fields(cls)}
+        values = {k: tuple(v) if isinstance(v, list) else v for k, v in values.items() if k in names}
         return cls(**values)
 
 
@@ -182,10 +183,10 @@ def run_session(
         RequestError: the network cannot work on them; with onnxruntime's reason, in one line.
     """
     try:
-        found: list[NDArray[Any]] = session.run(outputs, dict(inputs))
+        arrays: list[NDArray[Any]] = session.run(outputs, dict(inputs))
     except Exception as error:
         raise RequestError(f"{path}: the network refuses its input; onnxruntime says: {_reason(error)}") from error
-    return found
+    return arrays
 
 
 def _reason(error: Exception) -> str:
@@ -205,18 +206,18 @@ def image_input(session: onnxruntime.InferenceSession, path: Path, *, floats: bo
         named = " and ".join(f"{x.name} {_shown(x.shape)}" for x in pictures)
         raise RequestError(f"{path}: expected one picture as input, got {named}; export a network of one picture")
     first = pictures[0] if pictures else session.get_inputs()[0]
-    shape, shown = tuple(first.shape), _shown(first.shape)
+    shape, shape_text = tuple(first.shape), _shown(first.shape)
     if first.type not in _PIXELS or (floats and _PIXELS[first.type] == "uint8"):
         kind = first.type.removeprefix("tensor(").removesuffix(")")
         raise RequestError(f"{path}: expected a float32 or float16 input, got {kind}; export it with floats in")
     if len(shape) not in (3, 4):
-        raise RequestError(f"{path}: expected pictures (N, 3, H, W) as input, got {first.name} {shown}")
+        raise RequestError(f"{path}: expected pictures (N, 3, H, W) as input, got {first.name} {shape_text}")
     if shape[-3] != 3 and shape[-1] == 3:
         raise RequestError(
-            f"{path}: expected the channels before the rows (N, 3, H, W), got {shown}; export it as NCHW"
+            f"{path}: expected the channels before the rows (N, 3, H, W), got {shape_text}; export it as NCHW"
         )
     if isinstance(shape[-3], int) and shape[-3] != 3:
-        raise RequestError(f"{path}: expected pictures of 3 channels, got {first.name} {shown}")
+        raise RequestError(f"{path}: expected pictures of 3 channels, got {first.name} {shape_text}")
     if len(shape) == 4 and isinstance(shape[0], int) and shape[0] != 1:
         raise RequestError(f"{path}: expected a batch of 1 or any, got {shape[0]}; export it with batch 1")
     return WantedInput(first.name, shape, np.dtype(_PIXELS[first.type]))

@@ -47,8 +47,8 @@ def output_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
     check_output_folder(folder, overwrite)
     with ExitStack() as stack:
         # Of two runs at once, only one can make the folder and lock it.
-        made = not folder.exists()
-        if made:
+        is_new = not folder.exists()
+        if is_new:
             stack.callback(_remove_if_empty, folder)
         with writable(folder):
             folder.mkdir(parents=True, exist_ok=True)
@@ -67,10 +67,10 @@ def check_output_folder(folder: Path, overwrite: bool) -> None:
         raise RequestError("`out`: expected the name of a folder, got -; results are files, and are not printed")
     if folder.exists() and not folder.is_dir():
         raise RequestError(f"`out`: expected the name of a folder, but {folder} is a file; choose another name")
-    found = sorted(p.name for p in folder.iterdir() if not p.name.startswith(".")) if folder.is_dir() else []
-    if found and not overwrite:
-        some = ", ".join(found[:3]) + (f" and {len(found) - 3} more" if len(found) > 3 else "")
-        raise RequestError(f"{folder} already holds {some}; choose another folder or add `overwrite`")
+    names = sorted(p.name for p in folder.iterdir() if not p.name.startswith(".")) if folder.is_dir() else []
+    if names and not overwrite:
+        examples = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+        raise RequestError(f"{folder} already holds {examples}; choose another folder or add `overwrite`")
 
 
 @contextmanager
@@ -199,13 +199,13 @@ def record_text(values: Mapping[str, Any]) -> str:
 
 def versions() -> dict[str, str]:
     """Versions of Python and of the packages that results depend on."""
-    found = {"python": platform.python_version()}
+    by_package = {"python": platform.python_version()}
     for package in VERSIONED_PACKAGES:
         try:
-            found[package] = metadata.version(package)
+            by_package[package] = metadata.version(package)
         except metadata.PackageNotFoundError:
             continue
-    return found
+    return by_package
 
 
 @contextmanager

@@ -15,6 +15,7 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 
 # Pixels around an image that the crop of a box may span: what detectors say of real people needs far fewer.
 MOST_PIXELS = 2**24
+# Coordinate beyond which boxes are cut off, pixels, so that their corners are whole numbers of 64 bits.
 FARTHEST = 2.0**40
 
 
@@ -32,8 +33,8 @@ def check_images(images: Sequence[ImageArray]) -> int:
             or image.shape[2] != 3
             or not image.size
         ):
-            shown = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
-            raise RequestError(f"expected a list of images (H, W, 3) uint8, got one entry of {shown}; is it one image?")
+            got = f"{image.dtype} {image.shape}" if isinstance(image, np.ndarray) else type(image).__name__
+            raise RequestError(f"expected a list of images (H, W, 3) uint8, got one entry of {got}; is it one image?")
     return len(images)
 
 
@@ -112,10 +113,10 @@ def normalise(images: Sequence[ImageArray] | ImageArray, card: ModelCard) -> NDA
 
 
 def standardised(
-    images: Sequence[ImageArray] | ImageArray, most: float, mean: Sequence[float], std: Sequence[float]
+    images: Sequence[ImageArray] | ImageArray, largest: float, mean: Sequence[float], std: Sequence[float]
 ) -> NDArray[np.float32]:
-    """``(N, 3, H, W)`` float32 of ``(N, H, W, 3)`` uint8, N > 0: divided by ``most``, less ``mean``, by ``std``."""
-    levels = np.arange(256, dtype=np.float64)[:, None] / most
+    """``(N, 3, H, W)`` float32 of ``(N, H, W, 3)`` uint8, N > 0: divided by ``largest``, less ``mean``, by ``std``."""
+    levels = np.arange(256, dtype=np.float64)[:, None] / largest
     tables = ((levels - np.asarray(mean)) / np.asarray(std)).astype(np.float32)
     height, width, channels = images[0].shape
     planes = np.empty((len(images), channels, height, width), dtype=np.float32)

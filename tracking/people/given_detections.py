@@ -68,9 +68,9 @@ def given_detections(
                 "detections of another video?"
             )
         detections = [as_detections(entry, counted=bad) for entry in given]
-        if 2 * bad.bad > bad.given:
+        if 2 * bad.bad > bad.total:
             raise RequestError(
-                f"{what}: {bad.bad} of {bad.given} boxes have no area or are not finite; expected x1, y1, x2, y2, not "
+                f"{what}: {bad.bad} of {bad.total} boxes have no area or are not finite; expected x1, y1, x2, y2, not "
                 "x, y, width, height"
             )
     boxes = np.concatenate([np.empty((0, 4)), *(each.boxes for each in detections)])

@@ -48,7 +48,7 @@ def ended(command: Callable[[], int | None]) -> int:
             message_of(explanation) + place, WRONG_REQUEST if isinstance(explanation, RequestError) else FAILED
         )
     except KeyboardInterrupt as error:
-        kept = error.kept if isinstance(error, Interrupted) else Interrupted().kept
+        kept = error.written if isinstance(error, Interrupted) else Interrupted().written
         return complain(f"interrupted; {kept}", SIGNALLED + signal_of(error))
 
 
