@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 from cyclopts.types import PositiveInt
+from matplotlib.figure import Figure
 
 from benchmarks.papers.outcome import Outcome
 from benchmarks.papers.plots import Curve, curves
@@ -170,13 +171,17 @@ def reproduce(
     flow = people["taken out"]["flow"]
     switches = 100 * flow["id_switches"] / (seeds * clips * frames)
     note = f"flow alone: {switches:.1f} switches in 100 frames at a recall of {flow['recall']:.1f} %"
+    return Outcome(values, tables(values), {"iterations": plot_iterations(rounds)}, notes=[note])
+
+
+def plot_iterations(rounds: Mapping[str, Sequence[Mapping[str, float]]]) -> Figure:
+    """Fig. 5.8: scores of methods after their iterations."""
     titles = {"recall": "recall, %", "precision": "precision, %", "id_switches": "switches", "mota": "MOTA, %"}
     panels = {
         title: [Curve(m, range(1, len(rows) + 1), [row[score] for row in rows]) for m, rows in rounds.items()]
         for score, title in titles.items()
     }
-    figure = curves(panels, ["iteration"] * len(panels), "", (3.6, 3.2))
-    return Outcome(values, tables(values), {"iterations": figure}, notes=[note])
+    return curves(panels, ["iteration"] * len(panels), "", (3.6, 3.2))
 
 
 def plans(name: str, scene: DroneSceneSettings, seeds: Sequence[int]) -> list[ClipPlan]:

@@ -12,6 +12,7 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 from cyclopts.types import NonNegativeInt, PositiveInt
+from matplotlib.figure import Figure
 
 from benchmarks.papers.outcome import Outcome
 from benchmarks.papers.plots import Curve, curves
@@ -98,17 +99,22 @@ def reproduce(
     clips = [store.made("clip", write_planned, RoomClip, settings, seed + n) for n in range(places)]
     if places:
         tables.append(_of_places(store.study({"generated places": place_scores}, clips, "places")))
-    lines = [
-        Curve(key.upper(), counts, [100 * float(np.mean([run[key] for run in measured[name]])) for name in names])
-        for key in ("idf1", "mota")
-    ]
     note = (
         f"Boxes: {MISSED:.0%} missed, {FALSE:g} false a view and frame, edges off by {NOISE:.0%} of the height. Seeds "
         f"{units[0]} to {units[-1]}; [a, b] is the 95 % interval over them. The published values are from pictures, "
         "with appearance; here are labels' boxes with errors, and no appearance."
     )
-    plots = {"cameras": curves({"WILDTRACK": lines}, ("cameras",), "%")}
+    plots = {"cameras": _plot(measured, counts, names)}
     return Outcome({"wildtrack": measured, "shelf": shelf}, tables, plots, notes=[note])
+
+
+def _plot(measured: Mapping[str, Sequence[Mapping[str, float]]], counts: Sequence[int], names: Sequence[str]) -> Figure:
+    """IDF1 and MOTA against the number of cameras."""
+    lines = [
+        Curve(key.upper(), counts, [100 * float(np.mean([run[key] for run in measured[name]])) for name in names])
+        for key in ("idf1", "mota")
+    ]
+    return curves({"WILDTRACK": lines}, ("cameras",), "%")
 
 
 def _of_places(measured: Mapping[str, Sequence[dict[str, float]]]) -> Table:
