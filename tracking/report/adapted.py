@@ -20,9 +20,15 @@ HEADINGS = {
     "detections": "Detections a frame",
     "rejected": "Rejected a frame",
 }
-_COLOUR, _ONLY_HERE = (255, 196, 0), (40, 110, 255)
+# RGB of boxes that both pictures have, and of those that the other one lacks.
+_COLOUR = (255, 196, 0)
+_ONLY_HERE = (40, 110, 255)  # told apart from the other by the colour-blind, too
+# Overlap from which two boxes are the same.
 _SAME = 0.5
-_LONGEST, _CROP = 480, 96
+# Longest side of a picture on the page, pixels; it is stored twice as large for dense screens.
+_LONGEST = 480
+# Height of a crop, pixels.
+_CROP = 96
 
 
 @dataclass(frozen=True)
@@ -71,11 +77,11 @@ class AdaptedReport:
 def adapted_page(report: AdaptedReport) -> str:
     """The page as HTML, self-contained; the round that is kept is marked."""
     learnt = len(report.rounds) - 1
-    kept = f"round {report.best} is kept" if report.best else f"no round is kept: what is left is {report.unlearnt}"
+    outcome = f"round {report.best} is kept" if report.best else f"no round is kept: what is left is {report.unlearnt}"
     return render(
         "adapted.html.j2",
         title=f"A camera learnt from {', '.join(report.sources)}",
-        introduction=f"{learnt} round{'' if learnt == 1 else 's'}; {kept}.",
+        introduction=f"{learnt} round{'' if learnt == 1 else 's'}; {outcome}.",
         report=report,
         head=["", *HEADINGS.values()],
         rows=[

@@ -27,7 +27,7 @@ T = TypeVar("T")
 LONGEST = 1_000_000  # bytes of an answer
 
 
-def drawn_on(image: ImageArray, page: str, take: Callable[[Any], T], asked: str, instead: str) -> T:
+def drawn_on(image: ImageArray, page: str, take: Callable[[Any], T], task: str, instead: str) -> T:
     """What the user draws on an image with the mouse.
 
     A line says where the page is; where there is a display it opens by itself.
@@ -36,7 +36,7 @@ def drawn_on(image: ImageArray, page: str, take: Callable[[Any], T], asked: str,
         image: ``(H, W, 3)`` uint8 RGB, ``image.png`` of the page.
         page: name of a file in ``templates``, which posts JSON to ``answer``.
         take: makes something of that; a `RequestError` of it is shown on the page, and the user goes on.
-        asked: what to do there, for the line.
+        task: what to do there, for the line.
         instead: what to do where no page can be served.
 
     Raises:
@@ -48,7 +48,7 @@ def drawn_on(image: ImageArray, page: str, take: Callable[[Any], T], asked: str,
         raise RequestError(f"expected a free port for a page, got {error}; {instead}") from error
     thread = threading.Thread(target=server.serve_forever, args=(0.1,), daemon=True)
     thread.start()
-    show_page(server.address, asked)
+    show_page(server.address, task)
     try:
         while not server.answered.wait(0.2):  # an endless wait would not hear an interrupt on every system
             pass
@@ -58,9 +58,9 @@ def drawn_on(image: ImageArray, page: str, take: Callable[[Any], T], asked: str,
     return server.answers[0]
 
 
-def show_page(address: str, asked: str) -> None:
+def show_page(address: str, task: str) -> None:
     """Say in a line what to do at an address; where there is a display it opens by itself."""
-    print(f"{asked} at {address}", file=sys.stderr, flush=True)
+    print(f"{task} at {address}", file=sys.stderr, flush=True)
     if _has_display():
         webbrowser.open(address)
 
@@ -115,8 +115,8 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """The page, and its image."""
-        found = self.server.files.get(self.path)
-        self._answer(200, *found) if found else self._answer(404, "text/plain", b"nothing here")
+        served = self.server.files.get(self.path)
+        self._answer(200, *served) if served else self._answer(404, "text/plain", b"nothing here")
 
     def do_POST(self) -> None:
         if self.path != f"{self.server.path}answer":

@@ -12,11 +12,20 @@ from tsuiseki.tracking.geometry import clip_boxes, grown
 from tsuiseki.tracking.report.overlay import draw_label, line_unit, track_colour
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, IntArray, Track
 
-EACH, HIGH, AROUND = 3, 96, 0.15
-"""Crops of a track; their height, pixels; how much of what is around a box they show."""
-WIDE, VIEWS = 960, 7
-"""Longest side of the view, pixels; frames that it is the median of."""
-BAR, LABELLED = 26, 40
+# Crops of a track.
+CROPS = 3
+# Height of a crop, pixels: three fit into a row of the table.
+CROP_HEIGHT = 96
+# Share of a box that a crop shows around it.
+AROUND = 0.15
+# Longest side of the view, pixels.
+LONGEST_SIDE = 960
+# Frames that the view is the median of; who moves is in less than half of them.
+VIEWS = 7
+# Height of the bar below a heat map, pixels.
+BAR = 26
+# Paths that bear their id; more would hide each other.
+LABELLED = 40
 
 
 @dataclass(frozen=True)
@@ -42,7 +51,7 @@ def frames_to_show(tracks: Sequence[Track]) -> list[int]:
 def _shown_rows(track: Track) -> list[int]:
     """The surest row of each third of a track."""
     rows = np.flatnonzero(track.observed)
-    parts = np.array_split(rows if len(rows) else np.arange(len(track)), EACH)
+    parts = np.array_split(rows if len(rows) else np.arange(len(track)), CROPS)
     return [int(part[np.nan_to_num(track.scores[part]).argmax()]) for part in parts if len(part)]
 
 
@@ -51,9 +60,9 @@ def pictures_of(frames: Iterable[Frame], tracks: Sequence[Track]) -> Pictures:
     views, crops = list[ImageArray](), dict[int, list[ImageArray]]()
     rows = [(int(track.frames[row]), track.id, track.boxes[row]) for track in tracks for row in _shown_rows(track)]
     for frame in frames:
-        for _, identity, box in (one for one in rows if one[0] == frame.index):
+        for _, identity, box in (row for row in rows if row[0] == frame.index):
             crops.setdefault(identity, []).extend(_crop(frame.image, box))
-        views.append(_scaled(frame.image, WIDE / max(frame.image.shape[:2])))
+        views.append(_scaled(frame.image, LONGEST_SIDE / max(frame.image.shape[:2])))
     views = views[:: max(1, len(views) // VIEWS)]
     return Pictures(_median(views) if views else None, crops)
 
@@ -71,11 +80,11 @@ def _crop(image: ImageArray, box: FloatArray) -> list[ImageArray]:
     around = clip_boxes(grown(box[None], AROUND), image.shape[1], image.shape[0])[0]
     x1, y1, x2, y2 = around.round().astype(int).tolist()
     part = image[y1:y2, x1:x2]
-    return [_scaled(part, min(HIGH / part.shape[0], 2 * HIGH / part.shape[1]), 4.0)] if part.size else []
+    return [_scaled(part, min(CROP_HEIGHT / part.shape[0], 2 * CROP_HEIGHT / part.shape[1]), 4.0)] if part.size else []
 
 
-def _scaled(image: ImageArray, scale: float, most: float = 1.0) -> ImageArray:
-    scale, (high, wide) = min(scale, most), image.shape[:2]
+def _scaled(image: ImageArray, scale: float, largest: float = 1.0) -> ImageArray:
+    scale, (high, wide) = min(scale, largest), image.shape[:2]
     size = max(1, round(wide * scale)), max(1, round(high * scale))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
@@ -83,7 +92,7 @@ def _scaled(image: ImageArray, scale: float, most: float = 1.0) -> ImageArray:
 def canvas(view: ImageArray | None, size: FloatArray) -> tuple[ImageArray, float]:
     """A pale copy of the view, or an empty one of a picture of width and height ``(2,)``, and its scale."""
     if view is None:
-        scale = min(1.0, WIDE / float(max(size)))
+        scale = min(1.0, LONGEST_SIDE / float(max(size)))
         wide, high = np.maximum(np.ceil(size * scale), 1).astype(int).tolist()
         return np.full((high, wide, 3), 236, dtype=np.uint8), scale
     grey = cv2.cvtColor(cv2.cvtColor(view, cv2.COLOR_RGB2GRAY), cv2.COLOR_GRAY2RGB)
@@ -119,18 +128,20 @@ def heat_picture(
     They are ``(R, C)`` of equal cells of the frame, at least 0; NaN where it is not known. See `paths_picture`.
     """
     drawn, scale = canvas(view, size)
-    known = np.nan_to_num(values)
-    most = float(known.max(initial=0.0)) or 1.0
+    levels = np.nan_to_num(values)
+    highest = float(levels.max(initial=0.0)) or 1.0
     high, wide = drawn.shape[:2]
-    level = cv2.resize((255 * (known / most) ** 0.5).astype(np.uint8), (wide, high), interpolation=cv2.INTER_NEAREST)
+    level = cv2.resize(
+        (255 * (levels / highest) ** 0.5).astype(np.uint8), (wide, high), interpolation=cv2.INTER_NEAREST
+    )
     paint = cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS)[..., ::-1]
     mixed = np.where(level[..., None] > 0, 0.25 * drawn + 0.75 * paint, drawn).astype(np.uint8)
     _draw_places(mixed, places, scale)
     shades = np.tile(np.linspace(0, 255, wide).astype(np.uint8), (BAR, 1))
     bar: ImageArray = np.array(cv2.applyColorMap(shades, cv2.COLORMAP_VIRIDIS)[..., ::-1], dtype=np.uint8)
     draw_label(bar, "0", (2, BAR - 5), (40, 40, 40))
-    draw_label(bar, f"{_number(most)} {unit}", (wide, BAR - 5), (40, 40, 40))
-    draw_label(bar, _number(most / 4), (wide // 2, BAR - 5), (40, 40, 40))
+    draw_label(bar, f"{_number(highest)} {unit}", (wide, BAR - 5), (40, 40, 40))
+    draw_label(bar, _number(highest / 4), (wide // 2, BAR - 5), (40, 40, 40))
     return np.concatenate([mixed, bar])
 
 

@@ -34,7 +34,7 @@ def comparison_figure(results: Mapping[str, PeopleEvaluation], ink: str = "black
     figure = Figure(figsize=(10, 0.6 + 3.2 + 0.22 * len(results)), layout="constrained")
     shares, counts = figure.subplots(1, 2, width_ratios=(len(SHARES), len(COUNTS)))
     for axes, fields, form in ((shares, SHARES, "{:.2f}"), (counts, COUNTS, "{:.0f}")):
-        heights = {name: [getattr(one.combined, field) for _, field in fields] for name, one in results.items()}
+        heights = {name: [getattr(scores.combined, field) for _, field in fields] for name, scores in results.items()}
         _grouped_bars(axes, heights, [heading for heading, _ in fields], form)
     lowest = min(0.0, *(r.combined.mota for r in results.values()))
     shares.set_ylim(max(lowest, -1.0) * 1.08, 1.08)
@@ -42,8 +42,8 @@ def comparison_figure(results: Mapping[str, PeopleEvaluation], ink: str = "black
     counts.set_title("Errors (lower is better)", color=ink, loc="left")
     counts.set_yscale("symlog", linthresh=10)
     counts.yaxis.set_major_formatter("{x:.0f}")
-    most = max(getattr(r.combined, field) for r in results.values() for _, field in COUNTS)
-    counts.set_ylim(0, max(10.0, 1.8 * most))
+    errors = max(getattr(r.combined, field) for r in results.values() for _, field in COUNTS)
+    counts.set_ylim(0, max(10.0, 1.8 * errors))
     for axes in (shares, counts):
         dress(axes, ink)
         axes.axhline(0, color=ink, linewidth=0.8)
@@ -136,11 +136,11 @@ def curves_figure(results: Mapping[str, Mapping[str, MeanCurves]]) -> Figure:
     ranked = sorted(results.items(), key=lambda item: -item[1]["ALL"].auc)
     for number, (name, curves) in enumerate(ranked):
         colour, line = COLOURS[number % len(COLOURS)], STYLES[number // len(COLOURS) % len(STYLES)]
-        whole = curves["ALL"]
-        label = f"{literal(name)} [{100 * whole.auc:.1f}]"
-        axes["success"].plot(OVERLAPS, 100 * whole.success, label=label, color=colour, ls=line)
-        label = f"{literal(name)} [{100 * whole.precision[PRECISION_AT]:.1f}]"
-        axes["precision"].plot(DISTANCES, 100 * whole.precision, label=label, color=colour, ls=line)
+        overall = curves["ALL"]
+        label = f"{literal(name)} [{100 * overall.auc:.1f}]"
+        axes["success"].plot(OVERLAPS, 100 * overall.success, label=label, color=colour, ls=line)
+        label = f"{literal(name)} [{100 * overall.precision[PRECISION_AT]:.1f}]"
+        axes["precision"].plot(DISTANCES, 100 * overall.precision, label=label, color=colour, ls=line)
     _label(axes["success"], "Overlap threshold", "Frames above it [%]", "Success [area under the curve]")
     _label(axes["precision"], "Distance of the centres [pixels]", "Frames within it [%]", "Precision [at 20 pixels]")
     if groups:

@@ -35,12 +35,12 @@ def shipped(name: str) -> Path:
     raise RequestError(f"this installation ships no model {name!r}; {hint_at(name, shipped_names())}")
 
 
-def shipped_or_file(kind: str, given: str | Path) -> Path:
+def shipped_or_file(kind: str, model: str | Path) -> Path:
     """A file as it is given; a bare word stands for the shipped or downloaded model of that name.
 
     Args:
         kind: what the shipped models' names begin with: ``detector``, …
-        given: a path, the rest of such a name, or that of a model of the catalogue.
+        model: a path, the rest of such a name, or that of a model of the catalogue.
 
     Raises:
         RequestError: a bare word that names neither a file nor a model of this kind, or one that is not downloaded.
@@ -48,7 +48,7 @@ def shipped_or_file(kind: str, given: str | Path) -> Path:
     >>> shipped_or_file("detector", "street").name, shipped_or_file("detector", "own/best.onnx").name
     ('detector_street.onnx', 'best.onnx')
     """
-    path = Path(given)
+    path = Path(model)
     if path.suffix or len(path.parts) != 1 or path.is_file():
         return path
     names = [name.removeprefix(f"{kind}_") for name in shipped_names() if name.startswith(f"{kind}_")]
@@ -56,7 +56,7 @@ def shipped_or_file(kind: str, given: str | Path) -> Path:
         return entry.checked()
     if path.name not in names:
         raise RequestError(
-            f"{kind}: expected an ONNX file or one of the shipped {', '.join(names)}, got {given}; `tsuiseki models "
+            f"{kind}: expected an ONNX file or one of the shipped {', '.join(names)}, got {model}; `tsuiseki models "
             "list` shows what can be downloaded"
         )
     return shipped(f"{kind}_{path.name}")

@@ -71,11 +71,11 @@ class CatalogueModel:
     def record(self) -> dict[str, Any]:
         """What was kept at the download, ``sha256`` of the address and ``file_sha256`` of the ONNX; empty before."""
         try:
-            kept = json.loads(self.file.with_suffix(".json").read_text(encoding="utf-8"))
+            entry = json.loads(self.file.with_suffix(".json").read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return {}
-        same = isinstance(kept, dict) and (kept.get("address"), kept.get("version")) == (self.address, self.version)
-        return kept if same else {}
+        same = isinstance(entry, dict) and (entry.get("address"), entry.get("version")) == (self.address, self.version)
+        return entry if same else {}
 
     def keep(self, sha256: str) -> None:
         """Write the record of a download whose ONNX file is in its place."""
@@ -115,6 +115,7 @@ def _rtmdet(size: str, file: str) -> CatalogueModel:
     return CatalogueModel(f"rtmdet-{size}", "detector", "rtmposev1", address, "Apache-2.0", data, options=options)
 
 
+# Networks by other projects that are known to load; sizes in bytes.
 CATALOGUE: tuple[CatalogueModel, ...] = (
     _yolox("nano", "c789161ed43c8269fcd4e67c67eeeb4e80c622da2eb296a20bc6007bd18a0b7d", 3_659_407),
     _yolox("tiny", "427cc366d34e27ff7a03e2899b5e3671425c262ea2291f88bb942bc1cc70b0f7", 20_219_662),
@@ -176,7 +177,7 @@ def cache_folder() -> Path:
 
 def find_model(name: str, kind: str = "") -> CatalogueModel | None:
     """The entry of that name, of that kind where one is given; None where there is none."""
-    return next((each for each in CATALOGUE if each.name == name and kind in ("", each.kind)), None)
+    return next((entry for entry in CATALOGUE if entry.name == name and kind in ("", entry.kind)), None)
 
 
 def model_named(name: str) -> CatalogueModel:
@@ -185,17 +186,17 @@ def model_named(name: str) -> CatalogueModel:
     Raises:
         RequestError: there is none.
     """
-    found = find_model(name)
-    if found is None:
-        hint = hint_at(name, [each.name for each in CATALOGUE])
+    entry = find_model(name)
+    if entry is None:
+        hint = hint_at(name, [entry.name for entry in CATALOGUE])
         raise RequestError(f"the catalogue has no model {name!r}; {hint}")
-    return found
+    return entry
 
 
 def records_of(values: Iterable[object]) -> dict[str, Any]:
     """What was kept of the downloaded models that some settings name, by name."""
-    found = [entry for value in values if isinstance(value, str | Path) and (entry := find_model(str(value)))]
-    return {entry.name: entry.record() or asdict(entry) for entry in found}
+    entries = [entry for value in values if isinstance(value, str | Path) and (entry := find_model(str(value)))]
+    return {entry.name: entry.record() or asdict(entry) for entry in entries}
 
 
 def file_sum(path: Path) -> str:

@@ -20,6 +20,7 @@ from tsuiseki.tracking.weights.catalogue import CatalogueModel, file_sum
 if TYPE_CHECKING:
     import requests
 
+# Bytes of a piece, by which progress is counted.
 MEGABYTE = 1_000_000
 # Seconds of silence after which a server counts as gone.
 PATIENCE = 30.0
@@ -48,9 +49,9 @@ def download(entry: CatalogueModel, watch: Watch = lambda pieces, _, __: pieces)
         part.touch()
         with ExitStack() as until:
             hold(part, f"another run is downloading {entry.name}; wait for its end", until)
-            whole = _fetched(entry, part, watch)
-        sha256 = file_sum(whole)
-        _put(whole, entry)
+            fetched = _fetched(entry, part, watch)
+        sha256 = file_sum(fetched)
+        _put(fetched, entry)
         entry.keep(sha256)
     except OSError as error:
         full = error.errno in (errno.ENOSPC, errno.EDQUOT)
@@ -106,13 +107,13 @@ def _append(answer: requests.Response, part: Path, watch: Watch) -> None:
             file.write(piece)
 
 
-def _put(whole: Path, entry: CatalogueModel) -> None:
+def _put(fetched: Path, entry: CatalogueModel) -> None:
     """Make the ONNX file of what was fetched."""
     if not entry.address.endswith(".zip"):
-        whole.replace(entry.file)
+        fetched.replace(entry.file)
         return
     try:
-        with zipfile.ZipFile(whole) as archive:
+        with zipfile.ZipFile(fetched) as archive:
             names = [name for name in archive.namelist() if name.endswith(".onnx")]
             if len(names) != 1:
                 raise RunError(f"{entry.address}: expected one ONNX file in the archive, got {len(names)}")
@@ -121,4 +122,4 @@ def _put(whole: Path, entry: CatalogueModel) -> None:
     except zipfile.BadZipFile as error:
         raise RunError(f"{entry.address}: expected a zip archive, got something else; it is not kept") from error
     finally:
-        whole.unlink()
+        fetched.unlink()
