@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+import operator
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
@@ -69,8 +70,8 @@ class PageContent:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Result(Sequence[T_co]):
-    """The tracks of a run, in a sequence.
+class Result(Collection[T_co]):
+    """The tracks of a run, in their order.
 
     Frames count from 0 here and in all that is asked of it; in files they count from 1.
 
@@ -187,6 +188,9 @@ class Result(Sequence[T_co]):
 
     def __iter__(self) -> Iterator[T_co]:
         return iter(self.tracks)
+
+    def __contains__(self, track: object) -> bool:
+        return track in self.tracks
 
     @overload
     def __getitem__(self, index: int) -> T_co: ...
@@ -305,21 +309,40 @@ class Result(Sequence[T_co]):
 
         return Overlay(boxes, self.frame_rate).draw
 
-    def draw(self, image: ImageArray, frame: int) -> ImageArray:
+    @overload
+    def draw(self, image: int) -> ImageArray: ...
+    @overload
+    def draw(self, image: ImageArray, frame: int) -> ImageArray: ...
+    def draw(self, image: ImageArray | int, frame: int | None = None) -> ImageArray:
         """A copy of an image with the tracks drawn in.
 
         Args:
-            image: ``(H, W, 3)`` uint8 RGB.
-            frame: its number, counted from 0.
+            image: ``(H, W, 3)`` uint8 RGB; or the number of a frame alone, whose image the source has.
+            frame: number of the image, counted from 0.
 
         Raises:
-            RequestError: the image has another size than the source, or there is nothing that can be drawn.
+            RequestError: the image has another size than the source, there is nothing that can be drawn, or the source
+                cannot be played again or has no such frame.
         """
+        if frame is None:
+            frame = operator.index(image)
+            image = self._image(frame)
         image = np.asarray(image)
         if self.size is not None and image.shape[1::-1] != self.size:
             width, height = self.size
             raise RequestError(f"expected an image of {width}x{height} pixels, got shape {image.shape}")
         return self._paint(Frame(frame, frame / (self.frame_rate or 1.0), image))
+
+    def _image(self, frame: int) -> ImageArray:
+        """A frame of the source, by its number from 0."""
+        if not self.source:
+            raise RequestError("expected an image and the number of its frame, for the tracks come from no video")
+        opened = open_source(self.source, FrameRange(frame, frame))
+        if opened.endless or not opened.has_images:
+            raise RequestError(f"{opened.name} has no pictures that can be played again; give the image")
+        for read in opened.frames():
+            return read.image
+        raise RequestError(f"expected a frame of {opened.name}, got {frame}")
 
     def overlay(self, path: str | Path, source: SourceLike | None = None, overwrite: bool = False) -> Path:
         """Write the video with the tracks drawn in; returns its path.

@@ -214,6 +214,12 @@ def test_an_overlay_is_drawn_on_the_video(ending: str, tmp_path: Path) -> None:
     assert (drawn != 90).any()
     with pytest.raises(RequestError, match="64x48 pixels, got shape"):
         loaded.draw(image[:20], 1)
+    (second,) = [frame for frame in open_source(known["source"]).frames() if frame.index == 2]
+    np.testing.assert_array_equal(loaded.draw(2), loaded.draw(second.image, 2))
+    with pytest.raises(RequestError, match="expected frames within 1-6"):
+        loaded.draw(40)
+    with pytest.raises(RequestError, match="come from no video"):
+        Result([track(3)]).draw(2)
     with pytest.raises(RequestError, match="already exists"):
         loaded.overlay(tmp_path / f"drawn.{ending}")
     with pytest.raises(RequestError, match=r"\.mp4 or \.webm"):

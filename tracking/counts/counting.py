@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from html import escape
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -26,7 +28,7 @@ Table = Mapping[str, Sequence[Any]]
 """Columns by name, all of one length."""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Answers:
     """Answers about the people in a video.
 
@@ -62,7 +64,18 @@ class Answers:
     length: int
     frame_rate: float
     size: FloatArray
-    paths: Paths = field(repr=False)
+    paths: Paths
+
+    def __repr__(self) -> str:
+        lines, zones = len(self.scene.lines), len(self.scene.zones)
+        who = len(self.tables["people"]["id"])
+        return f"<Answers: {self.length} frames, people {who}, lines {lines}, zones {zones}>"
+
+    def _repr_html_(self) -> str:
+        """For notebooks: what was counted at each line and in each zone."""
+        shown = [(name, self.tables[name]) for name in ("lines", "zones") if self.tables[name].keys()]
+        tables = [_html_of(name, table) for name, table in shown if len(next(iter(table.values())))]
+        return f"<p>{escape(repr(self)[1:-1])}</p>{''.join(tables)}"
 
     def count(self, line: str, direction: str) -> tuple[int, int, int]:
         """Crossings of a line in a direction, and the ends of the interval of 90 %.
@@ -79,9 +92,20 @@ class Answers:
         return table["count"][row], table["low"][row], table["high"][row]
 
 
+def _html_of(name: str, table: Table) -> str:
+    head = "".join(f"<th>{escape(column.replace('_', ' '))}</th>" for column in table)
+    rows = ["".join(f"<td>{escape(_cell(value))}</td>" for value in row) for row in zip(*table.values(), strict=True)]
+    body = "".join(f"<tr>{row}</tr>" for row in rows)
+    return f"<table><caption>{name}</caption><tr>{head}</tr>{body}</table>"
+
+
+def _cell(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
+
+
 def count(
     result: Result[Any] | Sequence[Track],
-    scene: Scene | str,
+    scene: Scene | str | Path,
     settings: CountSettings | None = None,
     *,
     frame_rate: float | None = None,

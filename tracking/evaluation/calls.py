@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from pathlib import Path
 from typing import Any, TypeAlias, overload
 
@@ -22,20 +22,20 @@ from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, parse_frames
 from tsuiseki.tracking.types.labels import GroundTruth
 
-TruthLike: TypeAlias = str | Path | GroundTruth | Sequence[Track]
+TruthLike: TypeAlias = str | Path | GroundTruth | Collection[Track]
 
 
 @overload
 def evaluate_people(
-    truth: TruthLike, tracks: str | Path | Sequence[Track], frames: str | None = None, classes: None = None
+    truth: TruthLike, tracks: str | Path | Collection[Track], frames: str | None = None, classes: None = None
 ) -> PeopleScores: ...
 @overload
 def evaluate_people(
-    truth: TruthLike, tracks: str | Path | Sequence[Track], frames: str | None = None, *, classes: Sequence[int | str]
+    truth: TruthLike, tracks: str | Path | Collection[Track], frames: str | None = None, *, classes: Sequence[int | str]
 ) -> dict[int | str, PeopleScores]: ...
 def evaluate_people(
     truth: TruthLike,
-    tracks: str | Path | Sequence[Track],
+    tracks: str | Path | Collection[Track],
     frames: str | None = None,
     classes: Sequence[int | str] | None = None,
 ) -> PeopleScores | dict[int | str, PeopleScores]:
@@ -60,7 +60,7 @@ def evaluate_people(
 
 
 def _scores(
-    truth: TruthLike, tracks: str | Path | Sequence[Track], frames: str | None, kind: int | str | None
+    truth: TruthLike, tracks: str | Path | Collection[Track], frames: str | None, kind: int | str | None
 ) -> PeopleScores:
     label = _truth(truth, frames, kind)
     if isinstance(tracks, str | Path):
@@ -68,7 +68,7 @@ def _scores(
         return evaluate_sequence(pair.truth, pair.tracks, pair.length)
     if not _are_tracks(tracks):
         raise RequestError("expected the result as tracks, a file or a folder, got nothing of that")
-    scored = restrict(tracks, label.frames) if kind is None else of_class(label, tracks, "the result")
+    scored = restrict([*tracks], label.frames) if kind is None else of_class(label, [*tracks], "the result")
     return evaluate_sequence(label.labels, scored, label.length)
 
 
@@ -88,7 +88,7 @@ def evaluate_target(truth: ArrayLike, target: ArrayLike | Iterable[Estimate]) ->
 
 
 def evaluate_points(
-    truth: Sequence[Track], tracks: Sequence[Track], frames: int, cut_off: float = 100.0
+    truth: Collection[Track], tracks: Collection[Track], frames: int, cut_off: float = 100.0
 ) -> PointScores:
     """OSPA, GOSPA and more of tracked points or objects, by the centres of their boxes.
 
@@ -103,7 +103,7 @@ def evaluate_points(
     """
     if not truth or frames < 1:
         raise RequestError("expected at least one frame and one true track, got none")
-    return score_points(PointTracks.of(truth), PointTracks.of(tracks), frames, cut_off)
+    return score_points(PointTracks.of([*truth]), PointTracks.of([*tracks]), frames, cut_off)
 
 
 def _truth(truth: TruthLike, frames: str | None, kind: int | str | None) -> Truth:
@@ -130,7 +130,7 @@ def _truth(truth: TruthLike, frames: str | None, kind: int | str | None) -> Trut
     return Truth("sequence", labels, None, within, None, kind, names)
 
 
-def ground_truth_of(tracks: Sequence[Track]) -> GroundTruth:
+def ground_truth_of(tracks: Collection[Track]) -> GroundTruth:
     """Right tracks as labels that all count.
 
     Raises:
@@ -138,12 +138,12 @@ def ground_truth_of(tracks: Sequence[Track]) -> GroundTruth:
     """
     if not _are_tracks(tracks) or not tracks:
         raise RequestError("expected the truth as a folder, a file or tracks, got nothing of that")
-    rows = boxes_of_tracks(tracks)
+    rows = boxes_of_tracks([*tracks])
     return GroundTruth.of_boxes(rows.frames, rows.ids, rows.boxes)
 
 
 def _are_tracks(tracks: object) -> bool:
-    return isinstance(tracks, Sequence) and all(isinstance(track, Track) for track in tracks)
+    return isinstance(tracks, Collection) and all(isinstance(track, Track) for track in tracks)
 
 
 def _boxes(rows: ArrayLike, name: str) -> FloatArray:

@@ -100,7 +100,7 @@ def track_fisheye(
     result = floor_result(inputs, inputs.detections(video.frames(), times), method, hungarian, times, made)
 
     def page(path: Path, folder: Path) -> None:
-        cameras_shown = [camera_floor(inputs.ceiling, result, folder)]
+        cameras_shown = [camera_floor(inputs.ceiling, result.tracks, folder)]
         path.write_text(floor_page(cameras_shown, times.seconds, made), encoding="utf-8")
 
     return replace(result, files={**result.files, "report.html": page})
@@ -153,7 +153,7 @@ def fisheye(
             chosen = method or ("hungarian" if video.live else "flow")
             result = floor_result(inputs, steps, chosen, hungarian, run.times, made)
             run.save(result, partial(ceiling.draw, run, video, result, folder), folder)
-            shown.append(camera_floor(inputs.ceiling, result, run.work / folder, folder))
+            shown.append(camera_floor(inputs.ceiling, result.tracks, run.work / folder, folder))
             summary = inputs.summary(hungarian.start_score if chosen == "hungarian" else None)
             lines.append(f"{name}: {count(len(result), 'person', 'people')}{summary}")
         report_blank(opened[0].detector)

@@ -108,6 +108,10 @@ class FlowTracker:
         self._reported: list[Track] = []
         self.bad = BadBoxes()
 
+    def __repr__(self) -> str:
+        late = "answers at the end" if self.delay is None else f"answers {self.delay:g} s later"
+        return f"<FlowTracker: {self._flow.input.inferences.frame} frames, {late}>"
+
     @property
     def camera(self) -> CameraTrajectory:
         """Where the frames lie, as of the last time that the tracks were asked for."""

@@ -97,6 +97,9 @@ class LifecycleTracker(Generic[S]):
         self._numbers, self._hits, self._misses = (np.empty(0, dtype=np.int64) for _ in range(3))
         self._votes = Votes()
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self._clock.frame} frames, {len(self._numbers)} live tracks>"
+
     def tracks(self) -> list[Track]:
         """The confirmed tracks of all frames so far, by id."""
         return [

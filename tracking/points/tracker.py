@@ -95,6 +95,9 @@ class BoxedSetTracker(FiniteSetTracker):
         self._names: dict[int, str] = {}
         self._rows: list[tuple[IntArray, IntArray, FloatArray, FloatArray, BoolArray, IntArray]] = []
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self._frames} frames, {len(self._ids)} targets so far>"
+
     def forget(self) -> None:
         """Drop the frames so far from `tracks`; ids go on."""
         self._rows.clear()

@@ -300,7 +300,7 @@ def sphere(
         log = chosen.run(np.random.default_rng(output.seed), run.times, watched)
         result = sphere_result(chosen, log, run.times, output.settings, true_path)
         run.save(result, partial(_draw, run, drawing, chosen, log))
-        run.done(_summary(result, true_path, output.out / "track3d.csv"))
+        run.done(_summary(result.tracks, true_path, output.out / "track3d.csv"))
     return run.status
 
 

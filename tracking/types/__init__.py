@@ -6,7 +6,7 @@ exactly the first pixel of an image is ``0, 0, 1, 1``. Frame numbers are 0-based
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Any, Literal, Self, TypeAlias
 
@@ -25,7 +25,22 @@ StatusArray: TypeAlias = NDArray[np.str_]
 STATUSES: tuple[Status, ...] = ("tracking", "searching", "lost")
 
 
-class ComparedByValue:
+class ShortRepr:
+    """A dataclass whose ``repr`` is a line: arrays by their shape, short ones by their numbers."""
+
+    def __repr__(self) -> str:
+        parts = [f"{name}={_short(value)}" for name, value in vars(self).items()]
+        return f"{type(self).__name__}({', '.join(parts)})"
+
+
+def _short(value: object) -> str:
+    if isinstance(value, np.ndarray):
+        numbers = value.dtype.kind == "f" and value.ndim == 1 and value.size <= 4
+        return f"[{', '.join(f'{v:g}' for v in value)}]" if numbers else f"<{'x'.join(map(str, value.shape))}>"
+    return f"<{len(value)}>" if isinstance(value, Sequence | Mapping) and len(repr(value)) > 40 else repr(value)
+
+
+class ComparedByValue(ShortRepr):
     """Two of a class are equal where all their fields are, arrays among them; NaN equals NaN."""
 
     def __eq__(self, other: object) -> bool:
@@ -90,7 +105,7 @@ class FromDetections:
         return self.origin[:, 1]
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Frame(ComparedByValue):
     """One image of a video.
 
@@ -111,7 +126,7 @@ class Frame(ComparedByValue):
             )
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Detections(Columns, ComparedByValue):
     """What a detector reports in one frame.
 
@@ -158,6 +173,10 @@ class Detections(Columns, ComparedByValue):
                 if np.shape(given) != (len(self.boxes),):
                     raise ValueError(f"expected {len(self.boxes)} {name}, got shape {np.shape(given)}")
 
+    def __repr__(self) -> str:
+        columns = [name for name in ("features", "actions", "angles", "classes") if getattr(self, name) is not None]
+        return f"<Detections: {len(self)}{' with ' * bool(columns)}{', '.join(columns)}>"
+
     @classmethod
     def empty(cls) -> Detections:
         return cls(np.empty((0, 4)), np.empty(0))
@@ -182,7 +201,7 @@ class Detections(Columns, ComparedByValue):
         return replace(self, features=features)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Target(ComparedByValue):
     """One target in one frame, as a tracker of many answers it.
 
@@ -205,7 +224,7 @@ class Target(ComparedByValue):
     class_name: str = ""
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Targets(FromDetections, Columns, ComparedByValue):
     """The targets of one frame; going through them gives one `Target` after the other.
 
@@ -238,12 +257,15 @@ class Targets(FromDetections, Columns, ComparedByValue):
         for number, box, score, status, (row, kind) in zip(*columns, strict=True):
             yield Target(number, box, score, status, row, kind, self.names.get(kind, ""))
 
+    def __repr__(self) -> str:
+        return f"<Targets: {len(self)} in frame {self.frame}>"
+
     @classmethod
     def empty(cls, frame: int) -> Targets:
         return cls(frame, np.empty(0, np.int64), np.empty((0, 4)), np.empty(0), np.empty(0, dtype="U9"))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Track(FromDetections, ComparedByValue):
     """One person or object through time.
 
@@ -283,6 +305,10 @@ class Track(FromDetections, ComparedByValue):
     def __len__(self) -> int:
         return len(self.frames)
 
+    def __repr__(self) -> str:
+        where = f", frames {self.frames[0]} to {self.frames[-1]}" if len(self) else ""
+        return f"<Track {self.id}: {len(self)} boxes{where}{', ' * bool(self.class_name)}{self.class_name[:40]}>"
+
     @property
     def class_id(self) -> int:
         """Number of the class that most of its detections have, the smaller one of two; -1 where none is known."""
@@ -299,7 +325,7 @@ def _origin(given: IntArray, count: int) -> IntArray:
     return given if len(given) or not count else np.full((count, 2), -1)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Estimate(ComparedByValue):
     """Where one target is in one frame, and its status.
 
@@ -344,8 +370,8 @@ def check_boxes(boxes: FloatArray) -> FloatArray:
     return boxes
 
 
-@dataclass(frozen=True)
-class Position:
+@dataclass(frozen=True, repr=False)
+class Position(ShortRepr):
     """Where one target is in space at one time, and its status.
 
     Attributes:

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray, ShortRepr
 
 
-@dataclass(frozen=True)
-class GroundTruth(Columns):
+@dataclass(frozen=True, repr=False)
+class GroundTruth(ShortRepr, Columns):
     """Labelled boxes of a sequence, ordered by frame.
 
     Attributes:

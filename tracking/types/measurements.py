@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, ShortRepr
 
 
-@dataclass(frozen=True)
-class Scan:
+@dataclass(frozen=True, repr=False)
+class Scan(ShortRepr):
     """What a sensor measured at one time.
 
     Attributes:
@@ -35,8 +35,8 @@ class Scan:
         object.__setattr__(self, "measurements", measured)
 
 
-@dataclass(frozen=True)
-class SensedTargets:
+@dataclass(frozen=True, repr=False)
+class SensedTargets(ShortRepr):
     """The targets of one scan.
 
     Attributes:
@@ -58,8 +58,8 @@ class SensedTargets:
     modes: FloatArray
 
 
-@dataclass(frozen=True)
-class SensedTrack:
+@dataclass(frozen=True, repr=False)
+class SensedTrack(ShortRepr):
     """One target that a sensor measured.
 
     Attributes:
@@ -86,7 +86,7 @@ class SensedTrack:
         return len(self.times)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PersonOnFloor(SensedTrack):
     """A person on a floor that several sensors cover; `scans` number the moments.
 

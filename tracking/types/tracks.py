@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Status, Targets, Track
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, ShortRepr, Status, Targets, Track
 
 
-@dataclass(frozen=True)
-class ActingTrack:
+@dataclass(frozen=True, repr=False)
+class ActingTrack(ShortRepr):
     """A person and what they do.
 
     Attributes:
@@ -32,8 +32,8 @@ class ActingTrack:
         return self.track.id
 
 
-@dataclass(frozen=True)
-class BodyTrack:
+@dataclass(frozen=True, repr=False)
+class BodyTrack(ShortRepr):
     """The states of one body through a video.
 
     Attributes:
@@ -100,16 +100,16 @@ def boxes_about(tracks: Iterable[Any], names: Sequence[str] = ()) -> list[Track]
     return [track for track in found if len(track)]
 
 
-@dataclass(frozen=True)
-class Path3D:
+@dataclass(frozen=True, repr=False)
+class Path3D(ShortRepr):
     """A path in space: ``(T,)`` seconds and ``(T, 3)`` metres."""
 
     times: FloatArray
     points: FloatArray
 
 
-@dataclass(frozen=True)
-class FloorTrack:
+@dataclass(frozen=True, repr=False)
+class FloorTrack(ShortRepr):
     """One person through time, in the image and on the floor.
 
     Attributes:
@@ -127,8 +127,8 @@ class FloorTrack:
         return self.track.id
 
 
-@dataclass(frozen=True)
-class PointTable:
+@dataclass(frozen=True, repr=False)
+class PointTable(ShortRepr):
     """Points of N animals in frames.
 
     Attributes:
@@ -159,8 +159,8 @@ class PointTable:
         return self.nodes.index(name)
 
 
-@dataclass(frozen=True)
-class FloorDetections:
+@dataclass(frozen=True, repr=False)
+class FloorDetections(ShortRepr):
     """People detected in one frame, and where they stand.
 
     Attributes:
