@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import importlib.util
 import io
@@ -297,6 +298,17 @@ def test_the_python_lines_run(
     assert len(names["tracks"]) > 0
     assert isinstance(names["people"], Targets)
     assert "tracking" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("name", ["README.md", "docs/how-to/python.md"])
+def test_type_checkers_see_the_python_lines(name: str) -> None:
+    """`make lint` checks the page of calls, which has each block of Python in a function."""
+    functions = ast.parse(text_of(REPOSITORY / "tests/typing/readme_calls.py")).body
+    checked = [[ast.dump(line) for line in part.body] for part in functions if isinstance(part, ast.FunctionDef)]
+    for language, block in FENCE.findall(text_of(REPOSITORY / name)):
+        if language == "python":
+            lines = [line for line in ast.parse(block).body if not isinstance(line, ast.Import)]
+            assert [ast.dump(line) for line in lines] in checked, block
 
 
 def test_the_readme_shows_people_in_ten_lines() -> None:

@@ -7,9 +7,10 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, TypeVar, overload
+from typing import TYPE_CHECKING, Any, Literal, Self, overload
 
 import numpy as np
+from typing_extensions import TypeVar
 
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNetwork, network_of_tracks
 from tsuiseki.tracking.errors import RequestError, a_path
@@ -33,7 +34,7 @@ from tsuiseki.tracking.interchange import as_detections
 from tsuiseki.tracking.output import RunRecord, columns_shifted, output_file, output_folder
 from tsuiseki.tracking.types import Frame, ImageArray, Position, Targets, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
-from tsuiseki.tracking.types.tracks import BodyTrack, PointTable, boxes_about, targets_at
+from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, FloorTrack, PointTable, boxes_about, targets_at
 from tsuiseki.tracking.video.frame_source import uneven
 from tsuiseki.tracking.video.source import Source, SourceLike, open_source
 
@@ -41,7 +42,7 @@ if TYPE_CHECKING:
     import pandas
     import supervision
 
-T_co = TypeVar("T_co", covariant=True)
+T_co = TypeVar("T_co", covariant=True, default=Any)
 Writer = Callable[[Path, Path], object]
 """Writes one file: its path, and the folder in which the files before it lie."""
 # Endings of files that hold the tracks, and of videos.
@@ -243,6 +244,10 @@ class Result(Collection[T_co]):
         even = table["frame"] / self.frame_rate
         return table | {"time": even if times is None else np.interp(table["frame"], numbers, times)}
 
+    @overload
+    def at(self: Result[Track | ActingTrack | FloorTrack], frame: int) -> Targets: ...  # type: ignore[overload-overlap]
+    @overload
+    def at(self, frame: int) -> list[T_co]: ...
     def at(self, frame: int) -> Targets | list[T_co]:
         """What is in a frame: the `Targets` there, of bodies and sensed targets their tracks, cut to this frame.
 
