@@ -22,9 +22,12 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.filters.correlation_filters import Float32Array
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 
-LEVELS = 16  # of red, green and blue each
-_BITS = 4  # 256 / LEVELS values of a channel are one level
-_RARE = 1e-4  # a new colour counts as neither
+# Of red, green and blue each.
+LEVELS = 16
+# 256 / LEVELS values of a channel are one level.
+_BITS = 4
+# A new colour counts as neither.
+_RARE = 1e-4
 
 
 @dataclass(frozen=True)
@@ -65,8 +68,10 @@ def histogram(colours: NDArray[np.int32]) -> FloatArray:
     return np.bincount(colours, minlength=LEVELS**3) / max(len(colours), 1)
 
 
-CORE = (0.7, 0.8)  # shares of width and height that are target rather than background
-AROUND = (1.2, 0.8)  # margins of the surroundings, as shares of width and height, both sides together
+# Shares of width and height that are target rather than background.
+CORE = (0.7, 0.8)
+# Margins of the surroundings, as shares of width and height, both sides together.
+AROUND = (1.2, 0.8)
 
 
 class ForegroundColour(ColourModel):
@@ -94,9 +99,9 @@ class ForegroundColour(ColourModel):
         if x2 <= x1 or y2 <= y1:
             return np.zeros(len(boxes))
         sums = cv2.integral(self.table.take(quantised(image[y1:y2, x1:x2])))
-        whole = np.round(inner).astype(int)
-        area = np.maximum((whole[:, 2] - whole[:, 0]) * (whole[:, 3] - whole[:, 1]), 1)
-        left, top, right, bottom = np.clip(whole - [x1, y1, x1, y1], 0, [x2 - x1, y2 - y1, x2 - x1, y2 - y1]).T
+        corners = np.round(inner).astype(int)
+        area = np.maximum((corners[:, 2] - corners[:, 0]) * (corners[:, 3] - corners[:, 1]), 1)
+        left, top, right, bottom = np.clip(corners - [x1, y1, x1, y1], 0, [x2 - x1, y2 - y1, x2 - x1, y2 - y1]).T
         total = sums[bottom, right] - sums[top, right] - sums[bottom, left] + sums[top, left]
         return np.asarray(total / area)
 
@@ -119,10 +124,14 @@ def _mask(box: FloatArray, shape: tuple[int, ...]) -> BoolArray:
     return mask
 
 
-STEP = 2  # every second pixel of a patch in each direction
-INNER = 0.8  # share of the target's sides that surely is target
-OUTER = 1.1  # share of its sides beyond which is background
-RING = 1.4  # side of the frame around a box over the side of the box
+# Every second pixel of a patch in each direction.
+STEP = 2
+# Share of the target's sides that surely is target.
+INNER = 0.8
+# Share of its sides beyond which is background.
+OUTER = 1.1
+# Side of the frame around a box over the side of the box.
+RING = 1.4
 
 
 class PixelColour(ColourModel):
@@ -221,9 +230,9 @@ def _centred_sums(sums: FloatArray, sizes: FloatArray) -> tuple[FloatArray, Floa
     x, y = np.stack([left, columns - left]), np.stack([top, rows - top])
     x0, y0 = np.minimum(x.astype(int), columns - 1), np.minimum(y.astype(int), rows - 1)
     fx, fy = (x - x0)[None], (y - y0)[:, None]
-    above, before = y0[:, None], x0[None]
-    upper = sums[above, before] * (1 - fx) + sums[above, before + 1] * fx
-    lower = sums[above + 1, before] * (1 - fx) + sums[above + 1, before + 1] * fx
+    above, beside = y0[:, None], x0[None]
+    upper = sums[above, beside] * (1 - fx) + sums[above, beside + 1] * fx
+    lower = sums[above + 1, beside] * (1 - fx) + sums[above + 1, beside + 1] * fx
     corners = upper * (1 - fy) + lower * fy
     total = corners[1, 1] - corners[0, 1] - corners[1, 0] + corners[0, 0]
     return total, (x[1] - x[0]) * (y[1] - y[0])

@@ -41,27 +41,44 @@ from tsuiseki.tracking.single.witness import Describe, Witness
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 from tsuiseki.tracking.weights import shipped
 
-COLOUR_DOUBT, SURE = 0.95, 0.75
-"""Shares of running medians: doubt begins where the colours, too, are below the first, and ends with a response from
-the second on."""
+# Share of the colours' running median below which they, too, are low, and doubt begins.
+COLOUR_DOUBT = 0.95
+# Share of the response's running median from which doubt ends.
+SURE = 0.75
+# Frames of the running medians.
 MEMORY = 50
-"""Frames of the running medians."""
+# Frames of doubt after which the target counts as lost.
 LOST_AFTER = 5
-"""Frames of doubt after which the target counts as lost."""
-STORED, STORE_INTERVAL = 3, 25
-"""Filters kept from frames without doubt, beside the first frame's, and frames between them."""
-PARTICLES, RENEWED, SPREAD, SHARPNESS = 200, 0.25, 0.25, 20.0
-"""N; share of them drawn anew in every frame, at the maxima of all filters; deviation of their step, as a share of the
-target's sides; factor on the response in the log-likelihood."""
+# Filters kept from frames without doubt, beside the first frame's.
+STORED = 3
+# Frames between two filters that are kept.
+STORE_INTERVAL = 25
+# Of the search, the thesis's N.
+PARTICLES = 200
+# Share of the particles drawn anew in every frame, at the maxima of all filters.
+RENEWED = 0.25
+# Standard deviation of a particle's step, as a share of the target's sides.
+SPREAD = 0.25
+# Factor on the response in the log-likelihood.
+SHARPNESS = 20.0
+# Windows searched to each side of the one about the target.
 REACH = 1
-"""Windows searched to each side of the one about the target."""
-MARGIN, WINS, PROBATION = 0.1, 3, 10
-"""How much more than the filter's a challenger's response must be, and for how many frames in a row; frames after which
-what was won can be given back."""
-CERTAIN, PLACES, CLEAR, AGREED, LEAST_SIDE = 2.0, 8, 1.1, 2, 8.0
-"""Belief of the witness above which the target's state is kept, to look for it once it is lost. Places that the witness
-looks at then, evidence from which on it sees the target there, and in how many looks in a row it must. Sides of the
-first box, in pixels, from which on it can."""
+# How much more than the filter's a challenger's response must be.
+MARGIN = 0.1
+# For how many frames in a row a challenger must be better.
+WINS = 3
+# Frames after which what was won can be given back.
+PROBATION = 10
+# Belief of the witness, log-odds, above which the target's state is kept, to look for it once it is lost.
+CERTAIN = 2.0
+# Places that the witness looks at for a lost target.
+PLACES = 8
+# Evidence from which the witness sees the target there.
+CLEAR = 1.1
+# In how many looks in a row it must see the target.
+AGREED = 2
+# Sides of the first box from which it can see one, pixels.
+LEAST_SIDE = 8.0
 
 
 @pydantic_dataclass(frozen=True, config=SETTINGS)
@@ -129,14 +146,14 @@ class Combined:
 
     def follow(self, image: ImageArray) -> TargetState:
         self._frame += 1
-        found = regularised.locate(self._model, self.target, image)
-        if self._doubts(found):
-            self._go_on_in_doubt(image, found)
+        located = regularised.locate(self._model, self.target, image)
+        if self._doubts(located):
+            self._go_on_in_doubt(image, located)
         else:
-            self._go_on(image, found)
+            self._go_on(image, located)
         if self._former is not None:
             self._reconsider(image, self._former)
-        if self._frame % witness.EVERY == 0:
+        if self._frame % witness.LOOK_INTERVAL == 0:
             self._witness.update(image, self.box(self.target))
             if self._witness.belief > CERTAIN:
                 self._certain = self.target
@@ -165,7 +182,7 @@ class Combined:
         apart = self._model.target * target.size / 2
         chosen: list[FloatArray] = []
         for particle in state.particles[np.argsort(-state.log_weights, kind="stable")]:
-            if all((np.abs(particle[:2] - other[:2]) > apart).any() for other in chosen[:count]):
+            if all((np.abs(particle[:2] - heavier[:2]) > apart).any() for heavier in chosen[:count]):
                 chosen.append(particle)
         return [self._climbed(image, _at(target, particle, bank)) for particle in chosen[:count]]
 
@@ -180,24 +197,24 @@ class Combined:
         self._former, self._until = self.target, self._frame + PROBATION
         self.go_on_at(there)
 
-    def _doubts(self, found: RegularisedTarget) -> bool:
-        response, colours = self._evidence.shares(found)
+    def _doubts(self, target: RegularisedTarget) -> bool:
+        response, colours = self._evidence.shares(target)
         if self.doubted:
             return response < SURE
         return response < self.settings.doubt and colours < COLOUR_DOUBT
 
-    def _go_on(self, image: ImageArray, found: RegularisedTarget) -> None:
-        self.target = regularised.update(self._model, found, image)
-        self._evidence.add(found)
+    def _go_on(self, image: ImageArray, located: RegularisedTarget) -> None:
+        self.target = regularised.update(self._model, located, image)
+        self._evidence.add(located)
         self.doubted, self._particles = 0, None
         if self._frame % STORE_INTERVAL == 0:
             self._stored.append(self.target.filters)
 
-    def _go_on_in_doubt(self, image: ImageArray, found: RegularisedTarget) -> None:
+    def _go_on_in_doubt(self, image: ImageArray, located: RegularisedTarget) -> None:
         if not self.doubted:
             self._stored.append(self.target.filters)  # the last filter from before the doubt
         self.doubted += 1
-        self.target = regularised.update(self._model, found, image)
+        self.target = regularised.update(self._model, located, image)
         self._search(image)
 
     def _search(self, image: ImageArray) -> None:

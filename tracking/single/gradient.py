@@ -15,12 +15,22 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.single.tracker import TargetState
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
+# Bins of a histogram of hues.
 HUES = 30
-LEAST_SATURATION, LEAST_VALUE = 40, 32
+# Of 255: paler pixels have no hue worth the name.
+LEAST_SATURATION = 40
+# Of 255: darker pixels have no hue worth the name.
+LEAST_VALUE = 32
+# Mean shift ends after 20 steps, or when a step is below half a pixel.
 STOP = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 20, 0.5)
-SAME_COLOURS = 0.5  # Bhattacharyya coefficient under which mean shift has lost the target
-SIDE, LEAST_LEFT = 10, 0.1  # median flow: points to a side, and share of them under which the target is lost
-MOST_FORWARD_BACKWARD = 2.0  # pixels
+# Bhattacharyya coefficient under which mean shift has lost the target.
+SAME_COLOURS = 0.5
+# Of median flow: points along each side of the box.
+SIDE = 10
+# Of median flow: share of the points that are left under which the target is lost.
+LEAST_LEFT = 0.1
+# Of median flow: greatest median error of points tracked there and back, pixels.
+MOST_FORWARD_BACKWARD = 2.0
 
 
 class MeanShift:
@@ -101,10 +111,10 @@ class MedianFlow:
 
     def follow(self, image: ImageArray) -> TargetState:
         grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
-        before = self._points()
-        after, there = _flow(self._grey, grey, before)
-        back, again = _flow(grey, self._grey, after)
-        error = np.linalg.norm(back - before, axis=2).ravel()
+        points = self._points()
+        moved, there = _flow(self._grey, grey, points)
+        back, again = _flow(grey, self._grey, moved)
+        error = np.linalg.norm(back - points, axis=2).ravel()
         good = (there.ravel() == 1) & (again.ravel() == 1)
         if good.any():
             good &= error <= max(float(np.median(error[good])), 1e-9)
@@ -113,7 +123,7 @@ class MedianFlow:
         reliable = good.any() and float(np.median(error[good])) <= MOST_FORWARD_BACKWARD
         if not reliable or score < LEAST_LEFT:
             return TargetState(self._box, 0.0 if not reliable else score, "lost")
-        self._move(before[good, 0].astype(np.float64), after[good, 0].astype(np.float64))
+        self._move(points[good, 0].astype(np.float64), moved[good, 0].astype(np.float64))
         return TargetState(self._box, min(score, 1.0), "tracking")
 
     def _points(self) -> NDArray[np.float32]:
@@ -123,11 +133,11 @@ class MedianFlow:
         points = self._box[:2] + np.column_stack([x.ravel(), y.ravel()]) * size
         return points[:, None].astype(np.float32)
 
-    def _move(self, before: FloatArray, after: FloatArray) -> None:
-        shift = np.median(after - before, axis=0)
-        first, second = np.triu_indices(len(before), 1)
-        old = np.linalg.norm(before[first] - before[second], axis=1)
-        new = np.linalg.norm(after[first] - after[second], axis=1)
+    def _move(self, old_points: FloatArray, new_points: FloatArray) -> None:
+        shift = np.median(new_points - old_points, axis=0)
+        first, second = np.triu_indices(len(old_points), 1)
+        old = np.linalg.norm(old_points[first] - old_points[second], axis=1)
+        new = np.linalg.norm(new_points[first] - new_points[second], axis=1)
         growth = float(np.median(new[old > 0] / old[old > 0])) if (old > 0).any() else 1.0
         centre, half = (self._box[:2] + self._box[2:]) / 2 + shift, (self._box[2:] - self._box[:2]) / 2
         half = np.maximum(half * np.clip(growth, 0.8, 1.25), 1.0)
@@ -137,8 +147,8 @@ class MedianFlow:
 def _flow(old: NDArray[Any], new: NDArray[Any], points: NDArray[np.float32]) -> tuple[NDArray[Any], NDArray[Any]]:
     """Where points ``(N, 1, 2)`` went, and which of them ``(N, 1)`` were found."""
     guess = points.copy()  # not used, but OpenCV's types ask for it
-    moved, found, _ = cv2.calcOpticalFlowPyrLK(old, new, points, guess, winSize=(11, 11), maxLevel=4)
-    return np.asarray(moved), np.asarray(found)
+    moved, status, _ = cv2.calcOpticalFlowPyrLK(old, new, points, guess, winSize=(11, 11), maxLevel=4)
+    return np.asarray(moved), np.asarray(status)
 
 
 # Pixels of a box in which OpenCV finds features.
@@ -177,12 +187,12 @@ class Mil:
     def follow(self, image: ImageArray) -> TargetState:
         _seed_opencv(self._rng)
         try:
-            found, (x, y, w, h) = self._tracker.update(np.ascontiguousarray(image[..., ::-1]))
+            tracked, (x, y, w, h) = self._tracker.update(np.ascontiguousarray(image[..., ::-1]))
         except cv2.error:  # no window of the size of the box near where it was
             return TargetState(self._box, 0.0, "lost")
-        if found and w > 0 and h > 0:
+        if tracked and w > 0 and h > 0:
             self._box = np.array([x, y, x + w, y + h], dtype=np.float64)
-        return TargetState(self._box, float(found), "tracking" if found else "lost")
+        return TargetState(self._box, float(tracked), "tracking" if tracked else "lost")
 
 
 def _seed_opencv(rng: np.random.Generator) -> None:

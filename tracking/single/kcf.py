@@ -35,16 +35,20 @@ from tsuiseki.tracking.single.search_windows import cut, peak, window_grid
 from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
+# Factor on the peak of a changed size, at most 1, so that the size does not wander. A background that stands still
+# around a standing target then holds the size for longer.
 SCALE_WEIGHT = 0.95
-"""Factor on the peak of a changed size, at most 1, so that the size does not wander. A background that stands still
-around a standing target then holds the size for longer."""
 Features = Literal["hog", "grey"]
-TEMPLATE, LEAST_CELLS = 96, 4
-"""Longer side of the window in template pixels, and cells along each side; fewer leave no room for a shift."""
-SMALLEST, LARGEST = 0.2, 5.0
-"""Least and greatest size of the target, relative to the first."""
+# Longer side of the window, template pixels.
+TEMPLATE = 96
+# Cells along each side of the window; fewer leave no room for a shift.
+LEAST_CELLS = 4
+# Least size of the target, relative to the first.
+SMALLEST = 0.2
+# Greatest size of the target, relative to the first.
+LARGEST = 5.0
+# Response at which the target counts as lost; the filter goes on all the same.
 LOST_BELOW = 0.2
-"""Response at which the target counts as lost; the filter goes on all the same."""
 
 
 @pydantic_dataclass(frozen=True, config=SETTINGS)
@@ -58,7 +62,7 @@ class KcfSettings:
         kernel: kernel between two windows.
         regularisation: weight λ of the ridge regression.
         learning_rate: share of a new frame in the running filter, in [0, 1].
-        label_sigma: standard deviation of the wanted response, as a share of the target's mean side.
+        label_sigma: standard deviation of the response to learn, as a share of the target's mean side.
         scale_step: ratio of neighbouring sizes that are tried; 1 keeps the size.
     """
 
@@ -72,8 +76,11 @@ class KcfSettings:
     scale_step: Annotated[float, Field(ge=1, le=10)] = 1.05
 
 
+# As thesis section 2.2.4 has it: without a search for sizes.
 THESIS = KcfSettings(scale_step=1.0)
+# As Henriques et al. 2015 publish it.
 KCF_PAPER = KcfSettings(kernel=GaussianKernel(0.5), learning_rate=0.02, label_sigma=0.1, scale_step=1.0)
+# As Henriques et al. 2012 publish it: on raw grey values.
 CSK = KcfSettings(
     features="grey", cell=1, kernel=GaussianKernel(0.2), learning_rate=0.075, label_sigma=1 / 16, regularisation=1e-2,
     padding=2.0, scale_step=1.0,
@@ -89,7 +96,7 @@ class Kcf:
         target: ``(2,)`` first width and height, pixels.
         shape: rows and columns of the window.
         scale: image pixels per template pixel when the target has its first size.
-        labels: spectrum of the wanted response.
+        labels: spectrum of the response to learn.
     """
 
     settings: KcfSettings

@@ -59,15 +59,24 @@ from tsuiseki.tracking.single.search_windows import ResponseMaps
 from tsuiseki.tracking.single.tracker import TargetState, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
+# To the letter of the thesis.
 PRINTED = KcfParticleSettings()
+# With the additions; see the module.
 ROBUST = KcfParticleSettings(kcf=kcf.KcfSettings(), plain_frames=3, stored=8, past_by_score=True, additions=True)
-PROPOSALS, REACH = 100, 1
-"""Boxes near the windows that look like an object; windows to each side of the target's, of the additions."""
+# Boxes near the windows that look like an object.
+PROPOSALS = 100
+# Of the additions: windows searched to each side of the target's.
+REACH = 1
+# Frames of doubt after which the target counts as lost.
 LOST_AFTER = 30
-"""Frames of doubt after which the target counts as lost."""
-SPREAD, STORE_INTERVAL, LONGEST_SEARCH, DRIFT_INTERVAL = 3.0, 3, 10, 5
-"""Of the additions: factor on the motion's deviation, and frames between stored filters, of a search, and between
-checks of the colours."""
+# Of the additions: factor on the motion's deviation.
+SPREAD = 3.0
+# Of the additions: frames between two stored filters.
+STORE_INTERVAL = 3
+# Of the additions: frames of a search at most.
+LONGEST_SEARCH = 10
+# Of the additions: frames between two checks of the colours.
+DRIFT_INTERVAL = 5
 Windows = tuple[Samples, FloatArray]
 """What is in the windows of a frame, and their centres ``(W, 2)`` in pixels."""
 
@@ -119,23 +128,23 @@ class KcfParticle:
         self._confidence = Confidence.start(settings, image, box)
         self._frame = self._plain_left = self._doubted = self.searched_frames = 0
         self.search = None
-        wanted = settings.response_share < 1
-        self._objects = (self._objectness or shipped_objectness()).near(width, height) if wanted else None
+        uses_objectness = settings.response_share < 1
+        self._objects = (self._objectness or shipped_objectness()).near(width, height) if uses_objectness else None
 
     def follow(self, image: ImageArray) -> TargetState:
         """The target in the next frame."""
         self._frame += 1
         self._doubted += self._doubted > 0
         if self.search is None:
-            found = kcf.locate(self.model, self.target, image)
+            located = kcf.locate(self.model, self.target, image)
             checked = self._frame % DRIFT_INTERVAL == 0
-            box = self.model.box(found.centre, found.size)
+            box = self.model.box(located.centre, located.size)
             colour = self._confidence.colour_score(image, box) if checked else None
-            doubtful = self._confidence.doubts(found.peak, colour)
+            doubtful = self._confidence.doubts(located.peak, colour)
             if not doubtful and (checked or not self.settings.additions):
                 self._doubted = 0
             if self._plain_left > 0 or not doubtful:
-                self._go_on(image, found, colour)
+                self._go_on(image, located, colour)
             else:
                 self._doubted = max(self._doubted, 1)
                 self._begin_search(image)
@@ -144,14 +153,14 @@ class KcfParticle:
             self._weigh(view, self.search, PlaneWalk(self._deviation))
         return TargetState(self._box(), self.target.peak, self._status())
 
-    def _go_on(self, image: ImageArray, found: kcf.KcfState, colour: float | None) -> None:
+    def _go_on(self, image: ImageArray, located: kcf.KcfState, colour: float | None) -> None:
         """Learn from the frame, as KCF does, and keep the filter, 3.2.7."""
         self._plain_left = max(self._plain_left - 1, 0)
-        bank = self.model.update(found.bank, image, found.centre[None], np.array([found.size]))
-        self.target = replace(found, bank=bank)
-        self._confidence = self._confidence.learn(image, self._box(), found.peak, colour)
+        bank = self.model.update(located.bank, image, located.centre[None], np.array([located.size]))
+        self.target = replace(located, bank=bank)
+        self._confidence = self._confidence.learn(image, self._box(), located.peak, colour)
         if not self.settings.additions or self._frame % STORE_INTERVAL == 0:
-            self._stored.append((bank, found.peak))
+            self._stored.append((bank, located.peak))
 
     def _past(self) -> tuple[list[FilterBank], FloatArray]:
         """Filters of the past and their relative probabilities P_K; the first frame's counts as the best."""

@@ -22,10 +22,16 @@ from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 Measure = Literal["ssd", "sad", "ncc"]
-TEMPLATE_SIDE = 32  # pixels of the longer side when matching; matching costs its square times the window's
-REACH = 1  # how far from the last place is searched, in sides of the target
-LIKE, SHARED, SAME_COLOURS = 0.75, 0.5, 0.6
-"""Likeness of templates, intersection of histograms and Bhattacharyya coefficient under which the target is lost."""
+# Pixels of the longer side when matching; matching costs its square times the window's.
+TEMPLATE_SIDE = 32
+# How far from the last place is searched, in sides of the target.
+REACH = 1
+# Likeness of templates under which the target is lost.
+LIKE = 0.75
+# Intersection of histograms under which the target is lost.
+SHARED = 0.5
+# Bhattacharyya coefficient under which the target is lost.
+SAME_COLOURS = 0.6
 
 
 def match(area: ImageArray, template: ImageArray, measure: Measure) -> NDArray[np.float32]:
@@ -145,11 +151,16 @@ class HistogramMatching(RegionSearch):
         return TargetState(box_about(self._centre, self._size), score, "tracking" if score >= SHARED else "lost")
 
 
-PARTICLES, SHARPNESS, SIDE = 200, 20.0, 12
-"""Of `ColourParticle`: particles, lambda of the likelihood ``exp(-lambda d^2)``, pixels of a box's side at which its
-colours are counted."""
-POSITION, SCALE = 0.12, 0.02
-"""Deviations of its walk: of the place, in sides of the target, and of the logarithm of the size."""
+# Of `ColourParticle`.
+PARTICLES = 200
+# Lambda of its likelihood ``exp(-lambda d^2)``.
+SHARPNESS = 20.0
+# Side of a box at which its colours are counted, pixels.
+SIDE = 12
+# Standard deviation of a particle's step, in sides of the target.
+POSITION = 0.12
+# Standard deviation of the change of the logarithm of its size.
+SCALE = 0.02
 
 
 class ColourParticle:

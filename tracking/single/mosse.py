@@ -16,13 +16,21 @@ from tsuiseki.tracking.single.search_windows import cut, peak
 from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
+# Longer side of the window, template pixels.
 LONGEST = 96
+# Side of the window over the side of the target.
 PADDING = 1.5
+# Share of a new frame in the running sums (the paper's eta).
 LEARNING_RATE = 0.125
+# Standard deviation of the response to learn, template pixels.
 LABEL_SIGMA = 2.0
+# Random rotations and scalings of the first frame that are learnt.
 FIRST_VIEWS = 8
+# Added to the denominator, so that frequencies without energy are not divided by zero.
 REGULARISATION = 1e-2
-LOST_BELOW = 7.0  # peak to sidelobe ratio, section 3.5 of the paper
+# Peak to sidelobe ratio under which the target is lost, section 3.5 of the paper.
+LOST_BELOW = 7.0
+# Template pixels to each side of the peak that are no sidelobe: 11 x 11 in the paper.
 SIDELOBE_EXCLUDED = 5
 
 
@@ -52,9 +60,9 @@ class Mosse:
         ratio = peak_to_sidelobe(response, value)
         if ratio >= LOST_BELOW:
             self._centre = self._centre + shift * self._scale
-            found = self._spectrum(self._patch(image))
-            self._numerator += LEARNING_RATE * (self._labels * found.conj() - self._numerator)
-            self._denominator += LEARNING_RATE * ((found * found.conj()).real - self._denominator)
+            centred = self._spectrum(self._patch(image))
+            self._numerator += LEARNING_RATE * (self._labels * centred.conj() - self._numerator)
+            self._denominator += LEARNING_RATE * ((centred * centred.conj()).real - self._denominator)
         return TargetState(box_about(self._centre, self._size), ratio, "tracking" if ratio >= LOST_BELOW else "lost")
 
     def _patch(self, image: ImageArray) -> Float32Array:

@@ -23,16 +23,20 @@ from tsuiseki.tracking.single.colours import ForegroundColour
 from tsuiseki.tracking.single.search_windows import ResponseMaps, maxima_of_each
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
+# Share of a new frame in the colours, in [0, 1].
 COLOUR_RATE = 0.04
-"""Share of a new frame in the colours, in [0, 1]."""
-SHARPNESS, COLOUR_WEIGHT = 2.0, 6.0
-"""Of the additions: power of the likelihood, and weight of the colours in it."""
+# Of the additions: power of the likelihood.
+SHARPNESS = 2.0
+# Of the additions: weight of the colours in the likelihood.
+COLOUR_WEIGHT = 6.0
+# Added to every likelihood, so that a place without any response is unlikely and not impossible.
 SMALLEST_LIKELIHOOD = 1e-6
-"""Added to every likelihood, so that a place without any response is unlikely and not impossible."""
+# The thesis's a, of the covariance S of the motion.
 DIVISOR = 10 / 3
-"""The thesis's a, of the covariance S of the motion."""
-RELATIVE_SWITCH, DRIFT_SWITCH = 0.65, 0.7
-"""Of the additions: shares of the running means of response and colour score under which the filter is doubted."""
+# Of the additions: share of the response's running mean under which the filter is doubted.
+RELATIVE_SWITCH = 0.65
+# Of the additions: share of the colour score's running mean under which the filter is doubted.
+DRIFT_SWITCH = 0.7
 
 
 @pydantic_dataclass(frozen=True, config=SETTINGS)
@@ -122,12 +126,12 @@ class Confidence:
 
     def learn(self, image: ImageArray, box: FloatArray, peak: float, colour: float | None) -> Confidence:
         """With one more frame without doubt; ``peak`` and ``colour`` as `doubts` had them."""
-        after = replace(self, peaks=self.peaks.add(peak))
+        learnt = replace(self, peaks=self.peaks.add(peak))
         if colour is None or self.colour is None:
-            return after
+            return learnt
         new = ForegroundColour.learn(image, box)
         blended = self.colour if new is None else self.colour.blend(new, COLOUR_RATE)
-        return replace(after, colours=self.colours.add(colour), colour=blended)
+        return replace(learnt, colours=self.colours.add(colour), colour=blended)
 
     def colour_score(self, image: ImageArray, box: FloatArray) -> float:
         """Colour score of one box ``(4,)``; 1 where colours are not used."""
@@ -148,7 +152,7 @@ class SearchView:
     image: ImageArray
     proposals: FloatArray | None
 
-    def log_likelihood(self, particles: FloatArray, size: FloatArray, known: Confidence) -> FloatArray:
+    def log_likelihood(self, particles: FloatArray, size: FloatArray, confidence: Confidence) -> FloatArray:
         """``(N,)`` Eqs. (3.4) and (3.6), v being the greatest overlap with a box that looks like an object.
 
         With the additions it is sharpened and joined with the colours.
@@ -156,18 +160,18 @@ class SearchView:
         Args:
             particles: ``(N, 3)`` x, y and number of a filter.
             size: ``(2,)`` width and height of the target, pixels.
-            known: the target's colours, and how much like them it usually is.
+            confidence: the target's colours, and how much like them it usually is.
         """
         boxes = np.concatenate([particles[:, :2] - size / 2, particles[:, :2] + size / 2], axis=1)
         response = self.maps.at(particles[:, :2], particles[:, 2].astype(np.int64))
         overlap = 0.0 if self.proposals is None else iou_matrix(boxes, self.proposals).max(axis=1, initial=0)
-        share = known.settings.response_share
+        share = confidence.settings.response_share
         result = np.log(share * np.maximum(response, 0.0) + (1 - share) * overlap + SMALLEST_LIKELIHOOD)
-        if not known.settings.additions:
+        if not confidence.settings.additions:
             return np.asarray(result)
-        if known.colour is not None:
-            score = known.colour.score(self.image, boxes)
-            usual = known.colours.mean if known.colours.mean is not None else float(score.max())
+        if confidence.colour is not None:
+            score = confidence.colour.score(self.image, boxes)
+            usual = confidence.colours.mean if confidence.colours.mean is not None else float(score.max())
             result += COLOUR_WEIGHT * np.minimum(score - usual, 0)
         return np.asarray(SHARPNESS * result)
 
@@ -177,8 +181,8 @@ def highest_maxima(maps: ResponseMaps, count: int) -> FloatArray:
     which, shifts, heights = maxima_of_each(maps.maps[:, 0], count)
     places = maps.centres[which] + shifts * maps.cell
     # Windows overlap: a maximum counts in the window whose centre is nearest.
-    own = np.argmin(((places[:, None] - maps.centres[None]) ** 2).sum(axis=2), axis=1) == which
-    return np.asarray(places[own][np.argsort(-heights[own], kind="stable")[:count]])
+    nearest = np.argmin(((places[:, None] - maps.centres[None]) ** 2).sum(axis=2), axis=1) == which
+    return np.asarray(places[nearest][np.argsort(-heights[nearest], kind="stable")[:count]])
 
 
 def step_deviation(target: FloatArray) -> FloatArray:
@@ -252,7 +256,7 @@ def best_by_filter(particles: FloatArray, weights: FloatArray) -> tuple[IntArray
     return used, particles[order[first], :2]
 
 
-def jump_prior(places: FloatArray, before: FloatArray, target: FloatArray) -> FloatArray:
+def jump_prior(places: FloatArray, previous: FloatArray, target: FloatArray) -> FloatArray:
     """``(M,)`` probabilities of maxima by how far they are from where the target was.
 
     A Cauchy density in widths and heights of the target: most targets move by less than themselves between frames, and
@@ -260,10 +264,10 @@ def jump_prior(places: FloatArray, before: FloatArray, target: FloatArray) -> Fl
 
     Args:
         places: ``(M, 2)`` pixels.
-        before: ``(2,)`` centre in the frame before.
+        previous: ``(2,)`` centre in the frame before.
         target: ``(2,)`` width and height.
     """
-    distance = (((places - before) / target) ** 2).sum(axis=1)
+    distance = (((places - previous) / target) ** 2).sum(axis=1)
     density = 1 / (1 + distance)
     return np.asarray(density / density.sum())
 

@@ -49,33 +49,52 @@ from tsuiseki.tracking.single.search_windows import SizeLadder, SizeSample, cut,
 from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
+# Side of a cell, template pixels.
 CELL = 4
-"""Side of a cell, template pixels."""
-PADDING, CELLS, LEAST_CELLS = 3.0, 24, 4
-"""Side of the square window over the geometric mean of the target's sides, and cells along its longer side."""
+# Side of the square window over the geometric mean of the target's sides.
+PADDING = 3.0
+# Cells along the longer side of the window.
+CELLS = 24
+# Cells along each side of the window; fewer leave no room for a shift.
+LEAST_CELLS = 4
+# Standard deviation of the response to learn, as a share of the geometric mean of the target's sides.
 LABEL_SIGMA = 1 / 16
-"""Of the wanted response, as a share of the geometric mean of the target's sides."""
+# Share of a new frame in the histograms, in [0, 1].
 COLOUR_SHARE_LEARNT = 0.04
-"""Share of a new frame in the histograms, in [0, 1]."""
-SIZE_CHANGE, SMALLEST, LARGEST = 1.06, 0.2, 5.0
-"""Greatest factor on the size in a frame, and least and greatest size relative to the first."""
-SIZE_RATE, SIZE_RELEARNING = 0.025, 0.2
-"""Share of a new frame in the size filter, in [0, 1]; the second while the size follows one far away."""
+# Greatest factor on the size in a frame.
+SIZE_CHANGE = 1.06
+# Least size, relative to the first.
+SMALLEST = 0.2
+# Greatest size, relative to the first.
+LARGEST = 5.0
+# Share of a new frame in the size filter, in [0, 1].
+SIZE_RATE = 0.025
+# Likewise while the size follows one far away.
+SIZE_RELEARNING = 0.2
+# Weight of the contrast of colours beside the size filter's response.
 SIZE_COLOUR = 2.0
-"""Weight of the contrast of colours beside the size filter's response."""
-SIZE_AREA, SIZE_STEP = 512.0, 1.03
-"""Pixels of the template of the size filter, and ratio of neighbouring sizes."""
-FAR, WIDEST = 4, 8
-"""Steps of size from which on a size is far from the present one; in which the first frame's contrast is searched."""
-SIZE_MARGIN, SIZE_PATIENCE = 0.03, 5
-"""How much greater the contrast of colours must be at a far size, and for how many frames on the same side."""
-SIZE_REACH, SIZE_AGREEMENT = 24, 0.95
-"""Steps of size to each side that the colours search; least response of places there, as a share of the present one."""
-SIZE_BY_AREA, CALIBRATION = 0.45, 0.5
-"""Contrast of colours from which on the number of the target's pixels gives the size; share of the first frame's
-calibration of the contrast that is used."""
+# Area of the template of the size filter, pixels.
+SIZE_AREA = 512.0
+# Ratio of neighbouring sizes.
+SIZE_STEP = 1.03
+# Steps of size from which a size is far from the present one.
+FAR = 4
+# Steps of size to each side in which the first frame's contrast is searched.
+WIDEST = 8
+# How much greater the contrast of colours must be at a far size.
+SIZE_MARGIN = 0.03
+# For how many frames in a row the contrast must be greater on the same side.
+SIZE_PATIENCE = 5
+# Steps of size to each side that the colours search.
+SIZE_REACH = 24
+# Least response of places at a far size, as a share of the present one.
+SIZE_AGREEMENT = 0.95
+# Contrast of colours from which the number of the target's pixels gives the size.
+SIZE_BY_AREA = 0.45
+# Share of the first frame's calibration of the contrast that is used.
+CALIBRATION = 0.5
+# Response under which the target of the filter alone counts as lost; the filter goes on all the same.
 LOST_BELOW = 0.25
-"""Response under which the target of the filter alone counts as lost; the filter goes on all the same."""
 
 
 @pydantic_dataclass(frozen=True, config=SETTINGS)
@@ -101,7 +120,7 @@ class Model:
         scale: image pixels per template pixel at the first size.
         shape: rows and columns of the window, cells.
         taper: ``shape`` cosine window.
-        wanted: spectrum of the wanted response.
+        labels: spectrum of the response to learn.
         support: the target's cells.
         to_centre: ``(rows, 2 * (columns // 2 + 1))`` signs of real and imaginary parts that bring a window's middle
             to shift zero.
@@ -113,7 +132,7 @@ class Model:
     scale: float
     shape: tuple[int, int]
     taper: Float32Array
-    wanted: ComplexArray
+    labels: ComplexArray
     support: Support
     to_centre: Float32Array
     ladder: SizeLadder
@@ -171,8 +190,8 @@ class Model:
             means[0] = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA)  # means of cells
         features = np.concatenate([hog(np.stack(patches), CELL), brightness], axis=1)
         features *= self.taper
-        for one in features:
-            one *= np.float32(1 / np.sqrt(np.vdot(one, one) / one.size + 1e-9))
+        for window in features:
+            window *= np.float32(1 / np.sqrt(np.vdot(window, window) / window.size + 1e-9))
         spectra = scipy.fft.rfft2(features)
         spectra.view(np.float32)[:] *= self.to_centre
         return np.asarray(spectra)
@@ -216,7 +235,7 @@ class RegularisedTarget:
 def start(model: Model, image: ImageArray, centre: FloatArray) -> RegularisedTarget:
     """The target of the first frame."""
     patch = model.patch(image, centre, 1.0)
-    filters = learn(model.describe([patch])[0], model.wanted, model.support, None)
+    filters = learn(model.describe([patch])[0], model.labels, model.support, None)
     sizes = ScaleFilter.learn(model.ladder.sample(image, centre, 0)) if model.settings.sizes > 1 else None
     colour = PixelColour.learn(patch, *model.sides)
     factors = SIZE_STEP ** np.arange(-WIDEST, WIDEST + 1.0)
@@ -231,8 +250,8 @@ def responses(model: Model, target: RegularisedTarget, image: ImageArray) -> tup
     """Responses ``(rows, columns)`` of places about the target over cyclic shifts, and the colours' share alone."""
     patch = model.patch(image, target.centre, target.size)
     colours = model.colour_response(target.colour, patch)
-    found = regularised_response(target.filters, model.describe([patch])[0], model.shape)
-    return _joined(model, found, colours), colours
+    filtered = regularised_response(target.filters, model.describe([patch])[0], model.shape)
+    return _joined(model, filtered, colours), colours
 
 
 def responses_at(
@@ -252,14 +271,14 @@ def responses_at(
     """
     patches = [model.patch(image, centre, target.size) for centre in centres]
     colours = np.stack([model.colour_response(target.colour, patch) for patch in patches])
-    found = np.stack([regularised_response(bank, window, model.shape) for window in model.describe(patches)])
-    return _joined(model, found, colours[:, None])
+    filtered = np.stack([regularised_response(bank, window, model.shape) for window in model.describe(patches)])
+    return _joined(model, filtered, colours[:, None])
 
 
-def _joined(model: Model, found: Float32Array, colours: Float32Array) -> Float32Array:
-    """What filters have found and the mean colour probabilities, in one response."""
+def _joined(model: Model, filtered: Float32Array, colours: Float32Array) -> Float32Array:
+    """The responses of filters and the mean colour probabilities, in one response."""
     share = np.float32(model.settings.colour_share)
-    return np.asarray((1 - share) * found + share * colours)
+    return np.asarray((1 - share) * filtered + share * colours)
 
 
 def locate(model: Model, target: RegularisedTarget, image: ImageArray) -> RegularisedTarget:
@@ -305,7 +324,7 @@ def resize(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
 def _agrees(model: Model, target: RegularisedTarget, image: ImageArray, step: float) -> bool:
     """Whether the filter of places responds so many steps of size away nearly as much as at the present size."""
     there = replace(target, size=target.size * SIZE_STEP**step)
-    present, away = (peak(responses(model, one, image)[0])[1] for one in (target, there))
+    present, away = (peak(responses(model, candidate, image)[0])[1] for candidate in (target, there))
     return away >= SIZE_AGREEMENT * present
 
 
@@ -313,7 +332,7 @@ def update(model: Model, target: RegularisedTarget, image: ImageArray) -> Regula
     """The target after learning from where it is."""
     patch = model.patch(image, target.centre, target.size)
     colour = target.colour.blend(PixelColour.learn(patch, *model.sides), COLOUR_SHARE_LEARNT)
-    filters = learn(model.describe([patch])[0], model.wanted, model.support, target.filters)
+    filters = learn(model.describe([patch])[0], model.labels, model.support, target.filters)
     sizes = target.sizes
     if sizes is not None:
         level = model.ladder.level(target.size)

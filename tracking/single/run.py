@@ -30,10 +30,10 @@ from tsuiseki.tracking.video.source import Source, SourceLike, named, open_sourc
 
 # Frames that the trail of a target goes back.
 TRAIL = 49
+# Frames that are followed back from a correction at most; so many pictures are held.
 BACK = 300
-"""Frames that are followed back from a correction at most; so many pictures are held."""
+# Overlap (IoU) from which the way forward and the way back are at one place.
 AGREED = 0.5
-"""Overlap (IoU) from which the way forward and the way back are at one place."""
 
 
 def follow_single(
@@ -67,8 +67,8 @@ def follow_single(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off, or changes its size.
     """
-    opened, wanted = _opened(source, box, frames)
-    return follow_target(opened.frames(), wanted, _tracker(method, preset, seed), StageTimes())
+    opened, first_box = _opened(source, box, frames)
+    return follow_target(opened.frames(), first_box, _tracker(method, preset, seed), StageTimes())
 
 
 def track_single(
@@ -85,11 +85,11 @@ def track_single(
     Arguments and errors are those of `follow_single`. The track has a box in every frame, where the target is not
     tracked without support by it; ``frames`` of the result has the score and the status.
     """
-    opened, wanted = _opened(source, box, frames)
+    opened, first_box = _opened(source, box, frames)
     if opened.endless:
         raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_single")
     tracker, times = _tracker(method, preset, seed), StageTimes()
-    followed = follow_target(opened.frames(), wanted, tracker, times)
+    followed = follow_target(opened.frames(), first_box, tracker, times)
     name = method if isinstance(method, str) else type(method).__name__
     return single_result(opened, followed, times, {"method": name, "source": named(source), "seed": seed})
 
@@ -103,10 +103,10 @@ def _opened(
 ) -> tuple[Source, FloatArray]:
     """The video and the target in its first frame, checked."""
     opened, labelled = open_single(source, frames)
-    wanted = labelled if box is None else as_box(box)
-    if wanted is None:
+    first_box = labelled if box is None else as_box(box)
+    if first_box is None:
         raise RequestError(f"{opened.name} has no labels; expected the `box` of the target in the first frame")
-    return opened, wanted
+    return opened, first_box
 
 
 def open_single(source: SourceLike, frames: str | None = None) -> tuple[Source, FloatArray | None]:
@@ -115,17 +115,17 @@ def open_single(source: SourceLike, frames: str | None = None) -> tuple[Source, 
     Raises:
         RequestError: see `open_source` and `find_single_sequences`.
     """
-    wanted, folder = parse_frames(frames), Path(named(source))
+    frame_range, folder = parse_frames(frames), Path(named(source))
     if not isinstance(source, str | Path) or not folder.is_dir() or not has_labels(folder):
-        return open_source(source, wanted), None
+        return open_source(source, frame_range), None
     sequence = find_single_sequences(folder)[0]
     if not sequence.images:
         raise RequestError(f"{folder}: expected images beside its labels, found none")
-    wanted = wanted.within(len(sequence.images))
+    frame_range = frame_range.within(len(sequence.images))
     skipped = list_images(sequence.images[0].parent).index(sequence.images[0])
-    assert wanted.last is not None
-    used = FrameRange(skipped + wanted.first, skipped + wanted.last)
-    return open_source(sequence.images[0].parent, used), sequence.boxes[wanted.first]
+    assert frame_range.last is not None
+    used = FrameRange(skipped + frame_range.first, skipped + frame_range.last)
+    return open_source(sequence.images[0].parent, used), sequence.boxes[frame_range.first]
 
 
 def parse_box(text: str) -> FloatArray:
@@ -215,14 +215,14 @@ def single(
     """
     source, labelled = open_single(video.source, video.frames)
     source = video.open(images=True) if labelled is None else source
-    given = _first_box(source, box, select, labelled)
+    first_box = _first_box(source, box, select, labelled)
     tracker = choice.tracker(output.seed)
-    own = getattr(tracker, "settings", None)
-    constants = {} if own is None else asdict(own)
+    tracker_settings = getattr(tracker, "settings", None)
+    constants = {} if tracker_settings is None else asdict(tracker_settings)
     chosen_boxes = None if corrections is None else corrected_boxes(corrections, source)
     with output.run() as run:
-        wanted = partial(_drawn, run) if given is None else given
-        followed = follow_target(run.frames(source, record=video.overlay), wanted, tracker, run.times, chosen_boxes)
+        start_box = partial(_drawn, run) if first_box is None else first_box
+        followed = follow_target(run.frames(source, record=video.overlay), start_box, tracker, run.times, chosen_boxes)
         if chosen_boxes is not None:
             followed = from_both_sides(followed, chosen_boxes, choice.tracker(output.seed))
         steps = run.steps(followed)
@@ -264,7 +264,7 @@ def corrected_boxes(path: Path, source: Source) -> dict[int, FloatArray]:
     from tsuiseki.tracking.formats.correction_log import CorrectedVideo, read_corrections
 
     file = read_corrections(path, CorrectedVideo(Path(source.name).name, source.size, 0)).corrections
-    parts = [part for one in file for part in (one.parts or (one,)) if part.kind == "box"]
+    parts = [part for correction in file for part in (correction.parts or (correction,)) if part.kind == "box"]
     if not parts:
         raise RequestError(f"{path}: expected boxes that show where the target is, got none")
     return {part.there[-1].frame: corners(part.there[-1]) for part in parts}
@@ -296,11 +296,11 @@ def _back(
 ) -> list[tuple[Frame, Estimate]]:
     """The frames before ``last``, with the target as it is followed back from there."""
     tracker.start(last.image, boxes[last.index])
-    found = held.copy()
-    for n, (frame, before) in reversed([*enumerate(held)]):
+    answers = held.copy()
+    for n, (frame, forward) in reversed([*enumerate(held)]):
         now = tracker.follow(frame.image)
-        agreed = before.status == "tracking" and iou_matrix(now.box[None], before.box[None])[0, 0] >= AGREED
+        agreed = forward.status == "tracking" and iou_matrix(now.box[None], forward.box[None])[0, 0] >= AGREED
         if now.status == "lost" or agreed or frame.index in boxes:
             break
-        found[n] = frame, Estimate(before.frame, now.box, now.score, now.status)
-    return found
+        answers[n] = frame, Estimate(forward.frame, now.box, now.score, now.status)
+    return answers

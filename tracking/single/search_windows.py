@@ -30,10 +30,10 @@ def window_grid(reach: int) -> IntArray:
     return grid[np.argsort((grid**2).sum(axis=1), kind="stable")]
 
 
-def _parabola_offset(before: float, at: float, after: float) -> float:
+def _parabola_offset(left: float, at: float, right: float) -> float:
     """Where the parabola through three values has its maximum, in (-0.5, 0.5) around the middle one."""
-    curvature = 2 * at - before - after
-    return 0.5 * (after - before) / curvature if curvature > 1e-12 else 0.0
+    curvature = 2 * at - left - right
+    return 0.5 * (right - left) / curvature if curvature > 1e-12 else 0.0
 
 
 def signed_shift(index: FloatArray | float, length: int) -> FloatArray:
@@ -134,10 +134,11 @@ class ResponseMaps:
         around = start + offsets
         values = response[around[:, 1] % rows, around[:, 0] % columns]
         shift, _ = peak_near(response, around[int(np.argmax(values))])
-        found = self.centres[window] + shift * self.cell
-        return np.asarray(found if (np.abs(found - place) <= 1.5 * self.cell).all() else place)
+        maximum = self.centres[window] + shift * self.cell
+        return np.asarray(maximum if (np.abs(maximum - place) <= 1.5 * self.cell).all() else place)
 
 
+# Image pixels per patch pixel from which a patch is averaged; under it a sample between four pixels loses nothing.
 _AREA_SCALE = 2.0
 
 
@@ -217,9 +218,9 @@ def _average(image: ImageArray, centre: FloatArray, scale: FloatArray, width: in
     inner_low = np.clip(low, 0, size - 1)
     inner_high = np.clip(high, inner_low + 1, size)
     inner = image[inner_low[1] : inner_high[1], inner_low[0] : inner_high[0]]
-    before, after = np.maximum(inner_low - low, 0), np.maximum(high - inner_high, 0)
-    if before.any() or after.any():
-        margins = before[1], after[1], before[0], after[0]
+    low_border, high_border = np.maximum(inner_low - low, 0), np.maximum(high - inner_high, 0)
+    if low_border.any() or high_border.any():
+        margins = low_border[1], high_border[1], low_border[0], high_border[0]
         inner = np.asarray(cv2.copyMakeBorder(inner, *margins, cv2.BORDER_REPLICATE), dtype=np.uint8)
     return np.asarray(cv2.resize(inner, (width, height), interpolation=cv2.INTER_AREA))
 
@@ -258,11 +259,13 @@ class SizeLadder:
         """How many steps ``size`` is above the first one."""
         return float(np.log(size) / np.log(self.step))
 
-    def sample(self, image: ImageArray, centre: FloatArray, middle: int, known: SizeSample | None = None) -> SizeSample:
-        """The levels about ``middle``; if ``known`` at this place of this frame they are not cut again."""
+    def sample(
+        self, image: ImageArray, centre: FloatArray, middle: int, previous: SizeSample | None = None
+    ) -> SizeSample:
+        """The levels about ``middle``; those of ``previous``, at this place of this frame, are not cut again."""
         first = middle - self.count // 2
-        if known is not None and known.first == first:
-            return known
+        if previous is not None and previous.first == first:
+            return previous
         width, height = (self.template + 2 * self.cell).tolist()
         pixels = self.target / self.template  # image pixels per template pixel, at the first size
         levels = range(first, first + self.count)

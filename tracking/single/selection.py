@@ -10,7 +10,8 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.report.drawing import drawn_on
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
-LEAST_SIDE = 2.0  # pixels
+# Of a drawn box, at least, pixels.
+LEAST_SIDE = 2.0
 
 
 def select_box(image: ImageArray) -> FloatArray:

@@ -12,6 +12,7 @@ from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Estimate, FloatArray, Frame, ImageArray, Status
 
+# Score of a box that somebody gave.
 CERTAIN = 1.0
 
 
@@ -54,16 +55,16 @@ def box_about(centre: FloatArray, size: FloatArray) -> FloatArray:
     return np.concatenate([centre - size / 2, centre + size / 2])
 
 
-def as_box(given: object) -> FloatArray:
+def as_box(corners: object) -> FloatArray:
     """``(4,)`` corners, whatever they are given in.
 
     Raises:
         RequestError: they are not four numbers.
     """
     try:
-        box = np.asarray(given, dtype=np.float64)
+        box = np.asarray(corners, dtype=np.float64)
     except (TypeError, ValueError):
-        raise RequestError(f"expected a `box` of four numbers x1, y1, x2, y2, got {given!r:.60}") from None
+        raise RequestError(f"expected a `box` of four numbers x1, y1, x2, y2, got {corners!r:.60}") from None
     if box.shape != (4,):
         raise RequestError(f"expected a `box` of four numbers x1, y1, x2, y2, got shape {box.shape}")
     return box
@@ -78,15 +79,15 @@ def check_start(box: FloatArray, image: ImageArray) -> FloatArray:
     box = as_box(box)
     height, width = image.shape[:2]
     x, y, w, h = map(float, (*box[:2], *(box[2:] - box[:2])))
-    shown = f"x {x:g}, y {y:g}, width {w:g}, height {h:g}"
+    description = f"x {x:g}, y {y:g}, width {w:g}, height {h:g}"
     if not np.isfinite(box).all() or w <= 0 or h <= 0:
-        raise RequestError(f"`box`: expected a positive width and height, got {shown}")
+        raise RequestError(f"`box`: expected a positive width and height, got {description}")
     if w < 2 or h < 2:
-        raise RequestError(f"`box`: expected at least 2 x 2 pixels, got {shown}")
+        raise RequestError(f"`box`: expected at least 2 x 2 pixels, got {description}")
     if w > width or h > height:
-        raise RequestError(f"`box`: expected a box that fits into the {width}x{height} image, got {shown}")
+        raise RequestError(f"`box`: expected a box that fits into the {width}x{height} image, got {description}")
     if x + w <= 0 or y + h <= 0 or x >= width or y >= height:
-        raise RequestError(f"`box`: expected a box inside the {width}x{height} image, got {shown}")
+        raise RequestError(f"`box`: expected a box inside the {width}x{height} image, got {description}")
     return box
 
 
@@ -133,10 +134,10 @@ def follow_target(
                     f"frame {frame.index + 1}: expected {first.shape[1]}x{first.shape[0]} pixels as before, "
                     f"got {frame.image.shape[1]}x{frame.image.shape[0]}; track the parts one by one"
                 )
-            given = None if boxes is None else boxes.get(frame.index)
-            if given is None:
+            restart_box = None if boxes is None else boxes.get(frame.index)
+            if restart_box is None:
                 state = tracker.follow(frame.image)
             else:
-                state = TargetState(check_start(given, frame.image), CERTAIN, "tracking")
+                state = TargetState(check_start(restart_box, frame.image), CERTAIN, "tracking")
                 tracker.start(frame.image, state.box)
         yield frame, Estimate(frame.index, state.box, state.score, state.status)

@@ -25,34 +25,40 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Describe = Callable[[ImageArray, FloatArray], FloatArray]
 """Appearance features ``(N, D)`` of boxes ``(N, 4)`` in an image."""
-EVERY, LEARN = 3, 3
-"""Frames between two looks, and looks between two that are learnt."""
+# Frames between two looks: an inference costs more than a frame of the filter.
+LOOK_INTERVAL = 3
+# Looks between two that are learnt.
+LEARN_INTERVAL = 3
+# Ridge penalty of the regression. Features have length one and the weights of all of them sum to one.
 RIDGE = 0.005
-"""Ridge penalty of the regression. Features have length one and the weights of all of them sum to one."""
-KNOWN, KEPT = 0.65, 20
-"""Likeness from which on the box is learnt if its answer is positive, too, and how many learnt frames are kept beside
-the first."""
+# Likeness from which the box is learnt, if its answer is positive, too.
+LEARNT_LIKENESS = 0.65
+# Learnt frames kept beside the first.
+LEARNT_FRAMES = 20
+# Where the boxes of the surroundings are, in sides of the target.
 AROUND = np.array(
     [[-1.1, 0], [1.1, 0], [0, -1.1], [0, 1.1], [-1.1, -0.6], [1.1, 0.6], [2, 0], [-2, 0]], dtype=np.float64
 )
-"""Where the boxes of the surroundings are, in sides of the target."""
-EVEN, SLOPE, MOST = 0.65, 5.0, 2.5
-"""Likeness and answer together that speak neither for nor against the target. The log-likelihood ratio of on and off is
-``SLOPE`` times what they are above it, at most so much to either side."""
+# Likeness and answer together that speak neither for nor against the target.
+EVEN = 0.65
+# Log-likelihood ratio of on and off the target, for each unit that they are above it.
+SLOPE = 5.0
+# Largest log-likelihood ratio of a look, to either side.
+LARGEST_RATIO = 2.5
+# Chance between two looks that a box on the target leaves it, or that one off it returns.
 CHANGES = 0.1
-"""Chance between two looks that a box on the target leaves it, or that one off it returns."""
+# Log-odds of being on in the first frame.
 AT_FIRST = 4.0
-"""Log-odds of being on in the first frame."""
 
 
 def regression(on: FloatArray, around: FloatArray) -> tuple[FloatArray, float]:
     """Weights ``(D,)`` and offset of the ridge regression on rows ``(P, D)`` of the target and ``(N, D)`` around it."""
     rows = np.concatenate([on, around])
-    wanted = np.repeat([1.0, -1.0], [len(on), len(around)])
-    shares = np.where(wanted > 0, 0.5 / len(on), 0.5 / len(around))  # the weighted mean of `wanted` is zero
+    labels = np.repeat([1.0, -1.0], [len(on), len(around)])
+    shares = np.where(labels > 0, 0.5 / len(on), 0.5 / len(around))  # the weighted mean of `labels` is zero
     mean = shares @ rows
     weighted = (rows - mean).T * shares
-    weights = np.linalg.solve(weighted @ (rows - mean) + RIDGE * np.eye(rows.shape[1]), weighted @ wanted)
+    weights = np.linalg.solve(weighted @ (rows - mean) + RIDGE * np.eye(rows.shape[1]), weighted @ labels)
     return weights, -float(mean @ weights)
 
 
@@ -70,7 +76,7 @@ class Witness:
 
     def __init__(self, describe: Describe, image: ImageArray, box: FloatArray) -> None:
         self._describe = describe
-        self._learnt: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=KEPT)
+        self._learnt: deque[tuple[FloatArray, FloatArray]] = deque(maxlen=LEARNT_FRAMES)
         self.belief, self._updates = AT_FIRST, 0
         self._first = (
             unit_features(self._describe, image, box[None]),
@@ -91,12 +97,12 @@ class Witness:
     def update(self, image: ImageArray, box: FloatArray) -> None:
         """Judge ``box`` ``(4,)``, and learn it where it is known and not like the surroundings."""
         features = unit_features(self._describe, image, box[None])
-        likeness, answer = (float(one[0]) for one in self._compare(features))
+        likeness, answer = (float(values[0]) for values in self._compare(features))
         on = CHANGES + (1 - 2 * CHANGES) / (1 + np.exp(-self.belief))
-        ratio = float(np.clip(SLOPE * (likeness + answer - EVEN), -MOST, MOST))
+        ratio = float(np.clip(SLOPE * (likeness + answer - EVEN), -LARGEST_RATIO, LARGEST_RATIO))
         self.belief = float(np.log(on / (1 - on))) + ratio
         self._updates += 1
-        if likeness > KNOWN and answer > 0 and self._updates % LEARN == 0:
+        if likeness > LEARNT_LIKENESS and answer > 0 and self._updates % LEARN_INTERVAL == 0:
             self._learnt.append((features, unit_features(self._describe, image, _around(box))))
             self._learn()
 
@@ -106,12 +112,12 @@ class Witness:
 
     def _learn(self) -> None:
         targets, around = zip(self._first, *self._learnt, strict=True)
-        self._known = np.concatenate(targets)
-        self._weights, self._offset = regression(self._known, np.concatenate(around))
+        self._target_features = np.concatenate(targets)
+        self._weights, self._offset = regression(self._target_features, np.concatenate(around))
 
     def _compare(self, features: FloatArray) -> tuple[FloatArray, FloatArray]:
         """``(N,)`` greatest cosine to what is known of the target, and the regression's answer, both in [-1, 1]."""
-        return (features @ self._known.T).max(axis=1), np.clip(features @ self._weights + self._offset, -1, 1)
+        return (features @ self._target_features.T).max(axis=1), np.clip(features @ self._weights + self._offset, -1, 1)
 
 
 def unit_features(describe: Describe, image: ImageArray, boxes: FloatArray) -> FloatArray:
@@ -125,19 +131,24 @@ def _around(box: FloatArray) -> FloatArray:
     return box + np.tile(AROUND * (box[2:] - box[:2]), 2)
 
 
-MEMORY, HEARD = 15, 0.6
-"""Likenesses of the running median, and its value from which on the network counts."""
+# Likenesses of the running median.
+MEMORY = 15
+# The running median from which the network counts.
+TRUSTED_LIKENESS = 0.6
+# Prior likeness of the target, so that a box that is lost at once is not taken for it.
 EXPECTED = 0.9
-"""Prior likeness of the target, so that a box that is lost at once is not taken for it."""
-USUAL_SHARE, LOST_SHARE = 0.6, 0.4
-"""Shares of the running median from which on a likeness counts in it, and under which the target counts as lost. Half
-hidden, the target has one between them."""
+# Share of the running median from which a likeness counts in it.
+USUAL_SHARE = 0.6
+# Share of the running median under which the target counts as lost. Half hidden, the target has one between the two.
+LOST_SHARE = 0.4
 
 
+# Height over width of the first box from which on the target may be a person, and the network is asked.
 UPRIGHT = 1.8
-"""Height over width of the first box from which on the target may be a person, and the network is asked."""
-TRUSTED, LOST_INFERENCES = 3, 2
-"""Weight of `EXPECTED`, in inferences, and likenesses below `LOST_SHARE` in a row from which on the target is lost."""
+# Weight of `EXPECTED`, in inferences.
+TRUSTED = 3
+# Likenesses below `LOST_SHARE` in a row from which the target is lost.
+LOST_INFERENCES = 2
 
 
 class Recognised:
@@ -174,11 +185,11 @@ class Recognised:
         if not self.asked:
             return there
         self._frame += 1
-        if self._frame % EVERY == 0:
+        if self._frame % LOOK_INTERVAL == 0:
             likeness = float(unit_features(self._describe, image, there.box[None])[0] @ self._first)
             usual = median(self._likenesses)
             if likeness >= USUAL_SHARE * usual:
                 self._likenesses.append(likeness)
             self._lost = self._lost + 1 if likeness < LOST_SHARE * usual else 0
-        lost = self._lost >= LOST_INFERENCES and median(self._likenesses) >= HEARD
+        lost = self._lost >= LOST_INFERENCES and median(self._likenesses) >= TRUSTED_LIKENESS
         return replace(there, status="lost") if lost else there

@@ -24,7 +24,7 @@ class StandingStill:
 
 @pytest.fixture(autouse=True)
 def in_every_frame(monkeypatch):
-    monkeypatch.setattr(witness, "EVERY", 1)
+    monkeypatch.setattr(witness, "LOOK_INTERVAL", 1)
     monkeypatch.setattr(witness, "TRUSTED", 2)
 
 
@@ -39,7 +39,7 @@ def statuses(likenesses):
     tracker = Recognised(StandingStill(), describe)
     image = np.zeros((60, 60, 3), dtype=np.uint8)
     tracker.start(image, BOX)
-    return [tracker.follow(image).status for _ in range(len(likenesses) * witness.EVERY)]
+    return [tracker.follow(image).status for _ in range(len(likenesses) * witness.LOOK_INTERVAL)]
 
 
 def test_two_unlike_looks_in_a_row_say_lost_and_a_like_one_takes_it_back():
@@ -57,7 +57,7 @@ def test_a_box_that_is_lost_at_once_is_not_taken_for_the_target():
 
 
 def test_it_looks_every_few_frames(monkeypatch):
-    for name, value in (("EVERY", 3), ("TRUSTED", 1), ("LOST_INFERENCES", 1)):
+    for name, value in (("LOOK_INTERVAL", 3), ("TRUSTED", 1), ("LOST_INFERENCES", 1)):
         monkeypatch.setattr(witness, name, value)
     assert statuses([0.9, 0.1]) == ["tracking"] * 5 + ["lost"]
 
