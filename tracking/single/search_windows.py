@@ -138,7 +138,7 @@ class ResponseMaps:
         return np.asarray(maximum if (np.abs(maximum - place) <= 1.5 * self.cell).all() else place)
 
 
-# Image pixels per patch pixel from which a patch is averaged; under it a sample between four pixels loses nothing.
+# Image pixels per patch pixel from which a patch is averaged: under it bilinear samples miss no pixel.
 _AREA_SCALE = 2.0
 
 

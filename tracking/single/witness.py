@@ -25,7 +25,7 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Describe = Callable[[ImageArray, FloatArray], FloatArray]
 """Appearance features ``(N, D)`` of boxes ``(N, 4)`` in an image."""
-# Frames between two looks: an inference costs more than a frame of the filter.
+# Frames between two looks, each of which is an inference.
 LOOK_INTERVAL = 3
 # Looks between two that are learnt.
 LEARN_INTERVAL = 3
