@@ -112,6 +112,7 @@ def ellipse(length: float, width: float, points: int) -> Contours:
     return np.stack([length / 2 * np.cos(at), width / 2 * np.sin(at)], axis=1).astype(np.float32)
 
 
+# Most that a goldfish bends its tail, radians.
 LARGEST_BEND = np.pi / 2
 
 
@@ -184,6 +185,7 @@ class Goldfish:
         return turning_basis(basis)
 
 
+# Most that a ball is flattened, as a share of its diameter.
 LARGEST_SQUASH = 0.6
 
 
@@ -292,8 +294,8 @@ class LearntBody:
     def radius(self) -> float:
         largest = np.abs(self.bends).max(axis=1)[:, None]
         mode, curve = (np.linalg.norm(part, axis=2) for part in (self.modes, self.curves))
-        more = (largest * mode + np.maximum(largest**2 - 1, 1) * curve).sum(axis=0)
-        return float((np.linalg.norm(self.mean, axis=1) + more).max())
+        bent = (largest * mode + np.maximum(largest**2 - 1, 1) * curve).sum(axis=0)
+        return float((np.linalg.norm(self.mean, axis=1) + bent).max())
 
     def contour(self, states: FloatArray) -> Contours:
         """Bends beyond the limits are drawn at the limit."""
@@ -341,22 +343,22 @@ def parse_body(text: str) -> Body:
     """
     if text.endswith(".json"):
         return read_body(Path(text))
-    name, *given = (part.strip() for part in text.split(","))
+    name, *words = (part.strip() for part in text.split(","))
     make = BODIES.get(name)
     if make is None:
         raise RequestError(
             f"expected a body of {', '.join(BODIES)} or a file .json of tsuiseki train body, got {name!r}"
         )
-    known = {field.name: int if field.type == "int" else float for field in fields(make)}  # type: ignore[arg-type]
+    number_types = {field.name: int if field.type == "int" else float for field in fields(make)}  # type: ignore[arg-type]
     sizes: dict[str, float] = {}
-    for size in given:
+    for size in words:
         key, equals, value = (part.strip() for part in size.partition("="))
         if not equals:
             raise RequestError(f"expected sizes of a body as name=number, got {size!r} in {text!r}")
-        if key not in known:
-            raise RequestError(f"expected sizes of the {name} among {', '.join(known)}, got {key!r}")
+        if key not in number_types:
+            raise RequestError(f"expected sizes of the {name} among {', '.join(number_types)}, got {key!r}")
         try:
-            sizes[key] = known[key](value)
+            sizes[key] = number_types[key](value)
         except ValueError as error:
             raise RequestError(f"expected a number for {key} of the {name}, got {value!r}") from error
     return make(**sizes)

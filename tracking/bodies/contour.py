@@ -27,15 +27,15 @@ Points: TypeAlias = NDArray[np.float32]
 Mask: TypeAlias = NDArray[np.uint8]
 Value = TypeVar("Value", np.float32, np.uint8)
 
+# Distances in pixels are cut off here: farther away, every place is as wrong as any other.
 FARTHEST = 80.0
-"""Distances in pixels are cut off here: farther away, every place is as wrong as any other."""
 # Where a region's border lies from the index of Canny's mark: a pixel's centre is half a pixel beyond its index, and at
 # straight borders the mark is the pixel before the step, outside the region at its left and top. This is the mean.
 EDGE_OFFSET = np.float32(0.75)
+# Subtracted from the log-likelihood of a contour that is hidden in full and was expected in view.
 HIDDEN_COST = 14.0
-"""Subtracted from the log-likelihood of a contour that is hidden in full and was expected in view."""
+# Pixels around another body's expected contour that count as that body.
 MARGIN = 4
-"""Pixels around another body's expected contour that count as that body."""
 # OpenCV maps at most this many rows of points at a time (it counts them in 16 bits).
 ROWS_AT_ONCE = 16384
 
@@ -122,8 +122,8 @@ def point_distances(image: EdgeImage, points: Points) -> NDArray[np.float32]:
     last = np.array([image.size[0] - 1, image.size[1] - 1], dtype=np.float32)
     # Over the particles first: that axis is long, and the reduction fast.
     flat = points.reshape(len(points), -1)
-    least, most = (flat.min(axis=0).reshape(-1, 2), flat.max(axis=0).reshape(-1, 2))
-    if np.any(least < 0.0) or np.any(most > last):
+    low, high = (flat.min(axis=0).reshape(-1, 2), flat.max(axis=0).reshape(-1, 2))
+    if np.any(low < 0.0) or np.any(high > last):
         outside = np.linalg.norm(points - np.clip(points, 0.0, last), axis=2)
         distance = np.maximum(distance, np.minimum(outside, FARTHEST))
     return distance
@@ -170,13 +170,14 @@ class BodyView:
         return np.asarray(-(farthest**2) / spread - HIDDEN_COST * np.maximum(hidden - self.hidden, 0.0))
 
 
+# States drawn all over a region to find where its body begins.
 CANDIDATES = 3000
-# Spread of the likelihood and share of the wide noise, from layer to layer.
+# Spread of the likelihood, pixels squared, and share of the wide noise, from layer to layer.
 LAYERS = ((900.0, 0.4), (225.0, 0.2), (60.0, 0.1), (20.0, 0.05), (20.0, 0.03))
+# Regions of less than this share of the body's area are none.
 SMALLEST_REGION = 0.5
-"""Regions of less than this share of the body's area are none."""
+# Pixels that the contour of a state found may lie from the edges.
 LARGEST_MISFIT = 12.0
-"""Pixels that the contour of a state found may lie from the edges."""
 
 
 def wide_noise(body: Body) -> Noise:
@@ -204,7 +205,7 @@ def find_starts(edges: EdgeImage, body: Body, rng: np.random.Generator, others: 
         rng: of the candidates.
         others: contours ``(K, 2)`` of bodies that are known already.
     """
-    found: list[FloatArray] = []
+    starts: list[FloatArray] = []
     view = BodyView(edges, contours_mask(edges.size, others) if others else None)
     mask = edges.mask if view.neighbours is None else cv2.subtract(edges.mask, view.neighbours)
     count, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
@@ -217,8 +218,8 @@ def find_starts(edges: EdgeImage, body: Body, rng: np.random.Generator, others: 
         pixels = np.argwhere(labels == label)[:, ::-1].astype(np.float64)
         state, misfit = _best_state(view, body, pixels, rng)
         if misfit <= LARGEST_MISFIT:
-            found.append(state)
-    return np.array(found).reshape(-1, len(body.fields))
+            starts.append(state)
+    return np.array(starts).reshape(-1, len(body.fields))
 
 
 def _best_state(view: BodyView, body: Body, pixels: FloatArray, rng: np.random.Generator) -> tuple[FloatArray, float]:
@@ -236,10 +237,10 @@ def _best_state(view: BodyView, body: Body, pixels: FloatArray, rng: np.random.G
             lambda particles, view, spread=spread: view.log_likelihood(body.contour(particles), spread),
             threshold=1.0,
         )
-        after, _ = layer.step(layer.init(states), view, rng)
-        best = best_particle(after.particles, after.log_weights)
-        drawn = systematic(np.exp(after.log_weights), CANDIDATES, rng)
-        states = within_limits(after.particles[drawn], body)
+        posterior, _ = layer.step(layer.init(states), view, rng)
+        best = best_particle(posterior.particles, posterior.log_weights)
+        drawn = systematic(np.exp(posterior.log_weights), CANDIDATES, rng)
+        states = within_limits(posterior.particles[drawn], body)
     (distance,), (hidden,) = view.visible_distance(body.contour(best[None]))
     best[HEADING] = np.angle(np.exp(1j * best[HEADING]))
     return best, float(distance) if hidden < 0.5 else np.inf

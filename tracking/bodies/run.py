@@ -73,8 +73,8 @@ def track_deformable(
     """
     opened = Video.given(source, frames).open(images=True, ends=", or use follow_deformable")
     tracker = body_tracker(_choice(body, colour, motion, preset, init, settings), opened, seed)
-    made = {"body": body, "source": named(source), "seed": seed}
-    return body_result(opened, tracker, opened.frames(), StageTimes(), made)
+    run_settings = {"body": body, "source": named(source), "seed": seed}
+    return body_result(opened, tracker, opened.frames(), StageTimes(), run_settings)
 
 
 def follow_deformable(

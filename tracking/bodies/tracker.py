@@ -32,12 +32,12 @@ from tsuiseki.tracking.filters.resampling import weighted_mean
 from tsuiseki.tracking.types import FloatArray, Frame, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 
+# A body of which a greater share is hidden counts as missed.
 MOSTLY = 0.8
-"""A body of which a greater share is hidden counts as missed."""
+# Frames between two searches of the whole image for a lost body.
 SEARCH_EVERY = 5
-"""Frames between two searches of the whole image for a lost body."""
+# Distance in pixels of a contour to the edges beyond which its body counts as missed.
 FAR = 15.0
-"""Distance in pixels of a contour to the edges beyond which its body counts as missed."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class BodyTarget:
         id: from 1.
         particles: of its filter.
         estimate: mean particle ``(D + …,)``; the body's state comes first.
-        before: that of the frame before.
+        previous: the estimate of the frame before.
         score: likelihood (7) of the estimate, in [0, 1].
         status: whether it is confirmed.
         undetected: frames in a row in which it was missed.
@@ -57,7 +57,7 @@ class BodyTarget:
     id: int
     particles: ParticleState
     estimate: FloatArray
-    before: FloatArray
+    previous: FloatArray
     score: float = 1.0
     status: Status = "tracking"
     undetected: int = 0
@@ -134,11 +134,11 @@ class DeformableTracker:
 
     def tracks(self) -> list[BodyTrack]:
         """States of all frames so far, by id."""
-        found = []
+        tracks = []
         for identity, rows in self._rows.items():
             frames, states, scores, statuses = zip(*rows, strict=True)
-            found.append(BodyTrack(identity, np.array(frames), np.array(states), np.array(scores), statuses))
-        return found
+            tracks.append(BodyTrack(identity, np.array(frames), np.array(states), np.array(scores), statuses))
+        return tracks
 
     def _propose(
         self, particles: FloatArray, observation: BodyView, rng: np.random.Generator
@@ -177,7 +177,7 @@ class DeformableTracker:
             target,
             particles=particles,
             estimate=weighted_mean(particles.particles, particles.log_weights, self.body.angles),
-            before=target.estimate,
+            previous=target.estimate,
         )
         return self._assessed(moved, view)
 
@@ -197,11 +197,11 @@ class DeformableTracker:
 
         They go on by their last step, whatever their motion: a random walk would expect a fast body where it was.
         """
-        now, before = (
-            np.array([getattr(t, name)[: self._columns] for t in self.targets]) for name in ("estimate", "before")
+        now, previous = (
+            np.array([getattr(t, name)[: self._columns] for t in self.targets]) for name in ("estimate", "previous")
         )
         moved = now.copy()
-        moved[:, :2] += now[:, :2] - before[:, :2]
+        moved[:, :2] += now[:, :2] - previous[:, :2]
         contours = self.body.contour(moved)
         return {target.id: contour for target, contour in zip(self.targets, contours, strict=True)}
 
