@@ -112,11 +112,11 @@ def with_region(model: SensingModel, scans: Sequence[Scan]) -> SensingModel:
         raise RequestError(f"`measured`: expected a path, or scans, got {wrong[0]}")
     if not model.region:
         return replace(model, region=region_of(scans))
-    every = np.concatenate([np.empty((0, len(model.region))), *(scan.measurements for scan in scans)])
+    measurements = np.concatenate([np.empty((0, len(model.region))), *(scan.measurements for scan in scans)])
     low, high = np.array(model.region).T
-    outside = int(((every < low) | (every > high)).any(axis=1).sum())
-    if outside > MANY * len(every):
-        line = f"{outside} of {len(every)} measurements lie outside the model's region; is it in their units?"
+    outside = int(((measurements < low) | (measurements > high)).any(axis=1).sum())
+    if outside > MANY * len(measurements):
+        line = f"{outside} of {len(measurements)} measurements lie outside the model's region; is it in their units?"
         warnings.warn(line, InputWarning, stacklevel=3)
     return model
 
@@ -130,9 +130,9 @@ def sensed_result(
         with times.measure("track"):
             tracker.update(scan)
         done.append(scan)
-    every = tracker.tracks()
-    tracks = [track for track in every if len(track) >= shortest]
-    numbers = Counter(int(scan) for track in every for scan in track.scans)
+    all_tracks = tracker.tracks()
+    tracks = [track for track in all_tracks if len(track) >= shortest]
+    numbers = Counter(int(scan) for track in all_tracks for scan in track.scans)
 
     def draw(path: Path, _: Path) -> None:
         figure = tracks_figure(tracks, [positions_of(model, scan.measurements) for scan in done])
@@ -165,12 +165,12 @@ def tracks_figure(tracks: Sequence[SensedTrack], measured: Sequence[FloatArray])
     """
     from matplotlib.figure import Figure
 
-    every = np.concatenate(measured)
-    panels = [(0, 1)] if every.shape[1] == 2 else [(0, 1), (0, 2)]
+    positions = np.concatenate(measured)
+    panels = [(0, 1)] if positions.shape[1] == 2 else [(0, 1), (0, 2)]
     figure = Figure(figsize=(6.4 * len(panels), 6), dpi=110, layout="constrained")
     for place, (a, b) in enumerate(panels, start=1):
         axes = figure.add_subplot(1, len(panels), place)
-        axes.plot(every[:, a], every[:, b], ".", markersize=1.5, color="0.75", label="measured")
+        axes.plot(positions[:, a], positions[:, b], ".", markersize=1.5, color="0.75", label="measured")
         for number, track in enumerate(tracks):
             colour = COLOURS[number % len(COLOURS)]
             axes.plot(track.positions[:, a], track.positions[:, b], color=colour, linewidth=1.6)
@@ -192,7 +192,7 @@ def detected_scans(video: Path, model: SensingModel, detector: Path) -> tuple[Se
     source = open_source(str(video))
     detections = network_detections(source, FindingOptions(detector=detector))
     steps = progress(detections, "detecting", source.frames_expected)
-    scans = [Scan(n / source.frame_rate, centres(each.boxes)) for n, each in steps]
+    scans = [Scan(n / source.frame_rate, centres(boxed.boxes)) for n, boxed in steps]
     return model if model.region else replace(model, region=tuple((0.0, side) for side in extent_of(source))), scans
 
 

@@ -42,27 +42,34 @@ from tsuiseki.tracking.types.measurements import Scan
 from tsuiseki.tracking.types.sensing_model import MotionSettings, SensingModel
 
 SetFilter: TypeAlias = Filter[Any, Any, SetInfo]
+# Length of a state of a box or region.
 COLUMNS = 6
-"""Length of a state of a box or region."""
-SURVIVAL, BIRTHS = 0.99, 0.05
-"""Probability that a measured box goes on, and expected new targets in a frame. With the preset paper BIRTHS is also
-the share of a target's particles that are drawn for them."""
-PLACE_ERROR, SIZE_ERROR = 0.06, 0.08
-"""Standard deviations of a measured centre and of a measured width or height, in heights of a typical box."""
-SPEED, ACCELERATION, GROWTH = 0.1, 0.015, 0.01
-"""Standard deviations of a new box's velocity along each axis, of the change of velocity and of the change of size, in
-heights of a typical box and frames."""
-PLACE_NOISE, SIZE_NOISE = 1.5, 1.0
-"""Standard deviations of the change of a coloured object's step, ``tau_x`` and ``tau_y``, and of the change of its
-size, ``tau_d`` and ``tau_h``, pixels."""
+# Probability that a measured box goes on, in each frame.
+SURVIVAL = 0.99
+# Expected new targets in a frame. With the preset paper also the share of a target's particles that are drawn for them.
+BIRTHS = 0.05
+# Standard deviation of a measured centre, in heights of a typical box.
+PLACE_ERROR = 0.06
+# Standard deviation of a measured width or height, in heights of a typical box.
+SIZE_ERROR = 0.08
+# Standard deviation of a new box's velocity along each axis, in heights of a typical box a frame.
+SPEED = 0.1
+# Standard deviation of the change of velocity in a frame, in the same units.
+ACCELERATION = 0.015
+# Standard deviation of the change of size in a frame, in heights of a typical box.
+GROWTH = 0.01
+# Standard deviation of the change of a coloured object's step, ``tau_x`` and ``tau_y``, pixels.
+PLACE_NOISE = 1.5
+# Standard deviation of the change of its size, ``tau_d`` and ``tau_h``, pixels.
+SIZE_NOISE = 1.0
+# Largest expected number with the preset paper, whose number of particles is this times those of a target.
 TARGETS = 10
-"""Largest expected number with the preset paper, whose number of particles is this times those of a target."""
+# A new target's velocity is known by a few of its particles only; without a kernel a calm motion keeps those few.
 KERNEL = 0.5
-"""A new target's velocity is known by a few of its particles only; without a kernel a calm motion keeps those few."""
+# Share of a motion's noise that a calm target has.
 CALM = 0.2
-"""Share of a motion's noise that a calm target has."""
+# Standard deviation of a new target's rate of turn, radians a second.
 FIRST_TURN = 0.05
-"""Standard deviation of a new target's rate of turn, radians a second."""
 
 
 def box_of(particles: FloatArray) -> FloatArray:
@@ -148,10 +155,10 @@ def _births(model: SensingModel, sensor: GaussianSensor, particles: int) -> Birt
         density = model.births.rate / _volume(model)
         return MeasurementBirths(density, sensor, complete, state_columns(model), max(particles // 5, 1))
     # Behind places and velocities a state has its rate of turn, and the number of its motion, where there are several.
-    rest = [turn] * int(turn is not None) + [0.0] * int(modes > 1)
-    means = np.array([[*place.mean, *[0.0] * len(rest)] for place in places])
+    hidden_columns = [turn] * int(turn is not None) + [0.0] * int(modes > 1)
+    means = np.array([[*place.mean, *[0.0] * len(hidden_columns)] for place in places])
     spread = [np.broadcast_to(np.asarray(place.deviation), (2 * dimensions,)) for place in places]
-    deviations = np.array([[*each, *rest] for each in spread])
+    deviations = np.array([[*deviation, *hidden_columns] for deviation in spread])
     return MixtureBirths(np.array([place.rate for place in places]), means, deviations, particles, sensor, modes)
 
 
@@ -193,10 +200,10 @@ def region_of(scans: Sequence[Scan]) -> tuple[tuple[float, float], ...]:
     Raises:
         RequestError: they do not spread along every axis.
     """
-    every = np.concatenate([scan.measurements for scan in scans]) if scans else np.empty(0)
-    if len(every) == 0:
+    measurements = np.concatenate([scan.measurements for scan in scans]) if scans else np.empty(0)
+    if len(measurements) == 0:
         raise RequestError("expected at least one measurement, got none")
-    low, high = every.min(axis=0), every.max(axis=0)
+    low, high = measurements.min(axis=0), measurements.max(axis=0)
     if not (high > low).all():
         raise RequestError("region: expected pairs low, high, for all measurements lie on a line")
     return tuple((float(a), float(b)) for a, b in zip(low, high, strict=True))

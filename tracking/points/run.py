@@ -29,6 +29,7 @@ from tsuiseki.tracking.types import Detections, FloatArray, Frame, Targets, Trac
 from tsuiseki.tracking.video.source import Source, SourceLike, named
 
 AnyBlobTracker: TypeAlias = BlobTracker | SingleBlobTracker | PointTracker
+# Width and height of the images where there are none, pixels.
 USUAL_EXTENT = (640.0, 480.0)
 ColourLike: TypeAlias = str | ColourRange | ArrayLike
 
@@ -191,9 +192,9 @@ def read_measurements(
         detections = [points_as_boxes(points, box) for points in read_points(path, source.length)]
     else:
         detections = given_detections(path, source, score_range)
-    wanted = source.frames_wanted.within(source.length or len(detections))
-    last = len(detections) - 1 if wanted.last is None else wanted.last
-    return detections[wanted.first : last + 1]
+    frame_range = source.frames_wanted.within(source.length or len(detections))
+    last = len(detections) - 1 if frame_range.last is None else frame_range.last
+    return detections[frame_range.first : last + 1]
 
 
 def blob_result(
@@ -220,11 +221,11 @@ def blob_result(
         "tracks.txt": lambda path, _: write_tracks(path, tracks),
         "points.csv": lambda path, _: write_point_tracks(path, tracks),
     }
-    known: dict[str, Any] = {"settings": settings, "seconds": times.seconds, "frames": columns, "files": files}
+    attributes: dict[str, Any] = {"settings": settings, "seconds": times.seconds, "frames": columns, "files": files}
     if source is None:
-        return Result(tracks, **known)
-    known["page"] = PageContent(("object", "objects"), "centre")
-    return Result.of(source, tracks, **known, painter=Overlay(tracks, source.frame_rate).draw)
+        return Result(tracks, **attributes)
+    attributes["page"] = PageContent(("object", "objects"), "centre")
+    return Result.of(source, tracks, **attributes, painter=Overlay(tracks, source.frame_rate).draw)
 
 
 def opened_blobs(choice: BlobChoice, source: Source, seed: int) -> tuple[AnyBlobTracker, Sequence[Detections] | None]:
@@ -235,8 +236,8 @@ def opened_blobs(choice: BlobChoice, source: Source, seed: int) -> tuple[AnyBlob
     """
     width, height = extent = extent_of(source)
     if not (0 < choice.size[0] <= max(width, SIZE[0]) and 0 < choice.size[1] <= max(height, SIZE[1])):
-        shown = f"{choice.size[0]:g},{choice.size[1]:g}"
-        raise RequestError(f"`size`: expected at most the {width:g}x{height:g} pixels of a frame, got {shown}")
+        size = f"{choice.size[0]:g},{choice.size[1]:g}"
+        raise RequestError(f"`size`: expected at most the {width:g}x{height:g} pixels of a frame, got {size}")
     if choice.detections is not None or choice.detector is not None:
         points = PointSettings(
             method=choice.method,

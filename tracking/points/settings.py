@@ -18,8 +18,8 @@ SetMethod = Literal["labelled", "phd"]
 """The finite-set filter: labelled multi-Bernoulli, or PHD."""
 BlobPreset = Literal["calibrated", "paper", "single"]
 Lag = Literal[0, 1]
+# Typical width and height of a coloured object, pixels.
 SIZE = (32.0, 32.0)
-"""Typical width and height of a coloured object, pixels."""
 # Pixels; of less a region has no likelihood.
 Side = Annotated[float, Field(ge=3)]
 

@@ -51,13 +51,16 @@ from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrac
 from tsuiseki.tracking.types.sensing_model import SensingModel
 from tsuiseki.tracking.types.tracks import rows_of_each
 
+# Existence above which a target is shown once the next scan is known; 0.4 and 0.6 were no better on seeds 200-209.
 REPORT = 0.5
-"""Existence above which a target is shown once the next scan is known; 0.4 and 0.6 were no better on seeds 200-209."""
+# Frames that a track must have to be reported.
 SHORTEST = 3
-"""Frames that a track must have to be reported."""
-SHARPNESS, LOST_BELOW, PATIENCE = 4.0, 0.2, 10
-"""Of the preset ``single``: exponent of the likelihood (68), likelihood below which the object counts as missed, and
-frames without support before the search begins anew."""
+# Of the preset ``single``: exponent of the likelihood (68).
+SHARPNESS = 4.0
+# Of the preset ``single``: likelihood below which the object counts as missed.
+LOST_BELOW = 0.2
+# Of the preset ``single``: frames without support before the search begins anew.
+PATIENCE = 10
 
 
 class FiniteSetTracker:
@@ -78,8 +81,8 @@ class FiniteSetTracker:
 
     def _step(self, chosen: SetFilter, observation: Any) -> SetInfo:
         """One observation further, by this filter."""
-        before = chosen.init(np.empty((0, self._columns))) if self.state is None else self.state
-        self.state, info = chosen.step(before, observation, self._rng)
+        prior = chosen.init(np.empty((0, self._columns))) if self.state is None else self.state
+        self.state, info = chosen.step(prior, observation, self._rng)
         return info
 
 
@@ -117,7 +120,7 @@ class BoxedSetTracker(FiniteSetTracker):
 
     def _add(
         self,
-        found: TargetEstimates,
+        estimates: TargetEstimates,
         boxes: FloatArray,
         observed: BoolArray | None = None,
         trusted: BoolArray | None = None,
@@ -126,27 +129,27 @@ class BoxedSetTracker(FiniteSetTracker):
         """Take the next frame; the targets of it that have an id.
 
         Args:
-            found: N targets.
+            estimates: N targets.
             boxes: ``(N, 4)`` of them, pixels.
             observed: ``(N,)`` False where nothing in the frame supports the box; by default all are supported.
             trusted: ``(N,)`` False where a target is to get no id yet; by default all may.
             origin: ``(N, 2)`` row and class of the detection of each; -1, by default, where none is known.
         """
-        labels, count = found.ids, len(found)
+        labels, count = estimates.ids, len(estimates)
         origin = np.full((count, 2), -1) if origin is None else origin
         supported = np.ones(count, dtype=np.bool_) if observed is None else observed
-        self._rows.append((np.full(count, self._frames), labels, boxes, found.weights, supported, origin))
+        self._rows.append((np.full(count, self._frames), labels, boxes, estimates.weights, supported, origin))
         self._frames += 1
         for label in labels.tolist():
             if label not in self._ids:
                 self._counts[label] = self._counts.get(label, 0) + 1
         waiting = set((labels if trusted is None else labels[trusted]).tolist())
-        for label in [one for one, times in self._counts.items() if one in waiting and times >= SHORTEST]:
+        for label in [name for name, frames in self._counts.items() if name in waiting and frames >= SHORTEST]:
             del self._counts[label]
             self._ids[label] = len(self._ids) + 1
         ids = np.array([self._ids.get(label, 0) for label in labels.tolist()], dtype=np.int64)
         status = np.where(supported, "tracking", "searching")
-        scores = np.where(supported, found.weights, 0.0)
+        scores = np.where(supported, estimates.weights, 0.0)
         return Targets(self._frames - 1, ids, boxes, scores, status, origin, self._names).select(ids > 0)
 
 
@@ -172,24 +175,24 @@ class PointTracker(BoxedSetTracker):
 
     def update(self, detections: DetectionsLike) -> Targets:
         """Take the detections of the next frame; its targets."""
-        given = as_detections(detections)
-        used = given.boxes[given.scores >= 0]
+        detected = as_detections(detections)
+        used = detected.boxes[detected.scores >= 0]
         measured = np.concatenate([box_centres(used), used[:, 2:] - used[:, :2]], axis=1)
         if self._filter is None and len(measured):
             self._filter = box_filter(self.settings, self._extent, float(np.median(measured[:, 3])))
         if self._filter is None:
             nothing = TargetEstimates(np.empty(0, dtype=np.int64), np.empty((0, COLUMNS)), np.empty(0))
             return self._add(nothing, np.empty((0, 4)))
-        found = self._step(self._filter, measured).estimates
-        size, centres = np.maximum(found.states[:, 4:6], 1.0), found.states[:, [0, 2]]
+        estimates = self._step(self._filter, measured).estimates
+        size, centres = np.maximum(estimates.states[:, 4:6], 1.0), estimates.states[:, [0, 2]]
         boxes = np.concatenate([centres - size / 2, centres + size / 2], axis=1)
         # The nearest detection supports a target that is no farther from it than the target is large.
-        away = np.linalg.norm(centres[:, None] - box_centres(given.boxes)[None], axis=2)
+        away = np.linalg.norm(centres[:, None] - box_centres(detected.boxes)[None], axis=2)
         rows, columns = assign(away / size.max(axis=1, keepdims=True), 1.0)
         origin = np.full((len(boxes), 2), -1)
-        origin[rows] = given.origin[columns]
-        self._names |= given.names
-        return self._add(found, boxes, origin=origin)
+        origin[rows] = detected.origin[columns]
+        self._names |= detected.names
+        return self._add(estimates, boxes, origin=origin)
 
 
 class BlobTracker(BoxedSetTracker):
@@ -280,11 +283,11 @@ class MeasurementTracker(FiniteSetTracker):
         if not self.lag:
             self._targets.append(newest)
             return newest
-        before, self._unsettled = self._unsettled, newest
-        if before is None or isinstance(info, PhdInfo):
+        unsettled, self._unsettled = self._unsettled, newest
+        if unsettled is None or isinstance(info, PhdInfo):
             return None
         smoothed = info.smoothing_step.smoothed()
-        self._targets.append(self._sensed(before.time, smoothed.likely(REPORT), smoothed))
+        self._targets.append(self._sensed(unsettled.time, smoothed.likely(REPORT), smoothed))
         return self._targets[-1]
 
     def _filter_at(self, scan: Scan) -> LabelledMultiBernoulliFilter | PhdFilter:
@@ -312,10 +315,10 @@ class MeasurementTracker(FiniteSetTracker):
         scans = self._targets if self._unsettled is None else [*self._targets, self._unsettled]
         if not scans:
             return []
-        number = np.repeat(np.arange(len(scans)), [len(one.ids) for one in scans])
-        times, ids = np.array([one.time for one in scans]), np.concatenate([one.ids for one in scans])
+        number = np.repeat(np.arange(len(scans)), [len(scan.ids) for scan in scans])
+        times, ids = np.array([scan.time for scan in scans]), np.concatenate([scan.ids for scan in scans])
         names = "positions", "velocities", "covariances", "existence", "modes"
-        columns = [np.concatenate([getattr(one, name) for one in scans]) for name in names]
+        columns = [np.concatenate([getattr(scan, name) for scan in scans]) for name in names]
         return [
             SensedTrack(int(ids[rows[0]]), number[rows], times[number[rows]], *(column[rows] for column in columns))
             for rows in rows_of_each(ids)
@@ -325,12 +328,12 @@ class MeasurementTracker(FiniteSetTracker):
         """Drop what `tracks` would give; the filter goes on, and the ids with it."""
         self._targets.clear()
 
-    def _sensed(self, time: float, found: TargetEstimates, posterior: PhdState | TrackParticles) -> SensedTargets:
+    def _sensed(self, time: float, estimates: TargetEstimates, posterior: PhdState | TrackParticles) -> SensedTargets:
         width = 2 * self.model.sensor.dimensions
-        spread, modes = moments(found, posterior, len(self.model.motions) if len(self.model.motions) > 1 else 0)
-        places, speeds = found.states[:, :width:2], found.states[:, 1:width:2]
+        spread, modes = moments(estimates, posterior, len(self.model.motions) if len(self.model.motions) > 1 else 0)
+        places, speeds = estimates.states[:, :width:2], estimates.states[:, 1:width:2]
         return SensedTargets(
-            time, found.ids, places, speeds, spread[:, :width, :width], np.minimum(found.weights, 1.0), modes
+            time, estimates.ids, places, speeds, spread[:, :width, :width], np.minimum(estimates.weights, 1.0), modes
         )
 
 
@@ -379,15 +382,15 @@ class SingleBlobTracker:
     def update(self, frame: Frame) -> Targets:
         """Take the next frame; the target in it, with the id 1."""
         image = ColourImage.of(frame.image, self._colour)
-        before = self._state if self._state is not None else self._anywhere(image)
-        state, _ = self._filter.step(before, image, self._rng)
+        prior = self._state if self._state is not None else self._anywhere(image)
+        state, _ = self._filter.step(prior, image, self._rng)
         mean = weighted_mean(state.particles, state.log_weights)
         box = boxes_of(mean[None])
         score = float(region_contrast(image, box)[0])
         self._missed = 0 if score >= LOST_BELOW else self._missed + 1
         status: Status = "tracking" if self._missed == 0 else "searching" if self._missed <= PATIENCE else "lost"
         # A search that found nothing begins anew from (13): particles that stay where nothing is would never find it.
-        tracked = any(one.status == "tracking" for one in self.estimates[-PATIENCE:])
+        tracked = any(estimate.status == "tracking" for estimate in self.estimates[-PATIENCE:])
         self._state = None if status == "lost" or (self._missed and not tracked) else state
         self.estimates.append(Estimate(frame.index, box[0], score, status))
         return Targets(frame.index, np.array([1]), box, np.array([score]), np.array([status]))
