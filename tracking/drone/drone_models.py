@@ -36,13 +36,13 @@ class DroneModels:
         names: of the actions; empty without action recognition.
         keys: plain values that identify the models and their settings, for the cache; of a run without actions then
             those of the same observations with actions.
-        given: tracks to use instead of tracking; None tracks.
+        right_tracks: to use instead of tracking; None tracks.
     """
 
     observers: Observers
     names: tuple[str, ...]
     keys: Sequence[Mapping[str, Any]]
-    given: Sequence[Track] | None = None
+    right_tracks: Sequence[Track] | None = None
 
     @classmethod
     def choose(
@@ -59,17 +59,21 @@ class DroneModels:
         """The models for a video, as `track_drone` says; people in the file ``tracks`` are right already."""
         if tracks is not None and (finding.detections is not None or finding.detector is not None):
             raise RequestError("expected one of `detections`, `detector` and `tracks`, got several")
-        given = None if tracks is None else read_given_tracks(tracks, source)
-        detect = people_detect(source, finding, DRONE_DETECTOR) if given is None else tracks_as_detections(given)[0]
+        right_tracks = None if tracks is None else read_given_tracks(tracks, source)
+        detect = (
+            people_detect(source, finding, DRONE_DETECTOR)
+            if right_tracks is None
+            else tracks_as_detections(right_tracks)[0]
+        )
         if isinstance(detect, ViewedDetector):
             # Who is seen from a drone is small to begin with: enlarged tiles find people in every bush.
             detect.enlarge = False
         network = shipped("appearance_people") if appearance is None else appearance
-        used = given is None and not (isinstance(network, str | Path) and str(network) == NONE)
+        used = right_tracks is None and not (isinstance(network, str | Path) and str(network) == NONE)
         describe = as_describer(network, finding.threads, device=finding.device) if used else None
-        streams = _streams(method, actions, needed=given is not None)
+        streams = _streams(method, actions, needed=right_tracks is not None)
         recognise = ActionRecogniser(streams, finding.threads, device=finding.device) if streams else None
-        camera = camera_motion and given is None
+        camera = camera_motion and right_tracks is None
         key: dict[str, str | None] = {"detections": _digest(finding.detections), "tracks": _digest(tracks)}
         if not isinstance(detect, list):
             key["detector"] = _digest(finding.detector or shipped(DRONE_DETECTOR), "detector")
@@ -80,7 +84,7 @@ class DroneModels:
         if spare and all(path.is_file() for path in spare):
             keys.append(key | _streams_key(spare))
         observers = Observers(detect, describe, recognise, camera, finding.batch_size)
-        return cls(observers, recognise.names if recognise else (), keys, given)
+        return cls(observers, recognise.names if recognise else (), keys, right_tracks)
 
 
 def _streams(method: DroneMethod, actions: Sequence[Path] | None, *, needed: bool) -> list[Path]:
@@ -90,11 +94,11 @@ def _streams(method: DroneMethod, actions: Sequence[Path] | None, *, needed: boo
     return list(actions) if actions is not None else [shipped(f"action_drone_{name}") for name in STREAMS]
 
 
-def _digest(given: object, kind: str = "") -> str | None:
+def _digest(model: object, kind: str = "") -> str | None:
     """Of the file that is given, or that the name of a model of a ``kind`` stands for; None of anything else."""
-    if not isinstance(given, str | Path):
+    if not isinstance(model, str | Path):
         return None
-    return file_digest(shipped_or_file(kind, given) if kind else Path(given))
+    return file_digest(shipped_or_file(kind, model) if kind else Path(model))
 
 
 def _streams_key(streams: Sequence[Path]) -> dict[str, str | None]:
@@ -126,8 +130,8 @@ def read_given_tracks(path: Path, source: Source) -> list[Track]:
     check_frames(labels, len(source.images), source.size, str(path))
     visible = labels.select(~labels.lost)
     rows = [visible.select(np.flatnonzero(visible.ids == identity)) for identity in np.unique(visible.ids).tolist()]
-    rows = [one.select(np.argsort(one.frames)) for one in rows]
-    return [Track(int(one.ids[0]) + 1, one.frames, one.boxes, np.ones(len(one))) for one in rows]
+    rows = [person.select(np.argsort(person.frames)) for person in rows]
+    return [Track(int(person.ids[0]) + 1, person.frames, person.boxes, np.ones(len(person))) for person in rows]
 
 
 def tracks_as_detections(tracks: Sequence[Track], length: int | None = None) -> tuple[list[Detections], IntArray]:

@@ -93,10 +93,10 @@ def observe(
     """
     times = times or StageTimes()
     path = CameraPath() if observers.camera else None
-    kept = 0 if observers.recognise is None else observers.recognise.history
-    before: deque[ImageArray] = deque(maxlen=kept + 1)
+    history = 0 if observers.recognise is None else observers.recognise.history
+    images: deque[ImageArray] = deque(maxlen=history + 1)
     for frame, detections in stream(frames, observers.detect, observers.describe, observers.batch_size, times):
-        before.append(frame.image)
+        images.append(frame.image)
         motion = None
         if path is not None:
             with times.measure("camera"):
@@ -107,12 +107,15 @@ def observe(
         actions = None
         if observers.recognise is not None:
             with times.measure("actions"):
-                actions = observers.recognise.recognise(list(before), detections.boxes)
+                actions = observers.recognise.recognise(list(images), detections.boxes)
         yield Observation(frame.index, detections, actions, motion)
 
 
+# Frames of an entry of the store.
 CHUNK = 100
+# Of the entries: another one is computed anew.
 VERSION = 4
+# What an entry's file begins with.
 MAGIC = b"tsuiseki observations 1\n"
 
 
@@ -226,20 +229,20 @@ def video_observations(
         return
     if source.length is None:
         raise RequestError("`cache`: expected a video of known length, such as a folder of images; leave `cache` out")
-    wanted = source.frames_wanted.within(source.length)
-    assert wanted.last is not None
+    frame_range = source.frames_wanted.within(source.length)
+    assert frame_range.last is not None
     files = source.images if isinstance(source, ImageFolder) else (Path(source.address),)
     # By name, size and time of change: quick, whatever their number.
     facts = [(path.name, (status := path.stat()).st_size, status.st_mtime_ns) for path in files]
-    keys = [{**one, "video": _digest(facts), "start": wanted.first} for one in keys]
-    for first in range(wanted.first, wanted.last + 1, CHUNK):
-        last = min(first + CHUNK - 1, wanted.last)
+    keys = [{**key, "video": _digest(facts), "start": frame_range.first} for key in keys]
+    for first in range(frame_range.first, frame_range.last + 1, CHUNK):
+        last = min(first + CHUNK - 1, frame_range.last)
         part = {"first": first, "last": last, "version": VERSION}
-        paths = [cache / f"{_digest({**one, **part})}.npz" for one in keys]
+        paths = [cache / f"{_digest({**key, **part})}.npz" for key in keys]
         observations = next((read for path in paths if (read := _read(path, first, last)) is not None), None)
         if observations is None:
             # The frames before the first one are history for the optical flow.
-            start = max(first - observers.history, wanted.first)
+            start = max(first - observers.history, frame_range.first)
             again = replace(source, frames_wanted=FrameRange(start, last)).frames()
             observations = list(observe(again, observers, times, first))
             _write(paths[0], observations)

@@ -13,6 +13,7 @@ from tsuiseki.tracking.report.track_bars import followed
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types.tracks import ActingTrack
 
+# Actions that a caption names at most.
 MOST_NAMED = 3
 
 

@@ -96,16 +96,16 @@ def track_drone(
     check_choice(preset, get_args(DronePreset), "preset")
     settings = as_settings(settings, DroneSettings)
     opened = Video.given(source, frames).open(images=True, replayable=True)
-    given: Any = {"detections": detections, "detector": detector}
-    finding = FindingOptions(**given, threads=threads, device=device, view="auto")
+    detector_options: Any = {"detections": detections, "detector": detector}
+    finding = FindingOptions(**detector_options, threads=threads, device=device, view="auto")
     streams = None if actions is None else [a_path(path, "actions") for path in actions]
     moving = preset == "default"
     models = DroneModels.choose(opened, method, finding, appearance, streams, camera_motion=moving)
     times = StageTimes()
     costs = link_costs(affinity, preset, method, threads)
     observations = observe(opened.frames(), models.observers, times)
-    made = {"method": method, "source": named(source), "seed": seed}
-    return link(observations, opened, models, method, settings, times, made, costs)
+    run_settings = {"method": method, "source": named(source), "seed": seed}
+    return link(observations, opened, models, method, settings, times, run_settings, costs)
 
 
 def link_costs(
@@ -144,14 +144,14 @@ def link(
     method: DroneMethod,
     settings: DroneSettings,
     times: StageTimes,
-    made: Mapping[str, Any],
+    run_settings: Mapping[str, Any],
     costs: CostNetwork | PrintedFlow | None = None,
     threshold: float = NAMED,
 ) -> DroneResult:
     """The people of a video out of what ``models`` observed in its frames.
 
     ``costs`` are by how much learnt costs differ from the settings', by default not at all, or the flow as printed. An
-    action is named where its probability is above the ``threshold``. ``made`` are settings of the run.
+    action is named where its probability is above the ``threshold``. ``run_settings`` are kept with the result.
 
     Raises:
         RunError: there is no frame.
@@ -162,8 +162,8 @@ def link(
     watching, log = models.observers, FrameLog()
     facts = dict[str, Any](devices_of(watching.detect, watching.describe, watching.recognise))
     logged, network = _logged(observations, log), None
-    if models.given is not None:
-        people = _named(logged, models, models.given, settings, source.frame_rate, log)
+    if models.right_tracks is not None:
+        people = _named(logged, models, models.right_tracks, settings, source.frame_rate, log)
     else:
         tracker = DroneTracker(suited(settings, method), source.frame_rate, source.size, costs)
         people = _linked(logged, tracker, method, times, log)
@@ -177,7 +177,7 @@ def link(
     result: DroneResult = DroneResult.of(
         source,
         people,
-        settings=made,
+        settings=run_settings,
         facts=facts,
         seconds=times.seconds,
         frames=log.columns(tracks),
@@ -193,19 +193,19 @@ def _linked(
     observations: Iterable[Observation], tracker: DroneTracker, method: DroneMethod, times: StageTimes, log: FrameLog
 ) -> list[ActingTrack]:
     """The people whom ``tracker`` finds."""
-    for one in observations:
-        actions = None if one.actions is None or method == "flow" else averaged(one.actions)
+    for observation in observations:
+        actions = None if observation.actions is None or method == "flow" else averaged(observation.actions)
         with times.measure("link"):
-            tracker.update(replace(one.detections, actions=actions), one.motion)
+            tracker.update(replace(observation.detections, actions=actions), observation.motion)
     with times.measure("link"):
-        return [replace(one, track=shifted(one.track, log.frames[0])) for one in tracker.people()]
+        return [replace(person, track=shifted(person.track, log.frames[0])) for person in tracker.people()]
 
 
 def _logged(observations: Iterable[Observation], log: FrameLog) -> Iterator[Observation]:
     """The observations, noted in ``log``; raises RunError where there is none."""
-    for one in observations:
-        log.add(one.frame, one.detections)
-        yield one
+    for observation in observations:
+        log.add(observation.frame, observation.detections)
+        yield observation
     if not log.frames:
         raise RunError("expected frames, got none")
 
@@ -229,16 +229,16 @@ def suited(settings: DroneSettings, method: DroneMethod) -> DroneSettings:
 def _named(
     observations: Iterable[Observation],
     models: DroneModels,
-    given: Sequence[Track],
+    tracks: Sequence[Track],
     settings: DroneSettings,
     frame_rate: float,
     log: FrameLog,
 ) -> list[ActingTrack]:
-    """Given tracks with what the observations of their boxes say that people do."""
+    """``tracks`` with what the observations of their boxes say that people do."""
     unknown = np.empty((0, len(models.names)))
-    parts = [unknown if one.actions is None else averaged(one.actions) for one in observations]
-    boxes, labels = tracks_as_detections(given)
-    first = sum(len(own) for own in boxes[: log.frames[0]])
+    parts = [unknown if observation.actions is None else averaged(observation.actions) for observation in observations]
+    boxes, labels = tracks_as_detections(tracks)
+    first = sum(len(frame_boxes) for frame_boxes in boxes[: log.frames[0]])
     labels = labels[first : first + sum(log.detections)]
     rows = rows_of(boxes[log.frames[0] : log.frames[-1] + 1] or [Detections.empty()], log.frames[0], 0)
     actions, half = np.concatenate(parts), round(settings.window / 2 * frame_rate)
@@ -299,9 +299,9 @@ def drone(
             observed = observe(run.frames(source), models.observers, run.times)
         else:
             observed = video_observations(source, models.observers, models.keys, cache, run.times)
-        line = None if finding.detections or cache else lambda number, one: detection_lines(number, one.detections)
-        kept = run.kept("detections.txt", ((one.frame, one) for one in observed), line)
-        steps = run.steps(one for _, one in kept)
+        line = None if finding.detections or cache else lambda number, here: detection_lines(number, here.detections)
+        saved = run.kept("detections.txt", ((observation.frame, observation) for observation in observed), line)
+        steps = run.steps(observation for _, observation in saved)
         result = link(steps, source, models, method, drone, run.times, output.settings, costs, threshold)
         if unknown := result.facts.get("flow", {}).get("camera_unknown"):
             print(line_on_camera(unknown))

@@ -20,6 +20,7 @@ from tsuiseki.tracking.people.flow_input import FlowSettings, InputSettings
 DRONE_MOTION = MotionNoise((0.08, 0.25, 0.13), (0.5, 0.8, 0.3), (2.5, 0.2, 0.2))
 
 
+# Tuned for people from a drone: costs in nats, reach and speed in body heights, least shares in [0, 1].
 DRONE_FLOW = FlowSettings(
     input=InputSettings(detection=DetectionCost(offset=3.0, weight=0.5, least=0.02, interval=0.5), any_speed=False),
     costs=FlowCosts(
