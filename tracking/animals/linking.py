@@ -24,14 +24,16 @@ from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Status
 from tsuiseki.tracking.types.tracks import BodyTrack
 
+# By how much the exchanged way must be likelier, in units of log-likelihood.
 EVIDENCE = 4.0
-"""By how much the exchanged way must be likelier, in units of log-likelihood."""
+# Frames on each side of a contact that tell appearances, at least; and most frames of a parting that does not end one.
 FEWEST = 5
-# Frames before and after a contact that are compared, and the farthest that appearances may differ, in deviations.
+# Frames before and after a contact that are compared.
 WINDOW = 100
+# Most that appearances may differ, in deviations: one odd frame does not decide.
 FARTHEST = 5.0
+# Two animals are in contact where their pixels were separated and they are nearer than this many lengths.
 NEAR = 1.0
-"""Two animals are in contact where their pixels were separated and they are nearer than this many lengths."""
 
 
 def exchanged_after_contacts(labels: list[IntArray], poses: Sequence[list[AnimalPose]]) -> tuple[list[IntArray], int]:
@@ -45,18 +47,18 @@ def exchanged_after_contacts(labels: list[IntArray], poses: Sequence[list[Animal
     exchanges = 0
     pending = contacts(labels, poses)
     while pending:
-        first, last, one, other = pending.pop(0)
-        before, after = (range(max(0, first - WINDOW), first), range(last + 1, min(len(labels), last + 1 + WINDOW)))
+        first, last, track_a, track_b = pending.pop(0)
+        earlier, later = (range(max(0, first - WINDOW), first), range(last + 1, min(len(labels), last + 1 + WINDOW)))
         appearances = [
-            _appearance(labels, poses, frames, track) for frames in (before, after) for track in (one, other)
+            _appearance(labels, poses, frames, track) for frames in (earlier, later) for track in (track_a, track_b)
         ]
         if min(map(len, appearances)) < FEWEST:
             continue
         if _gain(appearances) > EVIDENCE:
             for row in labels[last + 1 :]:
-                was_one, was_other = row == one, row == other
-                row[was_one], row[was_other] = other, one
-            pending = [_renamed(contact, last, {one: other, other: one}) for contact in pending]
+                was_a, was_b = row == track_a, row == track_b
+                row[was_a], row[was_b] = track_b, track_a
+            pending = [_renamed(contact, last, {track_a: track_b, track_b: track_a}) for contact in pending]
             exchanges += 1
     return labels, exchanges
 
@@ -65,12 +67,12 @@ def contacts(labels: list[IntArray], poses: Sequence[list[AnimalPose]]) -> list[
     """First and last frame of each contact, and the two tracks, by the first frame; short partings do not end one."""
     running: dict[tuple[int, int], tuple[int, int]] = {}
     ended: list[tuple[int, int, int, int]] = []
-    for frame, (row, found) in enumerate(zip(labels, poses, strict=True)):
-        touching = [n for n, pose in enumerate(found) if pose.contact and row[n] > 0]
+    for frame, (row, present) in enumerate(zip(labels, poses, strict=True)):
+        touching = [n for n, pose in enumerate(present) if pose.contact and row[n] > 0]
         for i, a in enumerate(touching):
             for b in touching[i + 1 :]:
-                away = float(np.linalg.norm(found[a].place - found[b].place))
-                if away > NEAR * max(found[a].length, found[b].length):
+                away = float(np.linalg.norm(present[a].place - present[b].place))
+                if away > NEAR * max(present[a].length, present[b].length):
                     continue
                 pair = (int(min(row[a], row[b])), int(max(row[a], row[b])))
                 first, last = running.get(pair, (frame, frame))
@@ -81,10 +83,10 @@ def contacts(labels: list[IntArray], poses: Sequence[list[AnimalPose]]) -> list[
     return sorted(ended + [(*span, *pair) for pair, span in running.items()])
 
 
-def _renamed(contact: tuple[int, int, int, int], after: int, names: dict[int, int]) -> tuple[int, int, int, int]:
-    """A contact with the names that its tracks have since an exchange ``after`` that frame."""
+def _renamed(contact: tuple[int, int, int, int], exchange: int, names: dict[int, int]) -> tuple[int, int, int, int]:
+    """A contact with the names that its tracks have since the frame of an ``exchange``."""
     first, last, a, b = contact
-    if first <= after:
+    if first <= exchange:
         return contact
     a, b = sorted((names.get(a, a), names.get(b, b)))
     return first, last, a, b
@@ -92,17 +94,17 @@ def _renamed(contact: tuple[int, int, int, int], after: int, names: dict[int, in
 
 def _appearance(labels: list[IntArray], poses: Sequence[list[AnimalPose]], frames: range, track: int) -> FloatArray:
     """``(T, 3)`` appearance of a track in frames in which nothing touches it."""
-    found = [
+    appearances = [
         pose.appearance
         for frame in frames
         for label, pose in zip(labels[frame], poses[frame], strict=True)
         if label == track and not pose.contact
     ]
-    return np.array(found).reshape(-1, 3)
+    return np.array(appearances).reshape(-1, 3)
 
 
 def _gain(appearances: list[FloatArray]) -> float:
-    """How much likelier it is that the two were exchanged: one and other before, one and other after."""
+    """How much likelier it is that the two were exchanged: first and second before, first and second after."""
     middle = [np.median(part, axis=0) for part in appearances]
     spread = np.concatenate([part - centre for part, centre in zip(appearances, middle, strict=True)])
     deviation = np.maximum(1.4826 * np.median(np.abs(spread), axis=0), 0.02)
@@ -111,18 +113,22 @@ def _gain(appearances: list[FloatArray]) -> float:
     def away(a: FloatArray, b: FloatArray) -> float:
         return float((np.minimum(np.abs(a - b) / deviation, FARTHEST) ** 2).sum())
 
-    one, other, then_one, then_other = middle
-    return 0.5 * (away(one, then_one) + away(other, then_other) - away(one, then_other) - away(other, then_one))
+    first, second, then_first, then_second = middle
+    return 0.5 * (
+        away(first, then_first) + away(second, then_second) - away(first, then_second) - away(second, then_first)
+    )
 
 
+# Columns of a track's states.
 FIELDS = ("a", "b", "theta", "length", "width")
+# Score of an animal that another touches.
 CONTACT_SCORE = 0.5
+# Least time for which an animal is detected, seconds.
 SHORTEST = 0.4
-"""Least time for which an animal is detected, seconds."""
+# Seconds of walking, of all animals together, from which heads are more than a guess.
 WALKED = 0.4
-"""Seconds of walking, of all animals together, from which heads are more than a guess."""
+# Seconds over which the ends of a body, seen by region, are taken together.
 STEADY = 0.4
-"""Seconds over which the ends of a body, seen by region, are taken together."""
 
 
 @dataclass(frozen=True)
@@ -150,22 +156,22 @@ def link_animals(
         size: width and height of the images; None where not known.
     """
     labels, _ = exchanged_after_contacts(_flow(poses, frame_rate, size), poses)
-    at, every = np.repeat(np.arange(len(poses)), list(map(len, poses))), list(itertools.chain.from_iterable(poses))
+    at, all_poses = np.repeat(np.arange(len(poses)), list(map(len, poses))), list(itertools.chain.from_iterable(poses))
     longest = round(frame_rate)
     # Of each animal the rows in its segments, which no gap that is too long to be filled interrupts.
     animals = [
         np.split(rows, np.flatnonzero(np.diff(at[rows]) > longest) + 1)
         for rows in long_tracks(np.concatenate([np.empty(0, np.int64), *labels]) - 1)
     ]
-    segments = [[[every[row] for row in part] for part in parts] for parts in animals]
+    segments = [[[all_poses[row] for row in part] for part in parts] for parts in animals]
     apart = list(itertools.chain.from_iterable(segments))
     signs, walked = head_signs(apart, frame_rate)
     if apart and walked < WALKED and not any(pose.headed for part in apart for pose in part):
         warnings.warn("hardly any animal walks: which end is the head is a guess", InputWarning, stacklevel=2)
     linked = []
-    for number, (parts, own) in enumerate(zip(animals, segments, strict=True), start=1):
-        headings = np.concatenate([heads(part, signs, frame_rate) for part in own])
-        rows, joined = at[np.concatenate(parts)], list(itertools.chain.from_iterable(own))
+    for number, (parts, animal_segments) in enumerate(zip(animals, segments, strict=True), start=1):
+        headings = np.concatenate([heads(part, signs, frame_rate) for part in animal_segments])
+        rows, joined = at[np.concatenate(parts)], list(itertools.chain.from_iterable(animal_segments))
         linked.append(_animal(number, rows, joined, headings, np.asarray(frames), longest))
     return linked
 
@@ -206,17 +212,17 @@ def _animal(
         _steadied(states, poses, round(STEADY * longest))
     scores = np.array([CONTACT_SCORE if pose.contact else 1.0 for pose in poses])
     gaps = [np.arange(first, last) for first, last in itertools.pairwise(at.tolist()) if last - first <= longest]
-    every = np.unique(np.concatenate([at, *gaps]))
-    observed = np.isin(every, at)
+    filled = np.unique(np.concatenate([at, *gaps]))
+    observed = np.isin(filled, at)
     states[:, 2] = np.unwrap(states[:, 2])
-    full = np.stack([np.interp(every, at, column) for column in states.T], axis=1)
+    full = np.stack([np.interp(filled, at, column) for column in states.T], axis=1)
     full[:, 2] = np.angle(np.exp(1j * full[:, 2]))
-    full_scores = np.zeros(len(every))
+    full_scores = np.zeros(len(filled))
     full_scores[observed] = scores
-    statuses: list[Status] = ["tracking" if one else "searching" for one in observed]
-    given = iter(poses)
-    shown = tuple(next(given) if one else None for one in observed)
-    return Animal(BodyTrack(number, frames[every], full, full_scores, tuple(statuses)), shown)
+    statuses: list[Status] = ["tracking" if supported else "searching" for supported in observed]
+    remaining = iter(poses)
+    frame_poses = tuple(next(remaining) if supported else None for supported in observed)
+    return Animal(BodyTrack(number, frames[filled], full, full_scores, tuple(statuses)), frame_poses)
 
 
 def _steadied(states: FloatArray, poses: list[AnimalPose], window: int) -> None:
@@ -235,11 +241,11 @@ def _steadied(states: FloatArray, poses: list[AnimalPose], window: int) -> None:
     free = np.flatnonzero([not pose.contact for pose in poses])
     if len(free) == 0:
         free = np.arange(len(poses))
-    known = [ends for n in free if (ends := poses[n].ends) is not None]
+    measured_ends = [ends for n in free if (ends := poses[n].ends) is not None]
     smooth = [median_filter(column[free], max(window, 1), mode="nearest") for column in (shift, states[:, 3])]
-    if len(known) == len(free):
+    if len(measured_ends) == len(free):
         same = np.cos([poses[n].axis - states[n, 2] for n in free]) >= 0
-        ahead = np.where(same[:, None, None], known, -np.array(known)[:, :, ::-1])
+        ahead = np.where(same[:, None, None], measured_ends, -np.array(measured_ends)[:, :, ::-1])
         smooth[0] = _held_by_ends(shift[free], ahead)
     shift, states[:, 3] = (np.interp(np.arange(len(poses)), free, column) for column in smooth)
     states[:, :2] = cores + shift[:, None] * heading

@@ -20,18 +20,19 @@ import numpy as np
 
 from tsuiseki.tracking.types import FloatArray, IntArray
 
+# Share of an animal's contrast from which a pixel is its core.
 CORE = 0.5
-"""Share of an animal's contrast from which a pixel is its core."""
+# Quantile of the contrast of its pixels that counts as an animal's own.
 PEAK = 0.98
-"""Quantile of the contrast of its pixels that counts as an animal's own."""
+# Half the width of the band along the axis, in half widths of the core.
 BAND = 1.25
-"""Half the width of the band along the axis, in half widths of the core."""
 # Quantiles of the pixels along the axis between which the length lies.
 ENDS = (0.01, 0.99)
+# Shares of an animal's contrast at which its ends are taken: a sharp end lies at one place in both.
 EDGES = (0.3, 0.5)
-"""Shares of an animal's contrast at which its ends are taken: a sharp end lies at one place in both."""
+# Levels of contrast at which the middle is taken.
 LEVELS = 8
-"""Levels of contrast at which the middle is taken."""
+# Pixels that tell the place of an end, or a core, at least.
 FEWEST = 8
 
 
@@ -100,9 +101,9 @@ class AnimalPose:
 
     def pointing(self, axis: float) -> tuple[float, float]:
         """Of the two directions of the axis the one nearer to ``axis``, and the shift from core to body along it."""
-        own = self.axis if np.cos(self.axis - axis) >= 0 else self.axis + np.pi
+        direction = self.axis if np.cos(self.axis - axis) >= 0 else self.axis + np.pi
         away = self.place - self.core
-        return own, float(away[0] * np.cos(own) + away[1] * np.sin(own))
+        return direction, float(away[0] * np.cos(direction) + away[1] * np.sin(direction))
 
 
 def pose_of(pixels: FloatArray, contrast: FloatArray, touched: ExpectedAnimal | None = None) -> AnimalPose:
@@ -157,14 +158,14 @@ def _middle(along: FloatArray, contrast: FloatArray, core: float) -> float:
     return float(np.mean(ends)) if ends else float(along.mean())
 
 
+# Lengths of itself that an animal moves within `SPAN`, from which it walks.
 WALKING = 0.25
-"""Lengths of itself that an animal moves within `SPAN`, from which it walks."""
+# Time over which a walk is measured, seconds.
 SPAN = 0.4
-"""Seconds."""
-KNOWN = 100.0
-"""Evidence of a head that is known, not found."""
+# Evidence of a head that a person labelled: more than a walk of many frames.
+LABELLED = 100.0
+# Cost of a right angle between two frames; a frame of walking the other way costs up to 1.
 TURNED_ROUND = 50.0
-"""Cost of a right angle between two frames; a frame of walking the other way costs up to 1."""
 
 
 def heads(poses: list[AnimalPose], signs: FloatArray, frame_rate: float) -> FloatArray:
@@ -177,7 +178,7 @@ def heads(poses: list[AnimalPose], signs: FloatArray, frame_rate: float) -> Floa
     """
     axes = np.array([pose.axis for pose in poses])
     votes = _walk(poses, frame_rate) + 0.5 * np.tanh(_asymmetries(poses) * signs).sum(axis=1)
-    votes = np.where([pose.headed for pose in poses], KNOWN, votes)
+    votes = np.where([pose.headed for pose in poses], LABELLED, votes)
     flips = _chosen(axes, votes)
     return np.asarray(np.angle(np.exp(1j * (axes + np.pi * flips))))
 
@@ -224,16 +225,16 @@ def _walk(poses: list[AnimalPose], frame_rate: float) -> FloatArray:
 
 def _chosen(axes: FloatArray, votes: FloatArray) -> IntArray:
     """``(T,)`` 1 where the axis points to the tail: the cheapest way through all frames."""
-    own = np.stack([-votes, votes], axis=1)
+    costs = np.stack([-votes, votes], axis=1)
     back = np.zeros((len(axes), 2), dtype=np.int64)
-    total = own[0].copy()
+    total = costs[0].copy()
     for t in range(1, len(axes)):
         same = np.cos(axes[t] - axes[t - 1])
         # Rows: before, columns: now. The more the head turns, the dearer.
         turn = TURNED_ROUND * np.maximum(0.0, 1 - np.array([[same, -same], [-same, same]]))
         way = total[:, None] + turn
         back[t] = way.argmin(axis=0)
-        total = way.min(axis=0) + own[t]
+        total = way.min(axis=0) + costs[t]
     flips = np.zeros(len(axes), dtype=np.int64)
     flips[-1] = int(total.argmin())
     for t in range(len(axes) - 1, 0, -1):

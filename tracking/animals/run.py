@@ -67,10 +67,10 @@ def track_animals(
     """
     opened = Video.given(source, frames).open(images=True, replayable=True)
     skeleton = as_settings(skeleton, SkeletonSettings, "skeleton")
-    made = {"contrast": contrast, "source": named(source), "seed": seed}
+    run_settings = {"contrast": contrast, "source": named(source), "seed": seed}
     choice = AnimalChoice(contrast, threshold, animals=as_settings(settings, AnimalSettings))
     choice.check()
-    return animal_result(opened, opened.frames(), skeleton, skeleton.table(), choice, StageTimes(), made)
+    return animal_result(opened, opened.frames(), skeleton, skeleton.table(), choice, StageTimes(), run_settings)
 
 
 def animal_result(
@@ -80,9 +80,9 @@ def animal_result(
     table: PointTable | None,
     choice: AnimalChoice,
     times: StageTimes,
-    made: Mapping[str, Any],
+    run_settings: Mapping[str, Any],
 ) -> Result[BodyTrack]:
-    """The result of a run over the frames of a video; ``made`` are settings of the run."""
+    """The result of a run over the frames of a video; ``run_settings`` are kept with it."""
     facts = dict[str, Any](frame_rate=source.frame_rate)
     tracker = None
     if skeleton.points is None:
@@ -99,15 +99,15 @@ def animal_result(
                 tracker.update(frame)
     with times.measure("identities"):
         by_frame = tracker.poses if tracker else _poses_by_points(table, skeleton, numbers) if table else []
-        found, placed = _finished(by_frame, numbers, skeleton, table, source.frame_rate, size)
-    tracks, fields = [one.track for one in found], list(FIELDS)
+        linked, placed = _finished(by_frame, numbers, skeleton, table, source.frame_rate, size)
+    tracks, fields = [animal.track for animal in linked], list(FIELDS)
     if choice.scale is not None:
         tracks, fields = in_millimetres(tracks, choice.scale, source)
     files: dict[str, Writer] = {STATES_FILE: lambda path, _: write_states(path, tracks, fields)}
     result = Result[BodyTrack].of(
         source,
         tracks,
-        settings=made,
+        settings=run_settings,
         facts=facts,
         seconds=times.seconds,
         frames={"frame": numbers, "animals": [len(poses) for poses in by_frame]},
@@ -118,8 +118,8 @@ def animal_result(
     )
     scale = None if choice.scale is None else choice.scale / 1000
     # A video file tells its size by its frames.
-    known = result.size or (size if any(size) else None)
-    return replace(result, size=known, page=PageContent(("animal", "animals"), scale=scale))
+    image_size = result.size or (size if any(size) else None)
+    return replace(result, size=image_size, page=PageContent(("animal", "animals"), scale=scale))
 
 
 def _poses_by_points(table: PointTable, skeleton: SkeletonSettings, frames: Sequence[int]) -> list[list[AnimalPose]]:
@@ -163,15 +163,15 @@ def in_millimetres(tracks: Sequence[BodyTrack], scale: float, source: Source) ->
         scale: millimetres of a pixel.
         source: the video, which times its frames, for the speed.
     """
-    found = []
+    metric_tracks = []
     for track in tracks:
         metric = scale * track.states[:, [0, 1, 3, 4]]
         speed = np.zeros(len(track))
         if len(track) > 1:
             seconds = source.times_of(track.frames)
             speed = np.linalg.norm(np.gradient(metric[:, :2], seconds, axis=0), axis=1)
-        found.append(replace(track, states=np.concatenate([track.states, metric, speed[:, None]], axis=1)))
-    return found, [*FIELDS, "a_mm", "b_mm", "length_mm", "width_mm", "speed_mm_s"]
+        metric_tracks.append(replace(track, states=np.concatenate([track.states, metric, speed[:, None]], axis=1)))
+    return metric_tracks, [*FIELDS, "a_mm", "b_mm", "length_mm", "width_mm", "speed_mm_s"]
 
 
 def animals(video: Video, output: Output, skeleton: SkeletonSettings, choice: AnimalChoice) -> int:

@@ -26,10 +26,13 @@ from tsuiseki.tracking.types.tracks import PointTable
 
 Complex: TypeAlias = NDArray[np.complex128]
 
+# Of a fit, whose scale narrows from one to the next; and of learning.
 ROUNDS = 12
+# Deviation of a point from the fit, of the skeleton's size, at the least.
 LEAST_NOISE = 0.01
-"""Deviation of a point from the fit, of the skeleton's size, at the least."""
+# Names of points at the front, the most telling first.
 FRONTS = ("head", "nose", "snout")
+# Names of points at the back, the most telling first.
 BACKS = ("abdomen", "tailbase", "tail_base", "tail", "thorax")
 
 
@@ -70,16 +73,16 @@ class Skeleton:
             points: ``(N, K, 2)`` pixels, NaN where missing; at least two of each animal.
         """
         measured = np.asarray(np.isfinite(points).all(axis=2), dtype=np.bool_)
-        given = np.where(measured, np.nan_to_num(points[..., 0]) + 1j * np.nan_to_num(points[..., 1]), 0)
+        positions = np.where(measured, np.nan_to_num(points[..., 0]) + 1j * np.nan_to_num(points[..., 1]), 0)
         weights: FloatArray = np.asarray(measured, dtype=np.float64)
         bends: FloatArray = np.zeros((len(points), len(self.modes)))
-        place, turn = _similarity(np.tile(self.mean, (len(points), 1)), given, weights)
+        place, turn = _similarity(np.tile(self.mean, (len(points), 1)), positions, weights)
         # Cauchy's weights, with a scale of three deviations in the end. It begins wide, and stiff, so that a point that
         # is far off is found out before bends follow it.
         for number, scale in enumerate(np.geomspace(1.0, 3 * self.noise, ROUNDS)):
             shape = self.mean + bends @ self.modes
-            place, turn = _similarity(shape, given, weights)
-            local = (given - place[:, None]) / turn[:, None]
+            place, turn = _similarity(shape, positions, weights)
+            local = (positions - place[:, None]) / turn[:, None]
             if len(self.modes) and number >= ROUNDS // 2:
                 bends = self._bends(local, weights)
             away = np.abs(local - self.mean - bends @ self.modes)
@@ -117,36 +120,36 @@ def learn_skeleton(
     if not good.any():
         raise RequestError("expected animals with at least two points, got none")
     points, measured = points[good], measured[good]
-    given = np.where(measured, np.nan_to_num(points[..., 0]) + 1j * np.nan_to_num(points[..., 1]), 0)
-    mean = given[int(measured.sum(axis=1).argmax())].copy()
+    positions = np.where(measured, np.nan_to_num(points[..., 0]) + 1j * np.nan_to_num(points[..., 1]), 0)
+    mean = positions[int(measured.sum(axis=1).argmax())].copy()
     weights = np.asarray(measured, dtype=np.float64)
     for _ in range(ROUNDS):
-        place, turn = _similarity(np.tile(mean, (len(given), 1)), given, weights)
-        local = (given - place[:, None]) / turn[:, None]
+        place, turn = _similarity(np.tile(mean, (len(positions), 1)), positions, weights)
+        local = (positions - place[:, None]) / turn[:, None]
         mean = (weights * local).sum(axis=0) / weights.sum(axis=0)
         mean = mean - mean.mean()
         mean = mean / np.sqrt(np.mean(np.abs(mean) ** 2))
     ahead = mean[front] - mean[back]
     mean = mean * np.conj(ahead / abs(ahead))
-    place, turn = _similarity(np.tile(mean, (len(given), 1)), given, weights)
-    rest = np.where(measured, (given - place[:, None]) / turn[:, None] - mean, 0)
-    table = np.concatenate([rest.real, rest.imag], axis=1)
+    place, turn = _similarity(np.tile(mean, (len(positions), 1)), positions, weights)
+    residual = np.where(measured, (positions - place[:, None]) / turn[:, None] - mean, 0)
+    table = np.concatenate([residual.real, residual.imag], axis=1)
     _, lengths, vectors = np.linalg.svd(table, full_matrices=False)
-    count = min(modes, max(0, len(given) // 20), len(lengths))
-    deviations = lengths[:count] / np.sqrt(len(given))
-    own = vectors[:count] * deviations[:, None]
-    kept = own[:, : len(nodes)] + 1j * own[:, len(nodes) :]
+    count = min(modes, max(0, len(positions) // 20), len(lengths))
+    deviations = lengths[:count] / np.sqrt(len(positions))
+    components = vectors[:count] * deviations[:, None]
+    learnt_modes = components[:, : len(nodes)] + 1j * components[:, len(nodes) :]
     left = np.sum(lengths[count:] ** 2) / max(2 * measured.sum(), 1)
-    return Skeleton(nodes, mean, np.asarray(kept), max(float(np.sqrt(left)), LEAST_NOISE))
+    return Skeleton(nodes, mean, np.asarray(learnt_modes), max(float(np.sqrt(left)), LEAST_NOISE))
 
 
-def _similarity(shape: Complex, given: Complex, weights: FloatArray) -> tuple[Complex, Complex]:
-    """Place and turn with size that take ``shape`` ``(N, K)`` nearest to ``given``, by weighted least squares."""
+def _similarity(shape: Complex, positions: Complex, weights: FloatArray) -> tuple[Complex, Complex]:
+    """Place and turn with size that take ``shape`` ``(N, K)`` nearest to ``positions``, by weighted least squares."""
     total = np.maximum(weights.sum(axis=1, keepdims=True), 1e-9)
-    middle, target = ((weights * part).sum(axis=1, keepdims=True) / total for part in (shape, given))
-    own, other = shape - middle, given - target
-    square = np.maximum((weights * np.abs(own) ** 2).sum(axis=1), 1e-12)
-    turn = (weights * own.conj() * other).sum(axis=1) / square
+    middle, target = ((weights * part).sum(axis=1, keepdims=True) / total for part in (shape, positions))
+    centred_shape, centred_positions = shape - middle, positions - target
+    square = np.maximum((weights * np.abs(centred_shape) ** 2).sum(axis=1), 1e-12)
+    turn = (weights * centred_shape.conj() * centred_positions).sum(axis=1) / square
     turn = np.where(np.abs(turn) > 1e-9, turn, 1e-9)
     return target[:, 0] - turn * middle[:, 0], turn
 
@@ -170,10 +173,11 @@ def line_of(nodes: tuple[str, ...], line: tuple[str, str] | None) -> tuple[int, 
     return nodes.index(line[0]), nodes.index(line[1])
 
 
+# Animals nearer than so many lengths may be mistaken for each other.
 TOUCHING = 0.5
-"""Animals nearer than so many lengths may be mistaken for each other."""
+# Least mean weight of an animal's points, below which they are of no one animal.
 FITS = 0.3
-"""Least mean weight of an animal's points, below which they are of no one animal."""
+# Points that tell the place and turn of an animal, at least.
 FEWEST = 2
 
 
@@ -210,9 +214,9 @@ def poses_of_points(
     """
     usable = np.isfinite(table.points).all(axis=2).sum(axis=1) >= FEWEST
     rows = np.flatnonzero(usable & (table.frames >= first) & (table.frames < first + count))
-    found: list[list[AnimalPose]] = [[] for _ in range(count)]
+    by_frame: list[list[AnimalPose]] = [[] for _ in range(count)]
     if not len(rows):
-        return found
+        return by_frame
     place, turn, bends, weights = skeleton.fit(table.points[rows])
     placed = skeleton.placed(place, turn, bends)
     node = None if centre is None else table.node(centre)
@@ -221,14 +225,14 @@ def poses_of_points(
         if weights[n][measured].mean() < FITS:
             continue
         points = np.stack([placed[n].real, placed[n].imag], axis=1)
-        own = points.mean(axis=0) if node is None else points[node]
+        spot = points.mean(axis=0) if node is None else points[node]
         length, width = skeleton.length * abs(turn[n]), skeleton.width * abs(turn[n])
         pose = AnimalPose(
-            own, float(np.angle(turn[n])), length, max(width, 0.2 * length), own, np.array([length, width]) / 4, 1.0,
+            spot, float(np.angle(turn[n])), length, max(width, 0.2 * length), spot, np.array([length, width]) / 4, 1.0,
             np.zeros(2), headed=True, points=points, point_scores=weights[n],
         )  # fmt: skip
-        found[int(table.frames[row]) - first].append(pose)
-    return [_touching(poses) for poses in found]
+        by_frame[int(table.frames[row]) - first].append(pose)
+    return [_touching(poses) for poses in by_frame]
 
 
 def _touching(poses: list[AnimalPose]) -> list[AnimalPose]:
@@ -244,21 +248,21 @@ def _touching(poses: list[AnimalPose]) -> list[AnimalPose]:
 def headed_by_labels(
     poses: Sequence[list[AnimalPose]], labels: PointTable, first: int, line: tuple[str, str] | None
 ) -> list[list[AnimalPose]]:
-    """The poses, with their heads known where a person labelled them."""
+    """The poses, with heads where a person labelled them."""
     back, front = line_of(labels.nodes, line)
-    after = [list(found) for found in poses]
+    headed = [list(of_frame) for of_frame in poses]
     for n, points in enumerate(labels.points):
         row = int(labels.frames[n]) - first
         ahead = points[front] - points[back]
-        if not 0 <= row < len(after) or not np.isfinite(ahead).all():
+        if not 0 <= row < len(headed) or not np.isfinite(ahead).all():
             continue
-        own = after[row]
-        number = _nearest(np.array([p.place for p in own]), np.array([p.length for p in own]), points)
+        present = headed[row]
+        number = _nearest(np.array([p.place for p in present]), np.array([p.length for p in present]), points)
         if number is not None:
-            pose = own[number]
+            pose = present[number]
             same = ahead[0] * np.cos(pose.axis) + ahead[1] * np.sin(pose.axis) >= 0
-            own[number] = replace(pose, axis=pose.axis + (0.0 if same else np.pi), headed=True)
-    return after
+            present[number] = replace(pose, axis=pose.axis + (0.0 if same else np.pi), headed=True)
+    return headed
 
 
 def learn_body_points(animals: Sequence[Animal], labels: PointTable) -> BodyPoints:
@@ -285,11 +289,11 @@ def learn_body_points(animals: Sequence[Animal], labels: PointTable) -> BodyPoin
         local.append((points - [a, b]) @ turn / length)
     if not local:
         raise RequestError("expected labels on the animals of these frames, got none; are they of another video?")
-    every = np.array(local)
-    known = np.isfinite(every).all(axis=2).any(axis=0)
-    if not known.all():
-        raise RequestError(f"expected a label of every point, got none of {labels.nodes[int(np.argmin(known))]}")
-    return BodyPoints(labels.nodes, np.nanmedian(every, axis=0))
+    places = np.array(local)
+    labelled = np.isfinite(places).all(axis=2).any(axis=0)
+    if not labelled.all():
+        raise RequestError(f"expected a label of every point, got none of {labels.nodes[int(np.argmin(labelled))]}")
+    return BodyPoints(labels.nodes, np.nanmedian(places, axis=0))
 
 
 def _nearest(places: FloatArray, lengths: FloatArray, points: FloatArray) -> int | None:
@@ -323,14 +327,14 @@ def point_table(animals: Sequence[Animal], points: BodyPoints | None, nodes: tup
             animal.track.frames.tolist(), animal.track.states, animal.track.scores, animal.poses, strict=True
         ):
             if points is not None:
-                own, sure = points.on(np.array([*state[:3], usual])), np.full(len(nodes), score)
+                positions, sure = points.on(np.array([*state[:3], usual])), np.full(len(nodes), score)
             elif pose is not None and pose.points is not None and pose.point_scores is not None:
-                own, sure = pose.points, pose.point_scores
+                positions, sure = pose.points, pose.point_scores
             else:
                 continue
             frames.append(frame)
             tracks.append(f"track_{animal.track.id}")
-            places.append(own)
+            places.append(positions)
             scores.append(sure)
     count = len(frames)
     return PointTable(

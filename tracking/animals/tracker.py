@@ -22,10 +22,14 @@ from tsuiseki.tracking.types import FloatArray, Frame, IntArray
 # A region of this many usual areas in which no animal was expected holds more than one animal, unless its shape is that
 # of one.
 SEVERAL = 1.6
-# Least fill, least and greatest aspect of such a shape, over the usual ones: two animals side by side fill an ellipse,
-# too, but a rounder one, and in line a longer one.
-FILLED, ASPECTS = 0.93, (0.75, 1.33)
+# Least fill of such a shape, over the usual one.
+FILLED = 0.93
+# Least and greatest aspect of such a shape, over the usual one: two animals side by side fill an ellipse, too, but a
+# rounder one, and in line a longer one.
+ASPECTS = (0.75, 1.33)
+# Of expectation and maximisation.
 ROUNDS = 12
+# Pixels that are an animal, or decide on one, at least.
 FEWEST = 12
 # How far from a region an animal expected there may be, in its lengths.
 REACH = 0.5
@@ -48,25 +52,25 @@ def find_animals(
     )
     labels = np.asarray(found_labels, dtype=np.int32)
     cores = np.bincount(labels[difference > background.core], minlength=count)
-    kept = [n for n in range(1, count) if cores[n] >= max(smallest * usual, FEWEST)]
-    where = {n: _pixels(labels, np.asarray(stats[n], dtype=np.int32), n) for n in kept}
+    regions = [n for n in range(1, count) if cores[n] >= max(smallest * usual, FEWEST)]
+    where = {n: _pixels(labels, np.asarray(stats[n], dtype=np.int32), n) for n in regions}
     inside = _regions_of(where, labels, expected)
-    found: list[AnimalPose] = []
+    poses: list[AnimalPose] = []
     for n, pixels in where.items():
-        own = [one for one, region in zip(expected, inside, strict=True) if region == n]
+        animals = [animal for animal, region in zip(expected, inside, strict=True) if region == n]
         contrast = np.asarray(difference[pixels[:, 1], pixels[:, 0]], dtype=np.float64)
         points = np.asarray(pixels + 0.5, dtype=np.float64)
         bright = contrast > background.core
-        if not own and cores[n] > SEVERAL * usual and not _like_one(points[bright], background.shape):
-            own = _apart(points, round(cores[n] / usual))
-        if len(own) < 2:
-            found.append(pose_of(points, contrast))
+        if not animals and cores[n] > SEVERAL * usual and not _like_one(points[bright], background.shape):
+            animals = _apart(points, round(cores[n] / usual))
+        if len(animals) < 2:
+            poses.append(pose_of(points, contrast))
             continue
-        parts = _assigned_pixels(points, points[bright], own)
-        for part, one in enumerate(own):
+        parts = _assigned_pixels(points, points[bright], animals)
+        for part, animal in enumerate(animals):
             if (parts == part).sum() >= FEWEST:
-                found.append(pose_of(points[parts == part], contrast[parts == part], one))
-    return found
+                poses.append(pose_of(points[parts == part], contrast[parts == part], animal))
+    return poses
 
 
 def _pixels(labels: NDArray[np.int32], stats: NDArray[np.int32], label: int) -> IntArray:
@@ -79,17 +83,17 @@ def _pixels(labels: NDArray[np.int32], stats: NDArray[np.int32], label: int) -> 
 def _regions_of(where: dict[int, IntArray], labels: NDArray[np.int32], expected: list[ExpectedAnimal]) -> list[int]:
     """The region that each expected animal is in, 0 for none."""
     height, width = labels.shape
-    found = []
-    for one in expected:
-        x, y = np.clip(np.floor(one.core), 0, [width - 1, height - 1]).astype(int)
+    regions = []
+    for animal in expected:
+        x, y = np.clip(np.floor(animal.core), 0, [width - 1, height - 1]).astype(int)
         label = int(labels[y, x])
         if label not in where:
-            away = {n: float(np.linalg.norm(pixels - one.core, axis=1).min()) for n, pixels in where.items()}
+            away = {n: float(np.linalg.norm(pixels - animal.core, axis=1).min()) for n, pixels in where.items()}
             label = min(away, key=away.__getitem__, default=0)
-            if label and away[label] > REACH * one.length:
+            if label and away[label] > REACH * animal.length:
                 label = 0
-        found.append(label)
-    return found
+        regions.append(label)
+    return regions
 
 
 def _like_one(core: FloatArray, usual: Shape | None) -> bool:
@@ -112,24 +116,24 @@ def _apart(points: FloatArray, count: int) -> list[ExpectedAnimal]:
     return [ExpectedAnimal(pose.core, pose.axis, pose.spread, 0.0, pose.length) for pose in poses]
 
 
-def _assigned_pixels(points: FloatArray, core: FloatArray, own: list[ExpectedAnimal]) -> IntArray:
+def _assigned_pixels(points: FloatArray, core: FloatArray, animals: list[ExpectedAnimal]) -> IntArray:
     """``(P,)`` which of the animals each pixel shows, by expectation and maximisation with sizes that stay.
 
     Args:
         points: ``(P, 2)`` all pixels of the region.
         core: ``(Q, 2)`` those of cores, which alone decide: legs and wings held out do not.
-        own: the animals.
+        animals: those in the region.
     """
-    places, axes = np.array([one.core for one in own]), np.array([one.axis for one in own])
-    spreads = np.array([one.spread for one in own])
-    if len(core) < FEWEST * len(own):
+    places, axes = np.array([animal.core for animal in animals]), np.array([animal.axis for animal in animals])
+    spreads = np.array([animal.spread for animal in animals])
+    if len(core) < FEWEST * len(animals):
         core = points
     for _ in range(ROUNDS):
         cost = _costs(core, places, axes, spreads)
         # Pixels of a filled body count alike, whatever its size, so that the size takes no part but in the distance.
         weight = np.exp(cost.min(axis=0) - cost)
         weight /= weight.sum(axis=0)
-        for n in range(len(own)):
+        for n in range(len(animals)):
             total = weight[n].sum()
             if total < FEWEST:
                 continue
@@ -148,10 +152,10 @@ def _costs(points: FloatArray, places: FloatArray, axes: FloatArray, spreads: Fl
     return np.asarray(0.5 * ((first / spreads[:, :1]) ** 2 + (second / spreads[:, 1:]) ** 2))
 
 
-def _nearest_axis(covariance: FloatArray, before: float) -> float:
-    """Angle of the longer axis, of its two directions the one nearer to ``before``."""
+def _nearest_axis(covariance: FloatArray, previous: float) -> float:
+    """Angle of the longer axis, of its two directions the one nearer to the ``previous`` one."""
     angle = 0.5 * np.arctan2(2 * covariance[0, 1], covariance[0, 0] - covariance[1, 1])
-    return float(angle if np.cos(angle - before) >= 0 else angle + np.pi)
+    return float(angle if np.cos(angle - previous) >= 0 else angle + np.pi)
 
 
 # Of the sizes of an animal, how much a frame in which nothing touches it changes what is remembered.
@@ -178,7 +182,7 @@ class AnimalTracker:
 
     def update(self, frame: Frame) -> None:
         """Take the next frame."""
-        expected = [replace(one, core=one.core + one.step) for one in self._recent]
+        expected = [replace(animal, core=animal.core + animal.step) for animal in self._recent]
         present: list[AnimalPose] = []
         if self._background.area > 0:
             difference = self._background.difference(frame.image)
@@ -193,12 +197,12 @@ def _remembered(
     """The animals after a frame: those present, each paired with the nearest of those before, and those missed."""
     pairs = []
     if recent and present:
-        away = np.array([[np.linalg.norm(one.core - pose.core) for pose in present] for one in expected])
+        away = np.array([[np.linalg.norm(animal.core - pose.core) for pose in present] for animal in expected])
         pairs = [(i, j) for i, j in zip(*linear_sum_assignment(away), strict=True) if away[i, j] < present[j].length]
-    before = {j: recent[i] for i, j in pairs}
-    after = []
+    partners = {j: recent[i] for i, j in pairs}
+    remembered = []
     for j, pose in enumerate(present):
-        old = before.get(j)
+        old = partners.get(j)
         axis, shift = pose.pointing(pose.axis if old is None else old.axis)
         new = ExpectedAnimal(pose.core, axis, pose.spread, shift, pose.length)
         if old is not None:
@@ -209,7 +213,7 @@ def _remembered(
             )
             step = 0.5 * old.step + 0.5 * (pose.core - old.core)
             new = replace(new, spread=spread, shift=shift, length=length, step=step)
-        after.append(new)
+        remembered.append(new)
     paired = {i for i, _ in pairs}
-    missed = [one for i, one in enumerate(recent) if i not in paired and one.undetected < PATIENCE]
-    return after + [replace(one, step=np.zeros(2), undetected=one.undetected + 1) for one in missed]
+    missed = [animal for i, animal in enumerate(recent) if i not in paired and animal.undetected < PATIENCE]
+    return remembered + [replace(animal, step=np.zeros(2), undetected=animal.undetected + 1) for animal in missed]
