@@ -27,9 +27,11 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+# Colour of the positions of each status in plots.
 STATUS_COLOURS = {"tracking": COLOURS[0], "searching": COLOURS[1], "lost": COLOURS[4]}
 # An ellipse of so many standard deviations holds 95 % of a Gaussian in the plane.
 ELLIPSE = 2.4477
+# Ellipses in a plot at most, so that the path stays visible.
 MOST_ELLIPSES = 40
 
 
@@ -120,12 +122,20 @@ def _cameras(axes: Axes, cameras: Sequence[PlacedCamera], pair: tuple[int, int],
             axes.plot([place[a], place[a] + 0.12 * ahead[a]], [place[b], place[b] + 0.12 * ahead[b]], color=ink)
 
 
+# Colour of the outline of each status in the overlay, RGB.
 OUTLINE_COLOURS = {"tracking": (40, 230, 90), "searching": (255, 190, 40), "lost": (255, 70, 60)}
-POINTS, DASH = 48, 3
+# Of an outline.
+POINTS = 48
+# Points of an outline in a dash, and in a gap.
+DASH = 3
 # Fractions of a pixel that OpenCV draws to.
 SHIFT = 4
+# Moments back that the drawn path goes.
 TRAIL_MOMENTS = 30
-FONT, SIZE = cv2.FONT_HERSHEY_SIMPLEX, 0.45
+# Of the status line, one of OpenCV's own.
+FONT = cv2.FONT_HERSHEY_SIMPLEX
+# Of that font, relative to its base size.
+SIZE = 0.45
 
 
 def sphere_painter(chosen: SphereRun, log: SphereLog, view: int) -> Callable[[Frame], ImageArray]:

@@ -113,11 +113,14 @@ def projection_slopes(camera: PinholeCamera, points: FloatArray) -> FloatArray:
     return np.stack(columns, axis=2)
 
 
-# A detector seldom misses for long, so a view opens again soon; where all disagree the ball is searched again.
+# A detector seldom misses for long, so a view opens again soon.
 COVERING = Covering(covers=0.05, opens=5.0, floor=0.01)
-STAGES, PATIENCE = 4, 0.2
+# Of weighing in a step, at most.
+STAGES = 4
+# Seconds without a known place until the ball is searched again, as where all views disagree.
+PATIENCE = 0.2
+# Standard deviation of the velocity of a ball that was just found, along each axis, m/s.
 SPEED = 5.0
-"""Standard deviation of the velocity of a ball that was just found, along each axis, m/s."""
 
 
 def track_sphere_points(
@@ -181,7 +184,7 @@ def sphere_points_run(
     def matched(moments: Sequence[Moment]) -> Iterator[MomentViews]:
         for moment in moments:
             measured = [None if f is None else p[f] for f, p in zip(moment.frames, pixels, strict=True)]
-            yield moment, [None if one is None or np.isnan(one[0]) else one for one in measured]
+            yield moment, [None if pixel is None or np.isnan(pixel[0]) else pixel for pixel in measured]
 
     place = None if start is None else as_place(start)
     return SphereRun(settings, placed, stamps, tracker, place, search, matched, radius, speed=SPEED)

@@ -48,10 +48,12 @@ from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.tracking.video.source import Source, SourceLike, frames_of_size, named, open_source
 from tsuiseki.tracking.video.synchronise import LatestFrames, Moment, moments_with_images
 
+# Frames of a video whose median is its background.
 BACKGROUND_FRAMES = 25
 
 
-SPHERE, TIMES = SphereSettings(), FrameTimes()
+SPHERE = SphereSettings()
+TIMES = FrameTimes()
 
 
 def track_sphere(
@@ -158,10 +160,11 @@ def sphere_run(
 
     # The background difference is the paper's baseline, without what goes beyond the paper.
     plain = settings.preset == "paper" or settings.likelihood == "background"
-    more: dict[str, Any] = {"covering": None, "stages": 1} if plain else {}
-    more |= {"patience": np.inf} if settings.preset == "paper" else {}
-    taken, tracker = newest if live else recorded, SphereTracker(weigh, chosen_motion(settings, radius), **more)
-    return SphereRun(settings, placed, stamps, tracker, place, search, taken, radius, videos)
+    extensions: dict[str, Any] = {"covering": None, "stages": 1} if plain else {}
+    extensions |= {"patience": np.inf} if settings.preset == "paper" else {}
+    tracker = SphereTracker(weigh, chosen_motion(settings, radius), **extensions)
+    views = newest if live else recorded
+    return SphereRun(settings, placed, stamps, tracker, place, search, views, radius, videos)
 
 
 def _start(
@@ -193,13 +196,15 @@ def check_start(position: FloatArray, cameras: Sequence[PlacedCamera]) -> None:
         RequestError: it lies behind a camera, or in fewer than two images.
     """
     depths = [float(entry.camera.to_camera(position[None])[0, 2]) for entry in cameras]
-    taken = sum(bool(in_view(entry.camera, position[None])[0]) for entry in cameras)
-    shown = ",".join(f"{v:g}" for v in position)
+    seeing = sum(bool(in_view(entry.camera, position[None])[0]) for entry in cameras)
+    place = ",".join(f"{v:g}" for v in position)
     behind = [entry.name for entry, depth in zip(cameras, depths, strict=True) if depth <= 0]
-    if behind and taken < 2:
-        raise RequestError(f"expected the ball before the cameras, but {shown} lies behind {behind[0]}; check `start`")
-    if taken < 2:
-        raise RequestError(f"expected a start that two cameras see, but {shown} is in {taken} of {len(cameras)} images")
+    if behind and seeing < 2:
+        raise RequestError(f"expected the ball before the cameras, but {place} lies behind {behind[0]}; check `start`")
+    if seeing < 2:
+        raise RequestError(
+            f"expected a start that two cameras see, but {place} is in {seeing} of {len(cameras)} images"
+        )
 
 
 def _likelihood(
@@ -231,11 +236,11 @@ def _likelihood(
 
 
 def _box(volume: ArrayLike) -> FloatArray:
-    given = np.asarray(volume, dtype=np.float64)
-    corners = given.reshape(2, 3) if given.size == 6 else np.zeros((2, 3))
+    numbers = np.asarray(volume, dtype=np.float64)
+    corners = numbers.reshape(2, 3) if numbers.size == 6 else np.zeros((2, 3))
     low, high = corners.min(axis=0), corners.max(axis=0)
     if not (high > low).all():
-        raise RequestError(f"`volume`: expected two corners that differ along x, y and z, got {given.tolist()}")
+        raise RequestError(f"`volume`: expected two corners that differ along x, y and z, got {numbers.tolist()}")
     return np.stack([low, high])
 
 
@@ -294,8 +299,8 @@ def sphere(
     with output.run() as run:
         run.sources += chosen.sources
 
-        def watched(taken: Iterable[MomentViews]) -> Iterator[MomentViews]:
-            return run.steps(taken if chosen.length else run.unending(taken), total=chosen.length)
+        def watched(moments: Iterable[MomentViews]) -> Iterator[MomentViews]:
+            return run.steps(moments if chosen.length else run.unending(moments), total=chosen.length)
 
         log = chosen.run(np.random.default_rng(output.seed), run.times, watched)
         result = sphere_result(chosen, log, run.times, output.settings, true_path)
@@ -306,8 +311,8 @@ def sphere(
 
 def _summary(positions: Sequence[Position], truth: Path3D | None, file: Path) -> str:
     """In how many moments the ball is known, and how far from the truth."""
-    known = sum(p.status == "tracking" for p in positions)
-    summary = f"ball known in {known} of {len(positions)} moments: {file}"
+    tracked = sum(p.status == "tracking" for p in positions)
+    summary = f"ball known in {tracked} of {len(positions)} moments: {file}"
     away = np.empty(0) if truth is None else distances_to_truth(positions, truth)
     if len(away):
         summary += f"\n{100 * away.mean():.2f} cm from the true position in the mean, {100 * away.max():.2f} at most"
@@ -319,8 +324,8 @@ def _corners(volume: tuple[float, float, float, float, float, float] | None) -> 
     if volume is None:
         return None
     if not all(low < high for low, high in zip(volume[:3], volume[3:], strict=True)):
-        shown = ",".join(f"{value:g}" for value in volume)
-        raise RequestError(f"`volume`: expected X1,Y1,Z1,X2,Y2,Z2 with X1 < X2, Y1 < Y2 and Z1 < Z2, got {shown}")
+        corners = ",".join(f"{value:g}" for value in volume)
+        raise RequestError(f"`volume`: expected X1,Y1,Z1,X2,Y2,Z2 with X1 < X2, Y1 < Y2 and Z1 < Z2, got {corners}")
     return np.array(volume).reshape(2, 3)
 
 

@@ -19,17 +19,24 @@ from tsuiseki.tracking.filters.resampling import probabilities, systematic
 from tsuiseki.tracking.sphere.views import ViewLikelihood, Views
 from tsuiseki.tracking.types import FloatArray
 
-# Step between pixels over the ball's radius there, and between depths: what the outline's Gaussian bears.
-PIXEL_STEP, DEPTH_STEP = 0.2, 1.15
-# The former is at least so many pixels: an edge is no sharper than a pixel.
+# Step between pixels over the ball's radius there: what the outline's Gaussian bears.
+PIXEL_STEP = 0.2
+# Ratio of neighbouring depths, likewise.
+DEPTH_STEP = 1.15
+# Least step between pixels: an edge is no sharper than a pixel.
 LEAST_STEP = 0.8
-# Places kept of each camera's own search, and steps over the depth of each.
-KEPT, FINE = 1500, 24
+# Places that stay of each camera's own search.
+BEST_PLACES = 1500
+# Steps over the depth of each of these places.
+FINE = 24
+# Positions that are weighed at a time, so that memory stays small.
 CHUNK = 20000
 # A view that speaks against a place counts for no more than this: it may be covered.
 WORST = -3.0
-# Rounds of weighing, the first with the broad likelihood.
-ROUNDS, BROAD_ROUNDS = 6, 2
+# Of weighing.
+ROUNDS = 6
+# The first of them, with the broad likelihood.
+BROAD_ROUNDS = 2
 
 
 def find_ball(
@@ -53,9 +60,9 @@ def find_ball(
             continue
         places = _places(camera, cameras, radius, volume)
         values = _in_chunks(broad, places, [view if k == number else None for k, view in enumerate(views)])
-        kept = places[np.argsort(values[:, number])[::-1][:KEPT]]
+        best = places[np.argsort(values[:, number])[::-1][:BEST_PLACES]]
         depths = DEPTH_STEP ** np.linspace(-0.5, 0.5, FINE)
-        candidates.append((camera.position + depths[:, None, None] * (kept - camera.position)).reshape(-1, 3))
+        candidates.append((camera.position + depths[:, None, None] * (best - camera.position)).reshape(-1, 3))
     low, high = volume
     positions = np.concatenate(candidates)
     if len(positions) == 0:
@@ -84,7 +91,7 @@ def _places(camera: PinholeCamera, cameras: Sequence[PinholeCamera], radius: flo
         depth = focal * radius / size
         points = camera.position + rays * (depth / (rays @ camera.rotation[2]))[:, None]
         inside = ((points >= volume[0]) & (points <= volume[1])).all(axis=1)
-        cameras_there = sum(in_view(other, points).astype(np.int64) for other in cameras)
+        cameras_there = sum(in_view(viewer, points).astype(np.int64) for viewer in cameras)
         places.append(points[inside & (cameras_there >= 2)])
         size /= DEPTH_STEP
     return np.concatenate(places)

@@ -157,9 +157,9 @@ class FrameTimes(Shared):
         return self._read(self.timestamps, lengths, "at least ")
 
     def _check_number(self, expected: int, what: str) -> None:
-        for name, given in (("`offsets`", self.offsets), ("`timestamps`", self.timestamps)):
-            if given is not None and len(given) != expected:
-                raise RequestError(f"{name}: expected {expected} values, one a {what}, got {len(given)}")
+        for name, values in (("`offsets`", self.offsets), ("`timestamps`", self.timestamps)):
+            if values is not None and len(values) != expected:
+                raise RequestError(f"{name}: expected {expected} values, one a {what}, got {len(values)}")
 
     def _even(
         self, lengths: Sequence[int], rates: Sequence[float], placed: Sequence[CameraOverFloor]

@@ -38,12 +38,16 @@ from tsuiseki.tracking.types import FloatArray, Position, Status
 from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.video.synchronise import Moment, align, default_tolerance
 
-# A view counts as open from OPEN on, and begins with TRUST.
-OPEN, TRUST = 0.5, 0.9
-# Effective sample size, over the number of particles, after a stage of weighing, and the kernel's relative width.
-STAGE_SHARE, STAGE_WIDTH = 0.1, 0.6
+# Probability from which a view counts as open.
+OPEN = 0.5
+# Probability that a view is open at first.
+TRUST = 0.9
+# Effective sample size after a stage of weighing, over the number of particles.
+STAGE_SHARE = 0.1
+# Relative width of the kernel that particles are spread by after a stage.
+STAGE_WIDTH = 0.6
+# Standard deviation of the velocity of a ball that was just found, along each axis, m/s.
 START_SPEED = 0.3
-"""Standard deviation of the velocity of a ball that was just found, along each axis, m/s."""
 
 
 @dataclass(frozen=True)
@@ -129,24 +133,26 @@ class SphereTracker:
         """One observation further: the state after it and the estimate."""
         seconds = max(observation.time - state.time, 0.0)
         fresh = np.array([view is not None for view in observation.views])
-        before = state.open if self.covering is None else self.covering.predict(state.open, seconds)
-        stages = _Stages(self, seconds, before)
+        predicted_open = state.open if self.covering is None else self.covering.predict(state.open, seconds)
+        stages = _Stages(self, seconds, predicted_open)
         # Drawn anew every time (2.3), so that the stages begin with equal weights.
-        after, _ = ParticleFilter(stages.propose, stages.weigh, threshold=1.0).step(state.particles, observation, rng)
-        weights = probabilities(after.log_weights)
-        opened = np.where(fresh, stages.opened(weights), before)
-        mean = weighted_mean(after.particles, after.log_weights)
-        covariance = weighted_covariance(after.particles, after.log_weights)
+        posterior, _ = ParticleFilter(stages.propose, stages.weigh, threshold=1.0).step(
+            state.particles, observation, rng
+        )
+        weights = probabilities(posterior.log_weights)
+        opened = np.where(fresh, stages.opened(weights), predicted_open)
+        mean = weighted_mean(posterior.particles, posterior.log_weights)
+        covariance = weighted_covariance(posterior.particles, posterior.log_weights)
         deviation = float(np.sqrt(max(np.linalg.eigvalsh(covariance[:3, :3])[-1], 0.0)))
         last_frames = np.where(fresh, observation.time, state.last_frames)
         # Cameras out of step take turns; one that gave no frame for long sees nothing, whatever it saw before.
         seeing = (opened > OPEN) & (observation.time - last_frames <= self.patience)
-        known = deviation <= self.largest_deviation and int(seeing.sum()) >= min(2, len(opened))
-        undetected = 0.0 if known else state.undetected + seconds
-        status: Status = "tracking" if known else "searching" if undetected <= self.patience else "lost"
+        certain = deviation <= self.largest_deviation and int(seeing.sum()) >= min(2, len(opened))
+        undetected = 0.0 if certain else state.undetected + seconds
+        status: Status = "tracking" if certain else "searching" if undetected <= self.patience else "lost"
         score = float(np.mean(opened)) * float(np.exp(-deviation / self.largest_deviation))
         position = Position(observation.time, mean[:3], covariance[:3, :3], score, status, mean[3:], opened)
-        return SphereState(after, observation.time, opened, last_frames, undetected), position
+        return SphereState(posterior, observation.time, opened, last_frames, undetected), position
 
 
 class _Stages:
@@ -270,13 +276,13 @@ class SphereRun:
         times, last_search = times or StageTimes(), -np.inf
         # The newest frame of each camera: cameras that are out of step never have frames together.
         recent: dict[int, tuple[float, NDArray[Any]]] = {}
-        tracker, given = self.tracker, self.settings
+        tracker, settings = self.tracker, self.settings
         for moment, views in watch(self._moments()):
             now = moment.time
             recent |= {k: (now, view) for k, view in enumerate(views) if view is not None}
             recent = {k: spot for k, spot in recent.items() if now - spot[0] <= RECENT}
             if state is None and self.start is not None:
-                begin = self.start, given.spread, given.particles, len(views), rng, now, self.speed
+                begin = self.start, settings.spread, settings.particles, len(views), rng, now, self.speed
                 state = tracker.start_at(*begin)
             lost = state is None or state.undetected > tracker.patience
             if lost and len(recent) >= 2 and now - last_search > tracker.patience:
@@ -299,5 +305,5 @@ class SphereRun:
     def _moments(self) -> Iterable[MomentViews]:
         if not self.stamps:
             return self.views([])
-        wanted = self.settings.tolerance
-        return self.views(align(self.stamps, default_tolerance(self.stamps) if wanted is None else wanted))
+        tolerance = self.settings.tolerance
+        return self.views(align(self.stamps, default_tolerance(self.stamps) if tolerance is None else tolerance))

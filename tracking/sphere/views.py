@@ -33,14 +33,14 @@ from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 # cv2.remap takes fewer than 32768 columns.
 MOST_COLUMNS = 32000
+# Variation along a ray at which an edge counts half, grey levels summed over the three channels.
 CONTRAST = 60.0
-"""Variation along a ray at which an edge counts half, grey levels summed over the three channels."""
+# Log-likelihood of a perfect outline over none.
 STEEPNESS = 60.0
-"""Log-likelihood of a perfect outline over none."""
+# Support of a view that changes no weight, in [0, 1]: that of strong and even texture, the mean of the Gaussian.
 CLUTTER = 0.30
-"""Support of a view that changes no weight, in [0, 1]: that of strong and even texture, the mean of the Gaussian."""
+# Grey levels added to each difference from the background, so that one zero does not rule a particle out.
 NOISE = 1.0
-"""Grey levels added to each difference from the background, so that one zero does not rule a particle out."""
 OutlinesOf: TypeAlias = Callable[[PinholeCamera, FloatArray, float], Outlines]
 """Outlines of spheres of a radius at ``(N, 3)`` centres."""
 
@@ -185,8 +185,8 @@ def _beside() -> FloatArray:
 Views: TypeAlias = Sequence[NDArray[Any] | None]
 """One image ``(H, W, 3)`` uint8, or one measured pixel ``(2,)``, a camera; None where it has nothing now."""
 
+# Radius of an outline that is faint for being small, pixels.
 SMALL = 6.0
-"""Radius of an outline that is faint for being small, pixels."""
 BESIDE = _beside()
 """Where the support of what is no ball is measured: ``(64, 3)``, 2 to 5 radii from the particles' middle."""
 
