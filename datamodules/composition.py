@@ -26,7 +26,7 @@ _NOISE = 10.0
 _CERTAIN = 28.0
 # Share of its size that a box is larger than a generated silhouette: labellers leave a little room about people.
 _LABEL_MARGIN = 0.04
-# Least width of a box in its height, as labelled boxes of narrow people are no narrower.
+# Least width of a generated person's box, in its height.
 _SMALLEST_ASPECT = 0.28
 # Height in pixels at which people are rendered.
 _HEIGHT = 110

@@ -29,8 +29,7 @@ PERSON = 1
 IGNORED = -1
 # Label of rows that fill up a batch.
 PADDING = 0
-# Random textures that are made once and then stand in for places without people; making one an example costs more than
-# drawing one.
+# Random textures to choose from, made once.
 _TEXTURES = 48
 
 

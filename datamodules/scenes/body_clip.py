@@ -22,7 +22,7 @@ from tsuiseki.tracking.formats.body_states import FOLDER, write_states
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.tracks import exact_track
 
-# Most bodies of a clip, as many as a tank has room for.
+# Bodies of a clip, at most.
 MOST_BODIES = 5
 # The noise of the camera is drawn once, somewhat larger than an image: drawing it anew would cost more than the scene.
 _SHIFT = 64

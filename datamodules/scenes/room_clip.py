@@ -28,7 +28,7 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 Room = Literal["large", "small"]
 # Width and length of the thesis's rooms (4.3.1), metres.
 SIZES: dict[Room, tuple[float, float]] = {"large": (8.0, 16.0), "small": (4.0, 9.0)}
-# Of a room: two on the ceiling see all of it (thesis 4.3.1).
+# On the ceiling of a room (thesis 4.3.1).
 CAMERAS = 2
 # Of a right angle to the camera's axis, as a share of the image's height.
 RADIUS = 0.475

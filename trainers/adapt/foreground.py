@@ -212,7 +212,7 @@ _MOVED = 0.01
 _SAME_EDGES = 0.15
 # Nine of ten places of an empty picture have gradients below this (Sobel, 255 grey levels).
 _NOTHING = 15.0
-# Width of the small copies whose edges are compared, pixels: noise is averaged away there.
+# Width of the small copies whose edges are compared, pixels.
 _EDGE_WIDTH = 240
 
 

@@ -42,7 +42,7 @@ _CUBES = {"pelvis": "pelvis", "trunk": "spine-4", "head": "neck"} | {
 }
 # The cube at the end of each hand and foot.
 _TIPS = {f"wrist.{s}": f"{s.lower()}-finger-3-1" for s in "LR"} | {f"foot.{s}": f"{s.lower()}-toe-3-1" for s in "LR"}
-# Widest picture of cloth that is kept, pixels, so that a wardrobe fits into memory.
+# Widest picture of cloth that is kept, pixels.
 _LARGEST_TEXTURE = 512
 # Of a decimetre, the files' unit.
 _METRES = 0.1

@@ -73,7 +73,7 @@ def shortest_turn(a: FloatArray, b: FloatArray) -> FloatArray:
 
 # Phases of a walk that a steady box is the mean of.
 _PHASES = 8
-# Only one vertex in so many counts for a steady box; its sides hardly differ, and it is found that much sooner.
+# One vertex in so many counts for a steady box, which costs that much less.
 _VERTEX_STEP = 4
 # From further above, feet and head are too near to each other in the picture to place somebody by them, radians.
 STEEP = 1.4

@@ -21,7 +21,7 @@ ANKLE_HEIGHT = 0.039
 UPPER_ARM = 0.186
 # From the elbow to the wrist, in body heights.
 FOREARM = 0.146
-# From the wrist to the ends of bent fingers, in body heights.
+# From the wrist to the ends of the fingers, in body heights.
 HAND = 0.08
 # From the heel to the toes, in body heights.
 FOOT = 0.152

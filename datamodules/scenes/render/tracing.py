@@ -89,7 +89,7 @@ def inner_normals(local: Float32, solids: Solids, k: int) -> Float32:
     return inner
 
 
-# Depth before the camera below which a solid is not drawn, metres: its outline in the picture is no ellipse there.
+# Depth below which a solid does not lie wholly before the camera, metres.
 NEAREST = 0.2
 
 

@@ -39,6 +39,7 @@ class Shell:
     grain: float
 
 
+# The room of the sphere paper's clips, about the world's origin.
 HALL = Shell(
     (-6.5, -6.5, 0.0),
     (6.5, 6.5, 3.4),
@@ -52,7 +53,6 @@ HALL = Shell(
     ),
     0.25,
 )
-"""The room of the sphere paper's clips, about the world's origin."""
 
 
 def random_shell(rng: np.random.Generator, size: FloatArray) -> Shell:
@@ -188,9 +188,9 @@ SEAT = 0.45
 TABLE = 0.73
 # Longest side of a box, metres: a wide view bends longer edges.
 PIECE = 0.45
-# Of paper and doors, sRGB.
+# Of paper and boards, sRGB.
 WHITE: Colour = (0.93, 0.93, 0.92)
-# Of screens and frames, sRGB.
+# Of screens and of chairs' frames, sRGB.
 BLACK: Colour = (0.06, 0.06, 0.07)
 
 
