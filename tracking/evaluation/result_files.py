@@ -253,36 +253,15 @@ def evaluate_detection_files(
     Raises:
         RequestError: a sequence has no detections, or they are broken.
     """
-    by_sequence: dict[str, tuple[GroundTruth, list[int], list[Detections]]] = {}
     network = open_detector(result, max(score_range[0], LOWEST_SCORE)) if result.suffix == ".onnx" else None
+    by_sequence: dict[str, tuple[GroundTruth, list[int], list[Detections]]] = {}
     for truth in truths:
         if network is not None:
             file, detections = result, _detected(truth, network, score_range[1])
         else:
             file = result_file(truth.name, result, len(truths) == 1, DETECTION_PLACES)
             detections = read_detections(file, truth.length, score_range)
-        compare_with_picture(
-            file, np.concatenate([np.empty((0, 4)), *(frame.boxes for frame in detections)]), truth.size
-        )
-        warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
-        last = max(int(truth.labels.frames[-1]), len(detections) - 1)
-        within = truth.frames.within(truth.length or last + 1)
-        assert within.last is not None
-        # Frames in which there is nothing change no score, and a file may have many of them.
-        filled = {*truth.labels.frames.tolist(), *np.flatnonzero([len(frame) for frame in detections]).tolist()}
-        numbers = sorted(number for number in filled if within.first <= number <= within.last)
-        none = Detections.empty()
-        counted = np.repeat(numbers, [len(detections[n]) if n < len(detections) else 0 for n in numbers])
-        labelled = where_labelled(truth.name, truth.labels.frames, counted, truth.length)
-        if network is None:
-            _warn_of_a_segment(file, truth.labels, counted)
-        left_out = {*counted[~labelled].tolist()}
-        numbers = [number for number in numbers if number not in left_out]
-        by_sequence[truth.name] = (
-            truth.labels,
-            numbers,
-            [detections[n] if n < len(detections) else none for n in numbers],
-        )
+        by_sequence[truth.name] = (truth.labels, *_frames_that_count(truth, file, detections, network is None))
 
     def scored(sequences: Iterable[tuple[GroundTruth, list[int], list[Detections]]]) -> DetectionScores:
         parts = list(sequences)
@@ -300,6 +279,30 @@ def evaluate_detection_files(
         right = round(float(sequences[name].recall.max(initial=0)) * sequences[name].boxes)
         compare_with_labels(name, right, np.concatenate([image.boxes for image in images]), labels.boxes)
     return DetectionEvaluation(sequences, scored(by_sequence.values()), visible)
+
+
+def _frames_that_count(
+    truth: Truth, file: Path, detections: Sequence[Detections], from_text: bool
+) -> tuple[list[int], list[Detections]]:
+    """Numbers of the frames that a score depends on, and the detections of each; warns of what looks wrong.
+
+    Frames in which there is nothing change no score, and a file may have many of them.
+    """
+    boxes = np.concatenate([np.empty((0, 4)), *(frame.boxes for frame in detections)])
+    compare_with_picture(file, boxes, truth.size)
+    warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
+    last = max(int(truth.labels.frames[-1]), len(detections) - 1)
+    within = truth.frames.within(truth.length or last + 1)
+    assert within.last is not None
+    filled = {*truth.labels.frames.tolist(), *np.flatnonzero([len(frame) for frame in detections]).tolist()}
+    numbers = sorted(number for number in filled if within.first <= number <= within.last)
+    counted = np.repeat(numbers, [len(detections[n]) if n < len(detections) else 0 for n in numbers])
+    labelled = where_labelled(truth.name, truth.labels.frames, counted, truth.length)
+    if from_text:
+        _warn_of_a_segment(file, truth.labels, counted)
+    left_out = {*counted[~labelled].tolist()}
+    numbers = [number for number in numbers if number not in left_out]
+    return numbers, [detections[n] if n < len(detections) else Detections.empty() for n in numbers]
 
 
 def _detected(truth: Truth, network: Detect, highest: float) -> list[Detections]:
