@@ -15,8 +15,10 @@ from tsuiseki.tracking.people.run_log import FirstDetections
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Targets, Track
 from tsuiseki.tracking.types.class_choice import called
 
-# Overlap of boxes that show one thing, and the share of a track's detections that are nearly all.
-_SAME_PLACE, _NEARLY = 0.5, 0.8
+# Overlap (intersection over union) from which on two boxes show one thing.
+_SAME_PLACE = 0.5
+# Share of a track's detections that counts as nearly all of them.
+_NEARLY_ALL = 0.8
 
 
 def without_flicker(tracks: Sequence[Track]) -> list[Track]:
@@ -29,19 +31,16 @@ def without_flicker(tracks: Sequence[Track]) -> list[Track]:
         return list(tracks)
     owner = np.repeat(np.arange(len(tracks)), [track.frames[-1] - track.frames[0] + 1 for track in tracks])
     frames, boxes, detected = (np.concatenate(column) for column in zip(*map(_without_gaps, tracks), strict=True))
-    classes, counts = (
-        np.array([track.class_id for track in tracks]),
-        np.bincount(owner[detected], minlength=len(tracks)),
-    )
+    classes = np.array([track.class_id for track in tracks])
+    counts = np.bincount(owner[detected], minlength=len(tracks))
     shared = np.zeros((len(tracks), len(tracks)), dtype=np.int64)
     for frame in np.unique(frames[~detected]).tolist():
-        there, filled = (np.flatnonzero((frames == frame) & (detected == one)) for one in (True, False))
+        there, filled = (np.flatnonzero((frames == frame) & (detected == flag)) for flag in (True, False))
         i, j = np.nonzero(iou_matrix(boxes[there], boxes[filled]) >= _SAME_PLACE)
         np.add.at(shared, (owner[there[i]], owner[filled[j]]), 1)
     shared *= (classes[:, None] != classes) & (counts[:, None] < counts)
-    return [
-        track for track, count, most in zip(tracks, counts, shared.max(axis=1), strict=True) if most < _NEARLY * count
-    ]
+    flickering = shared.max(axis=1) >= _NEARLY_ALL * counts
+    return [track for track, flickers in zip(tracks, flickering, strict=True) if not flickers]
 
 
 def _without_gaps(track: Track) -> tuple[IntArray, FloatArray, BoolArray]:
@@ -56,11 +55,11 @@ class ByClass:
 
     Args:
         make: gives a fresh tracker for a class.
-        wanted: the classes to track, numbers or names in small letters. Detections of others are passed over.
+        classes: those to track, numbers or names in small letters. Detections of others are passed over.
 
     Attributes:
         trackers: by class.
-        first: what they were given first, by class.
+        first: their first detections, by class.
 
     >>> from tsuiseki.tracking.people.sort import Sort
     >>> tracker = ByClass(Sort, [1, 2])
@@ -70,35 +69,35 @@ class ByClass:
     (array([1, 2]), [1, 2])
     """
 
-    def __init__(self, make: Callable[[], PeopleTracker], wanted: Sequence[int | str]) -> None:
-        self.first = {number: FirstDetections() for number in wanted}
-        self.trackers = {number: make() for number in wanted}
+    def __init__(self, make: Callable[[], PeopleTracker], classes: Sequence[int | str]) -> None:
+        self.first = {number: FirstDetections() for number in classes}
+        self.trackers = {number: make() for number in classes}
         self._ids: dict[tuple[int | str, int], int] = {}
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
         """Take the next frame; the targets of all classes, where every class has decided on the same frame."""
-        given = as_detections(detections)
-        classes = given.origin[:, 1]
-        every = {one: given.select(np.isin(classes, called(one, given.names))) for one in self.trackers}
-        for number, one in every.items():
-            self.first[number].add(one)
-        return self._joined([updated(tracker, every[number], time) for number, tracker in self.trackers.items()])
+        detections = as_detections(detections)
+        classes = detections.origin[:, 1]
+        by_class = {n: detections.select(np.isin(classes, called(n, detections.names))) for n in self.trackers}
+        for number, rows in by_class.items():
+            self.first[number].add(rows)
+        return self._joined([updated(tracker, by_class[number], time) for number, tracker in self.trackers.items()])
 
     def skip(self) -> Targets | None:
         """The detector does not run on the next frame."""
         return self._joined([skipped(tracker) for tracker in self.trackers.values()])
 
-    def _joined(self, every: Sequence[Targets | None]) -> Targets | None:
-        answers = [self._renumbered(number, one) for number, one in zip(self.trackers, every, strict=True)]
-        known = [answer for answer in answers if answer is not None]
-        if len(known) < len(answers) or len({answer.frame for answer in known}) != 1:
+    def _joined(self, answers: Sequence[Targets | None]) -> Targets | None:
+        numbered = zip(self.trackers, answers, strict=True)
+        decided = [self._renumbered(number, answer) for number, answer in numbered if answer is not None]
+        if len(decided) < len(answers) or len({answer.frame for answer in decided}) != 1:
             return None
-        names = {number: name for answer in known for number, name in answer.names.items()}
+        names = {number: name for answer in decided for number, name in answer.names.items()}
         ids, boxes, scores, status, origin = (
-            np.concatenate([getattr(answer, name) for answer in known])
+            np.concatenate([getattr(answer, name) for answer in decided])
             for name in ("ids", "boxes", "scores", "status", "origin")
         )
-        return Targets(known[0].frame, ids, boxes, scores, status, origin, names)
+        return Targets(decided[0].frame, ids, boxes, scores, status, origin, names)
 
     def tracks(self) -> list[Track]:
         """The tracks of all classes, by id."""
@@ -110,14 +109,13 @@ class ByClass:
         return sorted(without_flicker(tracks), key=lambda track: track.id)
 
     def forget(self) -> None:
-        """See `OnlineTracker`."""
         for tracker in self.trackers.values():
             inner_tracker(tracker).forget()  # type: ignore[attr-defined]
 
-    def _renumbered(self, number: int | str, targets: Targets | None) -> Targets | None:
-        if targets is None:
-            return None
-        return replace(targets, ids=np.array([self._id(number, one) for one in targets.ids.tolist()], dtype=np.int64))
+    def _renumbered(self, number: int | str, targets: Targets) -> Targets:
+        return replace(
+            targets, ids=np.array([self._id(number, inner) for inner in targets.ids.tolist()], dtype=np.int64)
+        )
 
     def _id(self, number: int | str, inner: int) -> int:
         """The id over all classes; what was reported once stays."""

@@ -112,14 +112,16 @@ class ByteTrack(LifecycleTracker[ByteTrackSettings]):
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people. A detection without a score counts as sure."""
-        given = as_detections(detections, counted=self.bad)
-        sure = ~(given.scores < self.settings.high_score)
-        high, low = np.flatnonzero(sure), np.flatnonzero(~sure & (given.scores >= self.settings.low_score))
+        detections = as_detections(detections, counted=self.bad)
+        sure = ~(detections.scores < self.settings.high_score)
+        high, low = np.flatnonzero(sure), np.flatnonzero(~sure & (detections.scores >= self.settings.low_score))
         predicted = self._predict(time)
         everyone = np.arange(len(predicted))
-        paired, detected = matched(predicted, given.boxes, everyone, high, self.settings.min_iou / self._slack)
+        paired, detected = matched(predicted, detections.boxes, everyone, high, self.settings.min_iou / self._slack)
         left = self._misses == 0
         left[paired] = False
-        rest = np.flatnonzero(left)
-        more, unsure = matched(predicted, given.boxes, rest, low, self.settings.min_iou_low / self._slack)
-        return self._advance(np.concatenate([paired, more]), np.concatenate([detected, unsure]), given)[0]
+        unmatched = np.flatnonzero(left)
+        rematched, unsure = matched(
+            predicted, detections.boxes, unmatched, low, self.settings.min_iou_low / self._slack
+        )
+        return self._advance(np.concatenate([paired, rematched]), np.concatenate([detected, unsure]), detections)[0]

@@ -90,6 +90,6 @@ def run_tracker(detections: Iterable[DetectionsLike], tracker: PeopleTracker) ->
         detections: of each frame in order, frames without any included.
         tracker: it goes on from its earlier frames.
     """
-    for given in detections:
-        tracker.update(given)
+    for frame_detections in detections:
+        tracker.update(frame_detections)
     return tracker.tracks()

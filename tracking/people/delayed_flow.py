@@ -66,15 +66,15 @@ class ReportedBoxes(Columns):
     votes: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
 
     @classmethod
-    def of(cls, tracks: Sequence[Track], votes: Sequence[int], before: int) -> ReportedBoxes:
-        """Tracks up to a frame; ``votes`` are their classes."""
-        every = cls()
+    def of(cls, tracks: Sequence[Track], votes: Sequence[int], end: int) -> ReportedBoxes:
+        """Tracks before the frame ``end``; ``votes`` are their classes."""
+        boxes = cls()
         for track, vote in zip(tracks, votes, strict=True):
             ids, classes = (np.full(len(track), number) for number in (track.id, vote))
             columns = track.boxes, track.scores, track.observed, track.origin
-            every = every.and_then(cls(track.frames, ids, *columns, classes))
-        every = every.select(every.frames < before)
-        return every.select(np.lexsort((every.ids, every.frames)))
+            boxes = boxes.and_then(cls(track.frames, ids, *columns, classes))
+        boxes = boxes.select(boxes.frames < end)
+        return boxes.select(np.lexsort((boxes.ids, boxes.frames)))
 
     def targets(self, frame: int, names: Mapping[int, str]) -> Targets:
         """A frame as a tracker answers it."""
@@ -86,8 +86,8 @@ class ReportedBoxes(Columns):
 
     def tracks(self, names: Mapping[int, str]) -> list[Track]:
         """The tracks, by id."""
-        every = map(self.select, rows_of_each(self.ids))
-        return [Track(int(e.ids[0]), e.frames, e.boxes, e.scores, e.observed, e.origin, names) for e in every]
+        tracks = map(self.select, rows_of_each(self.ids))
+        return [Track(int(e.ids[0]), e.frames, e.boxes, e.scores, e.observed, e.origin, names) for e in tracks]
 
 
 class DelayedFlow:
@@ -95,15 +95,15 @@ class DelayedFlow:
 
     Args:
         settings: of the tracker.
-        given: prepares the detections.
+        flow_input: prepares the detections.
         window: a fresh one.
         delay: frames.
     """
 
-    def __init__(self, settings: FlowSettings, given: FlowInput, window: FlowWindow, delay: int) -> None:
-        self.settings, self.input, self.window, self.delay = settings, given, window, delay
+    def __init__(self, settings: FlowSettings, flow_input: FlowInput, window: FlowWindow, delay: int) -> None:
+        self.settings, self.input, self.window, self.delay = settings, flow_input, window, delay
         longest = max(WINDOW, settings.fill, JOIN_WINDOW, APPEARANCE_WINDOW)
-        self._reach = round((longest + CONTEXT) * given.frame_rate)
+        self._reach = round((longest + CONTEXT) * flow_input.frame_rate)
         self._waiting: tuple[Detections, ...] = ()
         self._frame = self._answered = self._reported = 0
         # Of the detections that the window keeps: their scores, and whose they are; -1 where not settled, or a false
@@ -120,21 +120,21 @@ class DelayedFlow:
         """Take the next frame; the people of the frame ``delay`` before, None as long as there is none."""
         self._waiting = (*self._waiting, detections)
         self._frame += 1
-        asked = self._frame - 1 - self.delay
-        if asked < 0:
+        answered = self._frame - 1 - self.delay
+        if answered < 0:
             return None
-        if asked == self._answered:
-            self._decide(asked + max(1, (self.delay + 1) // DECISIONS))
-        self._reported = asked + 1
-        return self._answers.targets(asked, self.input.names)
+        if answered == self._answered:
+            self._decide(answered + max(1, (self.delay + 1) // DECISIONS))
+        self._reported = answered + 1
+        return self._answers.targets(answered, self.input.names)
 
     def ended(self) -> DelayedFlow:
         """A copy for which the video ends here, so that asking changes nothing: all its frames are answered."""
-        rest = copy(self)
-        rest.input, rest.window = self.input.copy(), self.window.copy()
-        if rest._answered < rest._frame:
-            rest._decide(rest._frame)
-        return rest
+        clone = copy(self)
+        clone.input, clone.window = self.input.copy(), self.window.copy()
+        if clone._answered < clone._frame:
+            clone._decide(clone._frame)
+        return clone
 
     def tracks(self) -> list[Track]:
         """The tracks of all frames that are answered and not forgotten."""
@@ -144,16 +144,16 @@ class DelayedFlow:
         """Drop the answers that were given from `tracks`."""
         self._answers = self._answers.select(self._answers.frames >= self._reported)
 
-    def _decide(self, before: int) -> None:
-        """Solve the window, and answer the frames before one."""
+    def _decide(self, end: int) -> None:
+        """Solve the window, and answer the frames before ``end``."""
         self._absorb()
         # The first window has no costs from before.
         solve_window(self.window, self.input, self._scores, None if self._answered == 0 else ROUNDS)
         tracks = self._tracks()
-        joins, ids = self._settle(tracks, before)
-        self._answer(tracks, ids, before)
-        self._forget(joins, before)
-        self._answered = before
+        joins, ids = self._settle(tracks, end)
+        self._answer(tracks, ids, end)
+        self._forget(joins, end)
+        self._answered = end
 
     def _absorb(self) -> None:
         """Take in the waiting frames."""
@@ -174,20 +174,20 @@ class DelayedFlow:
         labels[~self.window.free() & (self._owner < 0)] = -1
         if not (labels >= 0).any():
             return labels
-        known = self._known(labels, (self._owner < 0) & (labels >= 0))
-        features = None if table.features is None else unit_means(known.sums[:, 3:])
-        return join(table, labels, features, self.window.costs.link, self.window.changes, known.ids > 0)
+        people = self._people_of(labels, (self._owner < 0) & (labels >= 0))
+        features = None if table.features is None else unit_means(people.sums[:, 3:])
+        return join(table, labels, features, self.window.costs.link, self.window.changes, people.ids > 0)
 
-    def _known(self, tracks: IntArray, rows: BoolArray) -> SettledPeople:
+    def _people_of(self, tracks: IntArray, rows: BoolArray) -> SettledPeople:
         """What is known of M tracks: what is settled of the people in them, and detections besides."""
         count, owned = int(tracks.max(initial=-1)) + 1, self._owner >= 0
         track = np.full(len(self._people.ids), -1)
         track[self._owner[owned]] = tracks[owned]
         new = self._evidence(rows)
         ids, sums = np.zeros(count, dtype=np.int64), np.zeros((count, new.shape[1]))
-        kept = track >= 0
-        np.maximum.at(ids, track[kept], self._people.ids[kept])
-        np.add.at(sums[:, : self._people.sums.shape[1]], track[kept], self._people.sums[kept])
+        present = track >= 0
+        np.maximum.at(ids, track[present], self._people.ids[present])
+        np.add.at(sums[:, : self._people.sums.shape[1]], track[present], self._people.sums[present])
         np.add.at(sums, tracks[rows], new)
         return SettledPeople(ids, sums)
 
@@ -201,53 +201,53 @@ class DelayedFlow:
         described = np.asarray(~np.isnan(features[rows]).any(axis=1))
         return np.column_stack([*evidence, described, np.where(described[:, None], features[rows], 0)])
 
-    def _settle(self, tracks: IntArray, before: int) -> tuple[Pairs, IntArray]:
-        """Settle who is answered before a frame; of others only what no link can reach any more.
+    def _settle(self, tracks: IntArray, end: int) -> tuple[Pairs, IntArray]:
+        """Settle who is answered before the frame ``end``; of others only what no link can reach any more.
 
         Returns:
             The numbers of detections that joins put one after the other, and ``(M,)`` ids of tracks, 0 for none.
         """
         table, free = self.window.table, (self._owner < 0) & (tracks >= 0)
-        known = self._known(tracks, free)
-        confirmed = (known.ids > 0) | self._confirmed(known.sums)
-        until = np.append(np.where(confirmed, before, min(before, self._frame + 1 - self.window.overlap)), -1)
+        people = self._people_of(tracks, free)
+        confirmed = (people.ids > 0) | self._confirmed(people.sums)
+        until = np.append(np.where(confirmed, end, min(end, self._frame + 1 - self.window.overlap)), -1)
         bound = free & (table.frames < until[tracks])
         settled = np.flatnonzero((self._owner >= 0) | bound)
         track, first, person = np.unique(tracks[settled], return_index=True, return_inverse=True)
-        fresh = np.flatnonzero(confirmed[track] & (known.ids[track] == 0))
-        ids = known.ids.copy()
+        fresh = np.flatnonzero(confirmed[track] & (people.ids[track] == 0))
+        ids = people.ids.copy()
         ids[track[fresh[np.argsort(first[fresh])]]] = self._ids + 1 + np.arange(len(fresh))
         self._ids += len(fresh)
-        self._people = SettledPeople(ids[track], self._known(tracks, bound).sums[track])
+        self._people = SettledPeople(ids[track], self._people_of(tracks, bound).sums[track])
         self._owner = self._owner.copy()
         self._owner[settled] = person
         order = settled[np.argsort(tracks[settled], kind="stable")]
-        one, other = order[:-1], order[1:]
-        joined = (tracks[one] == tracks[other]) & (self.window.follower[one] != table.numbers[other])
-        return (table.numbers[one[joined]], table.numbers[other[joined]]), ids
+        earlier, later = order[:-1], order[1:]
+        joined = (tracks[earlier] == tracks[later]) & (self.window.follower[earlier] != table.numbers[later])
+        return (table.numbers[earlier[joined]], table.numbers[later[joined]]), ids
 
     def _confirmed(self, sums: FloatArray) -> BoolArray:
         """``(M,)`` which tracks have enough detections, and good ones, to be answered."""
         enough = sums[:, 0] >= self.settings.fewest(self.input.frame_rate, self._frame)
         return np.asarray(enough & (sums[:, 1] >= least_logit(self.input.observation) * np.maximum(sums[:, 0], 1)))
 
-    def _answer(self, tracks: IntArray, ids: IntArray, before: int) -> None:
-        """Answer the frames up to one that are not answered yet."""
+    def _answer(self, tracks: IntArray, ids: IntArray, end: int) -> None:
+        """Answer the frames before ``end`` that are not answered yet."""
         table, longest = self.window.table, round(self.settings.fill * self.input.frame_rate)
-        known, images = [], []
+        people, images = [], []
         for rows in long_tracks(tracks):
             number = int(ids[tracks[rows[0]]])
             if number and table.frames[rows[-1]] >= self._answered:
                 frames, boxes, scores = table.frames[rows], table.boxes[rows], np.nan_to_num(self._scores[rows])
-                known.append(Track(number, frames, boxes, scores, origin=self._origin[rows]))
+                people.append(Track(number, frames, boxes, scores, origin=self._origin[rows]))
                 images.append(table.image[rows])
-        smoothing = self._strength(known)
+        smoothing = self._strength(people)
         parts = [
             reported(track, image, self.input, longest, smoothing, self._answered)
-            for track, image in zip(known, images, strict=True)
+            for track, image in zip(people, images, strict=True)
         ]
-        votes = [track.class_id for track in known]
-        self._answers = self._answers.and_then(ReportedBoxes.of(parts, votes, before))
+        votes = [track.class_id for track in people]
+        self._answers = self._answers.and_then(ReportedBoxes.of(parts, votes, end))
 
     def _strength(self, tracks: list[Track]) -> SmoothingSettings | None:
         """How far these tracks are smoothed: chosen anew every few seconds."""
@@ -258,12 +258,16 @@ class DelayedFlow:
             self._smoothing, self._fitted = self.input.smoothing(tracks), self._frame
         return self._smoothing
 
-    def _forget(self, joins: Pairs, before: int) -> None:
+    def _forget(self, joins: Pairs, end: int) -> None:
         """Let go of what no later frame can ask for."""
-        numbers, first = self.window.table.numbers, before - self._reach
-        self.window.settle(numbers[self._owner >= 0], before, self._frame - 1, joins, first)
-        kept = np.isin(numbers, self.window.table.numbers, assume_unique=True)
-        self._scores, self._owner, self._origin = self._scores[kept], self._owner[kept], self._origin[kept]
+        numbers, first = self.window.table.numbers, end - self._reach
+        self.window.settle(numbers[self._owner >= 0], end, self._frame - 1, joins, first)
+        remaining = np.isin(numbers, self.window.table.numbers, assume_unique=True)
+        self._scores, self._owner, self._origin = (
+            self._scores[remaining],
+            self._owner[remaining],
+            self._origin[remaining],
+        )
         self.input.camera.forget(min(first, int(self.window.table.frames.min(initial=first))))
         if self.input.path is not None:
             # Others may follow the same path, and have yet to ask how the camera came to the newest frame.

@@ -107,9 +107,9 @@ class PeopleInputs:
             return
         assert isinstance(self.detect, Sequence)
         # A sequence that is text only, and does not say how long it is, ends with its detections.
-        wanted = self.source.frames_wanted.within(self.source.length or len(self.detect))
-        assert wanted.last is not None
-        for index in range(wanted.first, wanted.last + 1):
+        frame_range = self.source.frames_wanted.within(self.source.length or len(self.detect))
+        assert frame_range.last is not None
+        for index in range(frame_range.first, frame_range.last + 1):
             yield index, self.detect[index] if index < len(self.detect) else Detections.empty()
 
     def with_frames(
@@ -153,9 +153,9 @@ class PeopleInputs:
         if self.choice is None:
             yield from stream(images, self.detect, *how)
             return
-        known, frames = self.choice.choose(self.source, self.batch_size, self.workers, times), iter(images)
-        first = [known.get(number, Detections.empty()) for number in range(max(known, default=-1) + 1)]
-        yield from stream(itertools.islice(frames, len(known)), first, *how)
+        detected, frames = self.choice.choose(self.source, self.batch_size, self.workers, times), iter(images)
+        first = [detected.get(number, Detections.empty()) for number in range(max(detected, default=-1) + 1)]
+        yield from stream(itertools.islice(frames, len(detected)), first, *how)
         yield from stream(frames, self.detect, *how)
 
     def _box_check(self) -> BoxCheck | None:
@@ -207,39 +207,39 @@ def people_detect(
     Raises:
         RequestError: both are given, or the source has no images to find people in.
     """
-    wanted = parse_view(str(finding.view))
+    view = parse_view(str(finding.view))
     if finding.detections is not None:
         if finding.detector is not None:
             raise RequestError("expected `detections` or `detector`, got both; leave one out")
-        more = finding.score_range, finding.chosen, finding.detector_options.classes
-        given = given_detections(finding.detections, source, *more)
-        return GivenRows((each.scoring(finding.score_threshold) for each in given), given.bad)
+        names = finding.detector_options.classes
+        rows = given_detections(finding.detections, source, finding.score_range, finding.chosen, names)
+        return GivenRows((entry.scoring(finding.score_threshold) for entry in rows), rows.bad)
     if not source.has_images:
         raise RequestError(f"{source.name} has no images to find people in; give `detections`")
     detector = shipped(default) if finding.detector is None else finding.detector
     threads = finding.threads if threads is None else threads
     options, chosen = finding.detector_options, finding.chosen
     detect = as_detector(detector, finding.score_threshold, threads, options, finding.device, classes=chosen)
-    if wanted == (1, None) or not isinstance(detect, Detector | ForeignDetector):
+    if view == (1, None) or not isinstance(detect, Detector | ForeignDetector):
         return detect
-    return ViewedDetector(detect, wanted, frame_rate=source.frame_rate, sparing=True)
+    return ViewedDetector(detect, view, frame_rate=source.frame_rate, sparing=True)
 
 
-def ground_of(detect: Detect | Sequence[Detections], wanted: Ground, source: Source) -> GroundPlane | None:
+def ground_of(detect: Detect | Sequence[Detections], ground: Ground, source: Source) -> GroundPlane | None:
     """What weighs the boxes of a network by people's heights on one ground; None where nothing shall.
 
     Args:
         detect: given detections, those of other people's functions, and other classes than people keep their scores.
-        wanted: ``auto`` weighs wherever one ground explains the detections, ``off`` never.
+        ground: ``auto`` weighs wherever one ground explains the detections, ``off`` never.
         source: the video.
 
     Raises:
         RequestError: it is neither.
     """
-    if wanted not in get_args(Ground):
-        raise RequestError(f"`ground`: expected {' or '.join(get_args(Ground))}, got {wanted!r}")
+    if ground not in get_args(Ground):
+        raise RequestError(f"`ground`: expected {' or '.join(get_args(Ground))}, got {ground!r}")
     network = inner_detector(detect)
-    if wanted == "off" or not isinstance(network, Detector | ForeignDetector) or not network.people_only:
+    if ground == "off" or not isinstance(network, Detector | ForeignDetector) or not network.people_only:
         return None
     return GroundPlane(source.frame_rate, score_threshold=network.score_threshold)
 
@@ -256,7 +256,7 @@ def people_describer(
 
     Args:
         source: the video.
-        compared: the method compares appearance; see `compares_appearance`.
+        compared: the method compares appearance.
         appearance: a file, a network or a function; by default the shipped network; ``"none"`` for none.
         threads: CPU threads of the network.
         options: what a file of another project does not tell.

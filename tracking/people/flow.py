@@ -95,16 +95,16 @@ class FlowTracker:
         self.delay = delay
         standing = camera if isinstance(camera, StandingCamera) else None
         path = camera if isinstance(camera, CameraPath) else None
-        given = FlowInput(settings.input, InferenceTimes(frame_rate, stride), size, path, standing, observation)
-        frame_rate = given.frame_rate
+        flow_input = FlowInput(settings.input, InferenceTimes(frame_rate, stride), size, path, standing, observation)
+        frame_rate = flow_input.frame_rate
         window = FlowWindow(settings.costs, frame_rate, size, transition, changes)
         self._flow: WholeFlow | DelayedFlow
         if delay is None:
-            self._flow = WholeFlow(settings, given, window, drop_straddling)
+            self._flow = WholeFlow(settings, flow_input, window, drop_straddling)
         else:
-            self._flow = DelayedFlow(settings, given, window, round(delay * frame_rate))
+            self._flow = DelayedFlow(settings, flow_input, window, round(delay * frame_rate))
         self._ended = self._flow
-        self._given = self._used = 0
+        self._count = self._used = 0
         self._reported: list[Track] = []
         self.bad = BadBoxes()
 
@@ -153,8 +153,8 @@ class FlowTracker:
             "camera_stood_still": self._ended.input.stood_still,
             "camera_unknown": self.numbers_of(camera.unknown),
             "duplicates": self.duplicates,
-            "detections": self._given,
-            "detections_rejected": self._given - self._used,
+            "detections": self._count,
+            "detections_rejected": self._count - self._used,
             "typical_speed": round(self._ended.input.evidence.speed(), 3),
             "tracks_finished_early": self._ended.finished_early if isinstance(self._ended, WholeFlow) else 0,
         }
@@ -165,12 +165,12 @@ class FlowTracker:
         Raises:
             RequestError: see `Clock.now`.
         """
-        given = as_detections(detections, counted=self.bad)
-        refuse_heaps(given)
+        detections = as_detections(detections, counted=self.bad)
+        refuse_heaps(detections)
         inferences = self._flow.input.inferences
         self._flow.input.meet(time)
-        self._given += len(given)
-        targets = self._flow.update(given)
+        self._count += len(detections)
+        targets = self._flow.update(detections)
         if targets is None or inferences.all:
             return targets
         return replace(targets, frame=int(inferences.frames(np.array(targets.frame))))

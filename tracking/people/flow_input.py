@@ -29,8 +29,10 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray,
 
 # Deviation of the place of a box where the camera stands still and nothing says otherwise, heights.
 STILL = 0.002
-# By how much further off, in r, a box of probability 0 is than one of probability 1, and one that is quite hidden.
-UNSURE, HIDDEN = 1.5, 0.75
+# By how much further off, in r, a box of probability 0 is than one of probability 1.
+UNSURE = 1.5
+# By how much further off, in r, a box that is quite hidden is than one in full view.
+HIDDEN = 0.75
 # Seconds that stay undecided beyond the longest link, for the motion on both sides of what is decided.
 SETTLE = 0.7
 # Deviation of the camera's place, in heights of a box, after a step that its images do not tell.
@@ -135,10 +137,10 @@ class FlowInput:
 
     def copy(self) -> FlowInput:
         """A copy that goes on by itself."""
-        other = copy(self)
-        other._steps, other._still, other.inferences = [*self._steps], [*self._still], self.inferences.copy()
-        other.camera, other.evidence = self.camera.copy(), self.evidence.copy()
-        return other
+        clone = copy(self)
+        clone._steps, clone._still, clone.inferences = [*self._steps], [*self._still], self.inferences.copy()
+        clone.camera, clone.evidence = self.camera.copy(), self.evidence.copy()
+        return clone
 
     def rows(self, detections: Sequence[Detections]) -> tuple[DetectionTable, FloatArray, IntArray]:
         """The detections of the next frames, their scores, and where they come from.
@@ -148,11 +150,11 @@ class FlowInput:
         """
         first = len(self.camera)
         rows = rows_of(detections, first, self._count)
-        kept = ~duplicates(rows.frames, rows.boxes, rows.scores)
-        self.duplicates += int((~kept).sum())
-        origin = np.concatenate([each.origin for each in detections])[kept]
-        self.names = {**self.names, **{number: name for each in detections for number, name in each.names.items()}}
-        rows = rows.select(kept)
+        unique = ~duplicates(rows.frames, rows.boxes, rows.scores)
+        self.duplicates += int((~unique).sum())
+        origin = np.concatenate([entry.origin for entry in detections])[unique]
+        self.names = {**self.names, **{number: name for entry in detections for number, name in entry.names.items()}}
+        rows = rows.select(unique)
         rows = replace(rows, numbers=self._count + np.arange(len(rows)))
         self._count += len(rows)
         self._follow_camera(rows, first, len(detections))
@@ -206,10 +208,10 @@ class FlowInput:
         """
         if not self.settings.any_speed:
             return None
-        known = self.probability(scores)
-        right = self.evidence.right(scores) if self.observation is None else known
+        probability = self.probability(scores)
+        right = self.evidence.right(scores) if self.observation is None else probability
         costs = self.settings.detection
-        return FirstCosts(right, costs(right, self.frame_rate) - costs(known, self.frame_rate))
+        return FirstCosts(right, costs(right, self.frame_rate) - costs(probability, self.frame_rate))
 
     def logits(self, scores: FloatArray) -> FloatArray:
         """``(N,)`` logits of the probabilities of ``(N,)`` scores."""
@@ -259,9 +261,9 @@ class FlowInput:
             self.meet()
         steps, self._steps = self._steps[:count], self._steps[count:]
         for step in steps:
-            known = np.isfinite(step.deviation)
-            deviation = step.deviation / height if known else LOST
-            self.camera.append(step.similarity, deviation, reliable=known, moving=not known)
+            measured = np.isfinite(step.deviation)
+            deviation = step.deviation / height if measured else LOST
+            self.camera.append(step.similarity, deviation, reliable=measured, moving=not measured)
 
     def _stand_still(self) -> None:
         """Pictures show that the camera did not move into a frame."""
@@ -284,19 +286,19 @@ class FlowInput:
             self.camera.append(None, usual * times if moving else STILL, moving=moving)
 
 
-def solve_window(window: FlowWindow, given: FlowInput, scores: FloatArray, rounds: int | None = None) -> None:
+def solve_window(window: FlowWindow, flow_input: FlowInput, scores: FloatArray, rounds: int | None = None) -> None:
     """Alternate between the flow of what is not decided and the costs of its links.
 
     Args:
         window: holds the detections.
-        given: knows what their scores are worth.
+        flow_input: knows what their scores are worth.
         scores: ``(N,)`` of the detections that the window keeps.
         rounds: how often costs of links are computed again at most; by default see `FlowWindow.solve`.
     """
     free = window.free()
     if free.any():
-        logit = None if window.changes is None else given.logits(scores)
-        window.solve(given.costs(scores), logit, rounds, given.first_costs(scores[free]))
+        logit = None if window.changes is None else flow_input.logits(scores)
+        window.solve(flow_input.costs(scores), logit, rounds, flow_input.first_costs(scores[free]))
 
 
 def refuse_heaps(detections: Detections) -> None:
@@ -330,8 +332,8 @@ def duplicates(frames: IntArray, boxes: FloatArray, scores: FloatArray) -> BoolA
     i, j = near_pairs(frames, centres(boxes), sizes(boxes) * (1 - DUPLICATE), 0)
     same = (i < j) & (iou_pairs(boxes[i], boxes[j]) > DUPLICATE)
     i, j = i[same], j[same]
-    known = np.nan_to_num(scores, nan=-np.inf)
-    double[np.where(known[j] > known[i], i, j)] = True
+    ranks = np.nan_to_num(scores, nan=-np.inf)
+    double[np.where(ranks[j] > ranks[i], i, j)] = True
     return double
 
 

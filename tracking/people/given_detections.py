@@ -36,7 +36,7 @@ class GivenRows(list[Detections]):
 
 
 def given_detections(
-    given: GivenDetections,
+    detections: GivenDetections,
     source: Source,
     score_range: tuple[float, float] | None = None,
     choice: ClassChoice | None = None,
@@ -45,7 +45,7 @@ def given_detections(
     """Detections that are there already, up to the end of the video as far as it is known.
 
     Args:
-        given: a file (MOTChallenge ``det.txt``), or one entry a frame.
+        detections: a file (MOTChallenge ``det.txt``), or one entry a frame.
         source: the video.
         score_range: smallest and largest score that the rows of a file may have; by default any.
         choice: the classes that are wanted; by default all.
@@ -54,73 +54,76 @@ def given_detections(
     Raises:
         RequestError: see `read_detections`, `as_detections` and `ClassChoice`; or the video is shorter.
     """
-    what, bad = given if isinstance(given, str | Path) else "`detections`", BadBoxes()
-    if isinstance(given, str | Path):
+    if isinstance(detections, str | Path):
         # The header of a video file only estimates its length: what is too much shows when the video has ended.
-        detections = read_detections(given, source.length, score_range)
+        rows, what = GivenRows(read_detections(detections, source.length, score_range), BadBoxes()), detections
     else:
-        if not isinstance(given, Iterable) or isinstance(given, Mapping):
-            raise RequestError(f"`detections`: expected a file, or boxes of each frame, got {type(given).__name__}")
-        given = list(given)
-        if source.length is not None and len(given) > source.length:
-            raise RequestError(
-                f"expected detections for {source.length} frames, one entry a frame, got {len(given)}; are these the "
-                "detections of another video?"
-            )
-        detections = [as_detections(entry, counted=bad) for entry in given]
-        if 2 * bad.bad > bad.total:
-            raise RequestError(
-                f"{what}: {bad.bad} of {bad.total} boxes have no area or are not finite; expected x1, y1, x2, y2, not "
-                "x, y, width, height"
-            )
-    boxes = np.concatenate([np.empty((0, 4)), *(each.boxes for each in detections)])
-    compare_with_picture(what, boxes, source.picture_size)
-    there = {int(number) for each in detections for number in np.unique(each.origin[:, 1])} - {-1}
+        rows, what = _checked_entries(detections, source.length), "`detections`"
+    compare_with_picture(what, np.concatenate([np.empty((0, 4)), *(row.boxes for row in rows)]), source.picture_size)
+    numbers = {int(number) for row in rows for number in np.unique(row.origin[:, 1])} - {-1}
     if choice is None:
-        if isinstance(given, str | Path) and len(there) > 1:
+        if isinstance(detections, str | Path) and len(numbers) > 1:
             warnings.warn(
-                f"{given}: detections of the classes {','.join(map(str, sorted(there)))} are tracked as one; give "
+                f"{what}: detections of the classes {','.join(map(str, sorted(numbers)))} are tracked as one; give "
                 "`classes` to track each apart",
                 InputWarning,
                 stacklevel=2,
             )
-        return GivenRows(detections, bad)
-    if any(each.classes is None and len(each) for each in detections):
+        return rows
+    if any(row.classes is None and len(row) for row in rows):
         raise RequestError(f"`classes`: expected classes with the boxes of {what}, got boxes without; leave it out")
-    named = {number: name for each in detections for number, name in each.names.items()}
-    known, named = there | named.keys(), named or dict(enumerate(names or ()))
-    numbers = choice.numbers(named, known, what)
-    chosen = (replace(each.select(np.isin(each.origin[:, 1], numbers)), names=named) for each in detections)
-    return GivenRows(chosen, bad)
+    named = {number: name for row in rows for number, name in row.names.items()}
+    numbers, named = numbers | named.keys(), named or dict(enumerate(names or ()))
+    chosen = choice.numbers(named, numbers, what)
+    return GivenRows((replace(row.select(np.isin(row.origin[:, 1], chosen)), names=named) for row in rows), rows.bad)
+
+
+def _checked_entries(entries: Iterable[DetectionsLike], length: int | None) -> GivenRows:
+    """Detections of a call for a video of so many frames."""
+    if not isinstance(entries, Iterable) or isinstance(entries, Mapping):
+        raise RequestError(f"`detections`: expected a file, or boxes of each frame, got {type(entries).__name__}")
+    entries, bad = list(entries), BadBoxes()
+    if length is not None and len(entries) > length:
+        raise RequestError(
+            f"expected detections for {length} frames, one entry a frame, got {len(entries)}; are these the detections "
+            "of another video?"
+        )
+    rows = GivenRows((as_detections(entry, counted=bad) for entry in entries), bad)
+    if 2 * bad.bad > bad.total:
+        raise RequestError(
+            f"`detections`: {bad.bad} of {bad.total} boxes have no area or are not finite; expected x1, y1, x2, y2, "
+            "not x, y, width, height"
+        )
+    return rows
 
 
 def frames_with_inference(
-    detect: Detect | Sequence[Detections], source: Source, given: Iterable[int] | None = None
+    detect: Detect | Sequence[Detections], source: Source, numbers: Iterable[int] | None = None
 ) -> BoolArray | None:
     """``(F,)`` the frames with inference of given detections; None for all. A pattern is reported.
 
     Args:
         detect: a detector runs on all frames.
         source: the video.
-        given: 0-based numbers of the frames, where the user gives them; by default see `inferred_frames`.
+        numbers: from 0 of the frames with inference; by default see `inferred_frames`.
 
     Raises:
         RequestError: see `named_frames`; or there is a detector.
     """
     if not isinstance(detect, Sequence):
-        if given is not None:
+        if numbers is not None:
             raise RequestError("expected `inference_frames` with `detections`, got it with a detector")
         return None
     length = max(source.length or 0, len(detect))
-    if given is not None:
-        return named_frames(given, length)
+    if numbers is not None:
+        return named_frames(numbers, length)
     inferred = inferred_frames(np.array([*map(len, detect), *[0] * (length - len(detect))], dtype=np.int64))
     if inferred is not None:
         stride = stride_of(inferred)
-        every = f"{stride:g}th" if stride == round(stride) else f"{stride:.3g}th, on average,"
+        ordinal = f"{stride:g}th" if stride == round(stride) else f"{stride:.3g}th, on average,"
         warnings.warn(
-            f"there are detections in {inferred.sum()} of {len(inferred)} frames, every {every} one; the others count "
-            "as frames without inference, and no person counts as missed in them",
+            f"there are detections in {inferred.sum()} of {len(inferred)} frames, every {ordinal} one; the others "
+            "count as frames without inference, and no person counts as missed in them",
             InputWarning,
             stacklevel=2,
         )

@@ -53,19 +53,19 @@ S = TypeVar("S", bound=LifecycleSettings)
 
 @dataclass(frozen=True)
 class Survivors:
-    """Where the live tracks after a frame come from, in their order: matched, kept, started.
+    """Where the live tracks after a frame come from, in their order: matched, coasting, started.
 
     Attributes:
         matched: rows of the earlier tracks that were matched.
         detected: the detections they were matched to.
-        kept: rows of the earlier tracks that were missed and live on.
+        coasting: rows of the earlier tracks that were missed and live on.
         started: detections that started a track.
         lost: rows of the earlier tracks that were confirmed and are deleted.
     """
 
     matched: IntArray
     detected: IntArray
-    kept: IntArray
+    coasting: IntArray
     started: IntArray
     lost: IntArray
 
@@ -108,7 +108,6 @@ class LifecycleTracker(Generic[S]):
         ]
 
     def skip(self) -> Targets:
-        """See `OnlineTracker`."""
         self._clock.skip()
         boxes = predict_boxes(self._belief, self._motion, self._clock.since_last()).boxes
         none = np.empty(0, dtype=np.int64)
@@ -117,7 +116,6 @@ class LifecycleTracker(Generic[S]):
         )
 
     def forget(self) -> None:
-        """See `OnlineTracker`."""
         self._record.forget()
 
     def _predict(self, time: float | None = None) -> FloatArray:
@@ -148,13 +146,13 @@ class LifecycleTracker(Generic[S]):
         lost = self._numbers[parts.lost], self._belief.boxes[parts.lost], self._votes.classes()[parts.lost]
         origin = detections.origin
         updated = update_boxes(self._belief.select(paired), detections.boxes[detected], self._motion)
-        old = np.concatenate([paired, parts.kept])
+        old = np.concatenate([paired, parts.coasting])
         started = len(parts.started)
         hits, misses = self._hits[old], self._misses[old] + 1
         hits[: len(paired)] += 1
         misses[: len(paired)] = 0
-        if len(parts.kept):
-            updated = updated.and_then(self._belief.select(parts.kept))
+        if len(parts.coasting):
+            updated = updated.and_then(self._belief.select(parts.coasting))
         if started:
             updated = updated.and_then(start_boxes(detections.boxes[parts.started], self._motion))
         self._belief = updated
@@ -179,8 +177,8 @@ class LifecycleTracker(Generic[S]):
         young = self._misses < self.settings.max_age
         free = ~(detections.scores < self.settings.start_score)
         free[detected] = False
-        kept, lost = np.flatnonzero(missed & young), np.flatnonzero(missed & ~young)
-        return Survivors(paired, detected, kept, np.flatnonzero(free), lost)
+        coasting, lost = np.flatnonzero(missed & young), np.flatnonzero(missed & ~young)
+        return Survivors(paired, detected, coasting, np.flatnonzero(free), lost)
 
     def _note(
         self, present: IntArray, detected: IntArray, detections: Detections, origin: IntArray
@@ -280,12 +278,12 @@ class Record:
 
         It goes through what was added since it was last called.
         """
-        wanted = np.zeros(self._started, dtype=np.bool_)
-        wanted[[*self._ids, *live.tolist()]] = True
+        retained = np.zeros(self._started, dtype=np.bool_)
+        retained[[*self._ids, *live.tolist()]] = True
         rows = self._rows[self._pruned :]
         del self._rows[self._pruned :]
         for frame, numbers, boxes, scores in rows:
-            which = wanted[numbers]
+            which = retained[numbers]
             if which.any():
                 self.append(frame, numbers[which], boxes[which], scores[which])
         self._pruned = len(self._rows)
@@ -321,7 +319,7 @@ class Votes:
         self._numbers = np.empty(0, dtype=np.int64)
         self._counts = np.zeros((0, 0), dtype=np.int64)
 
-    def follow(self, old: IntArray, started: int, rows: IntArray, detected: IntArray, found: Detections) -> None:
+    def follow(self, old: IntArray, started: int, rows: IntArray, detected: IntArray, detections: Detections) -> None:
         """Take the next frame.
 
         Args:
@@ -329,15 +327,15 @@ class Votes:
             started: number of tracks that start, after them.
             rows: ``(D,)`` the tracks, as they are now, with a detection.
             detected: ``(D,)`` the detection of each.
-            found: all of the frame.
+            detections: all of the frame.
         """
-        classes = np.empty(0, np.int64) if found.classes is None else found.classes
+        classes = np.empty(0, np.int64) if detections.classes is None else detections.classes
         numbers = np.union1d(self._numbers, classes[classes >= 0]) if len(classes) else self._numbers
         counts = np.zeros((len(old) + started, len(numbers)), dtype=np.int64)
         if len(numbers):
             counts[: len(old), np.searchsorted(numbers, self._numbers)] = self._counts[old]
         if len(classes):
-            self.names = {**self.names, **found.names}
+            self.names = {**self.names, **detections.names}
             voting = classes[detected] >= 0
             counts[rows[voting], np.searchsorted(numbers, classes[detected][voting])] += 1
         self._numbers, self._counts = numbers, counts

@@ -29,10 +29,10 @@ class MotionCompensated:
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
         """Take the detections of the next frame; what the tracker answers, in pixels of the frame it is about."""
-        given = as_detections(detections)
-        boxes = move_boxes(given.boxes, self.path.transforms[self._frame])
+        detections = as_detections(detections)
+        boxes = move_boxes(detections.boxes, self.path.transforms[self._frame])
         self._frame += 1
-        return self._returned(updated(self.tracker, replace(given, boxes=boxes), time))
+        return self._returned(updated(self.tracker, replace(detections, boxes=boxes), time))
 
     def skip(self) -> Targets | None:
         """The detector does not run on the next frame."""

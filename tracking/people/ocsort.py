@@ -124,8 +124,8 @@ class OcSort(LifecycleTracker[OcSortSettings]):
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people. A detection without a score takes part."""
-        given = as_detections(detections, counted=self.bad)
-        sure = given.select(~(given.scores < self.settings.min_score))
+        detections = as_detections(detections, counted=self.bad)
+        sure = detections.select(~(detections.scores < self.settings.min_score))
         predicted, misses = self._predict(time), self._misses
         if self._longer != 1:
             belief = per_longer_frame(self._history.belief, self._longer)
@@ -134,9 +134,9 @@ class OcSort(LifecycleTracker[OcSortSettings]):
         paired, detected = self._recover(sure, paired, detected)
         passed = np.array(self._clock.passed)
         again = re_updated(self._history, paired, misses[paired], sure.boxes[detected], self.settings.motion, passed)
-        rest = np.setdiff1d(np.arange(len(misses)), paired)
-        order = np.argsort(np.concatenate([paired, rest]))
-        self._belief = again.and_then(self._belief.select(rest)).select(order)
+        unmatched = np.setdiff1d(np.arange(len(misses)), paired)
+        order = np.argsort(np.concatenate([paired, unmatched]))
+        self._belief = again.and_then(self._belief.select(unmatched)).select(order)
         targets, parts = self._advance(paired, detected, sure)
         self._history = _continued(self._history, parts, misses, sure.boxes, self._belief)
         return targets
@@ -155,8 +155,8 @@ class OcSort(LifecycleTracker[OcSortSettings]):
         last, least = self._history.boxes, self.settings.min_iou / self._slack
         tracks = np.setdiff1d(np.arange(len(last)), paired)
         free = np.setdiff1d(np.arange(len(detections)), detected)
-        more, recovered = matched(last, detections.boxes, tracks, free, least)
-        return np.concatenate([paired, more]), np.concatenate([detected, recovered])
+        recovered_tracks, recovered_detections = matched(last, detections.boxes, tracks, free, least)
+        return np.concatenate([paired, recovered_tracks]), np.concatenate([detected, recovered_detections])
 
 
 @dataclass(frozen=True)
@@ -186,17 +186,19 @@ def _continued(history: History, parts: Survivors, misses: IntArray, boxes: Floa
         boxes: ``(M, 4)`` the detections of the frame.
         belief: of the tracks after the frame.
     """
-    paired, kept = parts.matched, parts.kept
+    paired, coasting = parts.matched, parts.coasting
     now = boxes[np.concatenate([parts.detected, parts.started])]
     columns = history.ages.shape[1]
     trail, ages = np.zeros((len(now), columns, 2)), np.full((len(now), columns), np.inf)
     trail[:, 0], ages[:, 0] = centres(now), 0
     trail[: len(paired), 1:] = history.trail[paired, :-1]
     ages[: len(paired), 1:] = history.ages[paired, :-1] + (misses[paired] + 1)[:, None]
-    # In the order of the tracks: matched, kept, started.
-    order = np.concatenate([np.arange(len(paired)), len(now) + np.arange(len(kept)), np.arange(len(paired), len(now))])
-    observed = np.concatenate([np.arange(len(paired)), len(paired) + len(kept) + np.arange(len(parts.started))])
-    return History(belief.select(observed), now, trail, ages).and_then(history.select(kept)).select(order)
+    # In the order of the tracks: matched, coasting, started.
+    order = np.concatenate(
+        [np.arange(len(paired)), len(now) + np.arange(len(coasting)), np.arange(len(paired), len(now))]
+    )
+    observed = np.concatenate([np.arange(len(paired)), len(paired) + len(coasting) + np.arange(len(parts.started))])
+    return History(belief.select(observed), now, trail, ages).and_then(history.select(coasting)).select(order)
 
 
 def direction_costs(history: History, detected: FloatArray) -> FloatArray:
@@ -212,8 +214,8 @@ def direction_costs(history: History, detected: FloatArray) -> FloatArray:
     intended = detected[None] - last[:, None]
     across = moved[..., 0] * intended[..., 1] - moved[..., 1] * intended[..., 0]
     along = (moved * intended).sum(axis=2)
-    known = moved.any(axis=2) & intended.any(axis=2)
-    return np.where(known, np.arctan2(np.abs(across), along) / np.pi - 0.5, 0.0)
+    both_move = moved.any(axis=2) & intended.any(axis=2)
+    return np.where(both_move, np.arctan2(np.abs(across), along) / np.pi - 0.5, 0.0)
 
 
 def re_updated(
@@ -240,9 +242,9 @@ def re_updated(
     last = len(passed) - 1 - misses
     step = (detected - start) / np.maximum(times[-1] - times[last], 1e-9)[:, None]
     for count in range(1, int(misses.max(initial=0)) + 1):
-        hidden, rest = np.flatnonzero(misses >= count), np.flatnonzero(misses < count)
+        hidden, visible = np.flatnonzero(misses >= count), np.flatnonzero(misses < count)
         now = last[hidden] + count
         virtual = start[hidden] + (times[now] - times[last[hidden]])[:, None] * step[hidden]
         again = update_boxes(predict_boxes(belief.select(hidden), motion, passed[now - 1]), virtual, motion)
-        belief = again.and_then(belief.select(rest)).select(np.argsort(np.concatenate([hidden, rest])))
+        belief = again.and_then(belief.select(visible)).select(np.argsort(np.concatenate([hidden, visible])))
     return predict_boxes(belief, motion, passed[-1])

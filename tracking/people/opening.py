@@ -89,24 +89,29 @@ def open_people(
         detect = scale.every(detect)
     method: Any = linking.method
     compared = method in APPEARANCE if isinstance(method, str) else isinstance(method, FlowTracker | DeepSort)
-    given, more = finding.appearance, finding.appearance_options
-    describe = people_describer(source, compared, given, threads, more, finding.device)
+    describe = people_describer(
+        source, compared, finding.appearance, threads, finding.appearance_options, finding.device
+    )
     # The flow sees for itself where the camera stands still.
     camera = CameraPath() if linking.moving_camera else StandingCamera() if method == "flow" else None
     ground = ground_of(detect, finding.ground, source)
-    taken = frames_with_inference(detect, source, inferred)
+    inferences = frames_with_inference(detect, source, inferred)
     unknown = finding.score_threshold is None and not source.live
     choice = score_choice(detect, ground) if unknown else None
     inputs = PeopleInputs(
-        source, detect, describe, finding.batch_size, camera, finding.threads, ground, taken, choice, scale
+        source, detect, describe, finding.batch_size, camera, finding.threads, ground, inferences, choice, scale
     )
     apart = chosen is not None and not chosen.across
     fresh: Callable[[], PeopleTracker]
     if isinstance(linking.method, str):
         # The shipped costs know the scores of the shipped networks, not those of other people's detectors.
-        known = knows_scores(detect)
-        printed = linking.preset == "printed"
-        learnt = people_affinity(linking.method, linking.affinity, finding.threads, known_scores=known, printed=printed)
+        learnt = people_affinity(
+            linking.method,
+            linking.affinity,
+            finding.threads,
+            known_scores=knows_scores(detect),
+            printed=linking.preset == "printed",
+        )
         fresh = partial(_fresh_tracker, inputs, linking, learnt, seed)
     else:
         fresh = partial(_own_tracker, inputs, linking, apart)

@@ -36,8 +36,8 @@ def people_result(
     from tsuiseki.tracking.report.overlay import Overlay
 
     video, name = opened.inputs.source, settings["method"]
-    every, log = run_trackers(steps, {name: opened.tracker}, times, opened.inputs.inferred)
-    tracks = every[name]
+    tracks_by_name, log = run_trackers(steps, {name: opened.tracker}, times, opened.inputs.inferred)
+    tracks = tracks_by_name[name]
     facts, lines = facts_of(opened, 1000 * times.seconds.get("detect", 0.0) / max(len(log.frames), 1))
     network = opened.tracker.network() if isinstance(opened.tracker, FlowTracker) else None
     if network is not None and log.frames:
@@ -76,10 +76,10 @@ def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any],
         facts["flow"] = tracker.facts()
         lines += _lines_on_flow(tracker)
     elif isinstance(tracker, ByClass):
-        flows = {number: one for number, one in tracker.trackers.items() if isinstance(one, FlowTracker)}
+        flows = {number: flow for number, flow in tracker.trackers.items() if isinstance(flow, FlowTracker)}
         if flows:
-            facts["flow"] = {str(number): one.facts() for number, one in flows.items()}
-        lines += [f"class {number}: {line}" for number, one in flows.items() for line in _lines_on_flow(one)]
+            facts["flow"] = {str(number): flow.facts() for number, flow in flows.items()}
+        lines += [f"class {number}: {line}" for number, flow in flows.items() for line in _lines_on_flow(flow)]
     if isinstance(inputs.detect, ViewedDetector) and inputs.detect.summary:
         timed = any(choice.milliseconds is not None for choice in inputs.detect.choices.values())
         cost = "" if timed else f", about {milliseconds:.0f} ms a frame"
@@ -120,9 +120,9 @@ def _lines_on_unused(opened: OpenedPeople, first: FirstDetections, tracks: Seque
     tracker, lines = inner_tracker(opened.tracker), []
     groups: dict[int | str, tuple[FirstDetections, PeopleTracker]] = {-1: (first, tracker)}
     if isinstance(tracker, ByClass):
-        groups = {number: (tracker.first[number], inner_tracker(one)) for number, one in tracker.trackers.items()}
-    for number, (given, one) in groups.items():
+        groups = {number: (tracker.first[number], inner_tracker(linker)) for number, linker in tracker.trackers.items()}
+    for number, (detections, linker) in groups.items():
         ours = [track for track in tracks if number == -1 or track.class_id in called(number, track.names)]
-        line = given.line(sum(int(t.observed.sum()) for t in ours), len(ours), getattr(one, "settings", None))
+        line = detections.line(sum(int(t.observed.sum()) for t in ours), len(ours), getattr(linker, "settings", None))
         lines += [] if line is None else [line if number == -1 else f"class {number}: {line}"]
     return lines

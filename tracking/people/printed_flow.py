@@ -27,8 +27,14 @@ from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 
-# c_entr = c_exit, b, frames before and after of λ = 15, and how often MHT-MAF solves the flow.
-ENTRY, BIAS, HALF_WINDOW, ITERATIONS = 10.0, -0.5, 8, 6
+# c_entr = c_exit, what a start and an end of a track cost each (5.4.2).
+ENTRY = 10.0
+# b of the costs of detections (5.4.2).
+BIAS = -0.5
+# Frames before and after a detection whose action features eq. 5.3 averages, from λ = 15.
+HALF_WINDOW = 8
+# How often MHT-MAF solves the flow.
+ITERATIONS = 6
 
 
 class PrintedFlow:
@@ -55,10 +61,10 @@ class PrintedFlow:
 
     def update(self, detections: DetectionsLike) -> None:
         """Take the next frame, with actions where the trees compare them."""
-        given = as_detections(detections)
-        if self._affinity.acting and given.actions is None and len(given):
+        detections = as_detections(detections)
+        if self._affinity.acting and detections.actions is None and len(detections):
             raise RequestError("expected action features, which the costs of links compare, got detections without")
-        self._detections.append(given)
+        self._detections.append(detections)
 
     def skip(self) -> None:
         """Take a frame without inference."""
@@ -69,7 +75,7 @@ class PrintedFlow:
         if not self._detections:
             return []
         rows = rows_of(self._detections, 0, 0)
-        origin = np.concatenate([each.origin for each in self._detections])
+        origin = np.concatenate([entry.origin for entry in self._detections])
         pieces = long_tracks(self._labels(rows))
         self.actions = [None if rows.actions is None else rows.actions[piece] for piece in pieces]
         scores = np.nan_to_num(rows.scores)
@@ -93,7 +99,7 @@ class PrintedFlow:
                 reach = (HALF_WINDOW, HALF_WINDOW)
                 averaged = window_means(rows.frames, labels, rows.actions, rows.frames, labels, reach)
             links = pairs_with_costs(replace(rows, actions=averaged), gate, self._affinity)
-            before, labels = labels, track_labels(solve(build_graph(observation, links, ENTRY, ENTRY)))
-            if np.array_equal(before, labels):
+            previous, labels = labels, track_labels(solve(build_graph(observation, links, ENTRY, ENTRY)))
+            if np.array_equal(previous, labels):
                 break
         return labels

@@ -17,8 +17,10 @@ from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Track
 
 # Detections that are kept for the report.
 KEPT = 2000
-# Pixels below which a box shows no person; and overlap with the next detection below which online methods link nothing.
-TINY, LEAST_OVERLAP = 2.0, 0.2
+# Side in pixels below which a box shows no person.
+TINY = 2.0
+# Overlap with the next detection below which online methods link nothing.
+LEAST_OVERLAP = 0.2
 
 
 @dataclass
@@ -32,13 +34,13 @@ class FirstDetections:
 
     count: int = 0
     first: list[Detections] = field(default_factory=list)
-    _kept: int = 0
+    _stored: int = 0
 
     def add(self, detections: Detections) -> None:
         """Take the detections of the next inference."""
         self.count += len(detections)
-        if self._kept < KEPT:
-            self._kept += len(detections)
+        if self._stored < KEPT:
+            self._stored += len(detections)
             self.first.append(Detections(detections.boxes, detections.scores))
 
     def line(self, used: int, tracks: int, settings: Any = None) -> str | None:
@@ -55,8 +57,8 @@ class FirstDetections:
 
     def reason(self, settings: Any = None) -> str:
         """What most of the kept detections have in common."""
-        scores = np.concatenate([each.scores for each in self.first])
-        sides = np.concatenate([each.boxes[:, 2:] - each.boxes[:, :2] for each in self.first])
+        scores = np.concatenate([detections.scores for detections in self.first])
+        sides = np.concatenate([detections.boxes[:, 2:] - detections.boxes[:, :2] for detections in self.first])
         least = getattr(settings, "start_score", -np.inf)
         if np.mean(scores < least) > 0.5:
             low, high = np.nanmin(scores), np.nanmax(scores)
@@ -64,7 +66,7 @@ class FirstDetections:
         width, height = np.median(sides, axis=0)
         if min(width, height) < TINY:
             return f"boxes are {width:.2g} x {height:.2g} pixels; expected pixels, not shares or metres"
-        if sum(len(each) > 0 for each in self.first) < 3:
+        if sum(len(detections) > 0 for detections in self.first) < 3:
             return "they are in fewer than three frames"
         if least > -np.inf and np.median(self._overlaps()) < LEAST_OVERLAP:
             return "boxes hardly overlap those of the next frame; detect in more frames, or take the method flow"
@@ -72,7 +74,11 @@ class FirstDetections:
 
     def _overlaps(self) -> FloatArray:
         """``(N,)`` of each box the largest overlap with the next detections."""
-        pairs = [iou_matrix(one.boxes, other.boxes) for one, other in pairwise(self.first) if len(one)]
+        pairs = [
+            iou_matrix(detections.boxes, following.boxes)
+            for detections, following in pairwise(self.first)
+            if len(detections)
+        ]
         return np.concatenate([np.zeros(1), *(overlap.max(axis=1, initial=0.0) for overlap in pairs)])
 
 

@@ -94,11 +94,11 @@ class Sort(LifecycleTracker[SortSettings]):
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
         """Take the detections of the next frame; its people."""
-        given = as_detections(detections, counted=self.bad)
+        detections = as_detections(detections, counted=self.bad)
         predicted = self._predict(time)
         least = self.settings.min_iou / self._slack
-        matched, detected = assign(1 - iou_matrix(predicted, given.boxes), 1 - least)
-        return self._advance(matched, detected, given)[0]
+        matched, detected = assign(1 - iou_matrix(predicted, detections.boxes), 1 - least)
+        return self._advance(matched, detected, detections)[0]
 
 
 @dataclass(frozen=True, config=SETTINGS)
@@ -176,12 +176,12 @@ class DeepSort(LifecycleTracker[DeepSortSettings]):
         Raises:
             ValueError: the features are of another length than those before.
         """
-        given = as_detections(detections, counted=self.bad)
-        features = self._checked_features(given)
+        detections = as_detections(detections, counted=self.bad)
+        features = self._checked_features(detections)
         predicted = self._predict(time)
-        paired, detected = assign(self._feature_costs(predicted, given, features), self.settings.feature_gate)
-        paired, detected = self._match_rest(predicted, given, paired, detected)
-        targets, parts = self._advance(paired, detected, given)
+        paired, detected = assign(self._feature_costs(predicted, detections, features), self.settings.feature_gate)
+        paired, detected = self._match_rest(predicted, detections, paired, detected)
+        targets, parts = self._advance(paired, detected, detections)
         self._appearance = self._updated_appearance(parts, features)
         return targets
 
@@ -218,15 +218,15 @@ class DeepSort(LifecycleTracker[DeepSortSettings]):
 
     def _updated_appearance(self, parts: Survivors, features: FloatArray) -> FloatArray:
         """``(N, D)`` the appearance of the live tracks after a frame."""
-        before, now = self._appearance[parts.matched], features[parts.detected]
-        mean = running_mean(before, now, self.settings.memory, 1 - self.settings.memory)
-        return np.concatenate([mean, self._appearance[parts.kept], features[parts.started]])
+        earlier, now = self._appearance[parts.matched], features[parts.detected]
+        mean = running_mean(earlier, now, self.settings.memory, 1 - self.settings.memory)
+        return np.concatenate([mean, self._appearance[parts.coasting], features[parts.started]])
 
 
-def running_mean(before: FloatArray, now: FloatArray, old: float, new: float) -> FloatArray:
+def running_mean(earlier: FloatArray, now: FloatArray, old: float, new: float) -> FloatArray:
     """``(N, D)`` unit-length means of features, weighted by ``old`` and ``new``; the known one where one is NaN."""
-    mean = old * before + new * now
+    mean = old * earlier + new * now
     length = np.linalg.norm(mean, axis=1, keepdims=True)
     # Two opposite features can cancel; the newer then stands alone, as it does where the older is not known.
     mean = np.where(length > 0, mean / np.where(length > 0, length, 1), now)
-    return np.asarray(np.where(np.isnan(before), now, np.where(np.isnan(now), before, mean)))
+    return np.asarray(np.where(np.isnan(earlier), now, np.where(np.isnan(now), earlier, mean)))

@@ -104,7 +104,7 @@ def score_scale(detect: object, method: object, settings: MethodSettings, source
     """
     if method not in METHODS or method == "flow" or isinstance(inner_detector(detect), Detector | ForeignDetector):
         return None
-    start, usual = (getattr(getattr(own, str(method)), "start_score", None) for own in (settings, MethodSettings()))
+    start, usual = (getattr(getattr(s, str(method)), "start_score", None) for s in (settings, MethodSettings()))
     return ScoreScale(source.frame_rate, start) if start is not None and start == usual else None
 
 

@@ -55,16 +55,16 @@ def boxes_of(result: Result[Track]) -> list[Track]:
     return [getattr(track, "track", track) for track in result]
 
 
-def rates_of(given: Sequence[float] | None, count: int) -> list[float | None]:
+def rates_of(frame_rates: Sequence[float] | None, count: int) -> list[float | None]:
     """Frames a second of each of so many sources, of one number or one a source; None where they say so themselves.
 
     Raises:
         RequestError: it is another number of them, or one is not above 0.
     """
-    if given is not None and (len(given) not in (1, count) or not min(given) > 0):
-        came = ",".join(f"{rate:g}" for rate in given)
+    if frame_rates is not None and (len(frame_rates) not in (1, count) or not min(frame_rates) > 0):
+        came = ",".join(f"{rate:g}" for rate in frame_rates)
         raise RequestError(f"`fps`: expected 1 number or {count}, one a source, above 0, got {came or 'none'}")
-    return [None if given is None else given[k % len(given)] for k in range(count)]
+    return [None if frame_rates is None else frame_rates[k % len(frame_rates)] for k in range(count)]
 
 
 def frame_times(result: Result[Track], frame_rate: float) -> FloatArray:

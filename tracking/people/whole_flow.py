@@ -46,24 +46,26 @@ class WholeFlow:
 
     Args:
         settings: of the tracker.
-        given: prepares the detections.
+        flow_input: prepares the detections.
         window: a fresh one.
         drop_straddling: see `FlowTracker`.
     """
 
-    def __init__(self, settings: FlowSettings, given: FlowInput, window: FlowWindow, drop_straddling: bool) -> None:
-        self.settings, self.input, self.window, self.drop_straddling = settings, given, window, drop_straddling
+    def __init__(
+        self, settings: FlowSettings, flow_input: FlowInput, window: FlowWindow, drop_straddling: bool
+    ) -> None:
+        self.settings, self.input, self.window, self.drop_straddling = settings, flow_input, window, drop_straddling
         self.actions: list[FloatArray | None] = []
         self._tracklets = Tracklets()
         self._record = NetworkRecord()
         self._joins: list[tuple[IntArray, IntArray, FloatArray]] = []
         self._frame = 0
         self._waiting: list[Detections] = []
-        self._every = DetectionTable.empty(given.frame_rate, given.size)
+        self._rows = DetectionTable.empty(flow_input.frame_rate, flow_input.size)
         self._parts: list[DetectionTable] = []
         self._scores, self._origin = np.empty(0), np.empty((0, 2), dtype=np.int64)
         self._released: list[FinishedTrack] = []
-        self._release_at = round(2 * RELEASE * given.frame_rate)
+        self._release_at = round(2 * RELEASE * flow_input.frame_rate)
 
     @property
     def finished_early(self) -> int:
@@ -74,63 +76,65 @@ class WholeFlow:
         """Take the next frame."""
         self._waiting.append(detections)
         self._frame += 1
-        every, rate = self.settings.decide_every, self.input.frame_rate
+        interval, rate = self.settings.decide_every, self.input.frame_rate
         # Where much stays undecided, new frames are awaited in proportion.
         undecided = len(self.window.flow.undecided)
-        if every is not None and len(self._waiting) >= every * rate and sum(map(len, self._waiting)) >= undecided:
+        if interval is not None and len(self._waiting) >= interval * rate and sum(map(len, self._waiting)) >= undecided:
             self._decide()
 
     def ended(self) -> WholeFlow:
         """A copy for which the video ends here, so that asking changes nothing."""
-        other = copy(self)
-        other.input, other.window, other._tracklets = self.input.copy(), self.window.copy(), self._tracklets.copy()
-        other._parts, other._released = [*self._parts], [*self._released]
-        other._record, other._joins = self._record.copy(), []
-        return other
+        clone = copy(self)
+        clone.input, clone.window, clone._tracklets = self.input.copy(), self.window.copy(), self._tracklets.copy()
+        clone._parts, clone._released = [*self._parts], [*self._released]
+        clone._record, clone._joins = self._record.copy(), []
+        return clone
 
     def tracks(self) -> list[Track]:
         """Decide all that is left; the tracks."""
         self._absorb()
         window = self.window
         solve_window(window, self.input, self._scores[window.table.numbers])
-        rest = window.flow.remainder()
-        self._record.add(rest, window.flow.undecided, window.flow.graph)
-        self._chain(rest, window.table)
-        every = self._table()
-        whole = sorted([*self._released, *self._finished(every, self._joined(every))], key=lambda one: one.first)
-        self.actions = [one.actions for one in whole]
-        return [replace(one.track, id=number) for number, one in enumerate(whole, 1)]
+        remainder = window.flow.remainder()
+        self._record.add(remainder, window.flow.undecided, window.flow.graph)
+        self._chain(remainder, window.table)
+        table = self._table()
+        finished = sorted(
+            [*self._released, *self._finished(table, self._joined(table))], key=lambda person: person.first
+        )
+        self.actions = [person.actions for person in finished]
+        return [replace(person.track, id=number) for number, person in enumerate(finished, 1)]
 
-    def _joined(self, every: DetectionTable) -> IntArray:
+    def _joined(self, table: DetectionTable) -> IntArray:
         """``(N,)`` track of each row, tracklets joined; -1 for none."""
-        labels = self._tracklets.labels(len(self._scores))[every.numbers]
-        if not len(every):
+        labels = self._tracklets.labels(len(self._scores))[table.numbers]
+        if not len(table):
             return labels
         window, appearance = self.window, self._tracklets.appearance()
-        places = window.place_costs(every.image)
+        places = window.place_costs(table.image)
         if self._released:
             # Those of tracklets that were let go of do not count.
-            kept, compact = np.unique(labels[labels >= 0], return_inverse=True)
-            appearance = None if appearance is None else appearance[kept]
+            remaining, compact = np.unique(labels[labels >= 0], return_inverse=True)
+            appearance = None if appearance is None else appearance[remaining]
             labels[labels >= 0] = compact
-        return join(every, labels, appearance, window.costs.link, window.changes, None, places, self._joins)
+        return join(table, labels, appearance, window.costs.link, window.changes, None, places, self._joins)
 
     def _release(self) -> None:
         """Finish the tracks that nothing to come can reach, and let go of their detections."""
-        every, rate = self._table(), self.input.frame_rate
-        joined, undecided = self._joined(every), np.isin(every.numbers, self.window.table.numbers)
-        frontier = int(every.frames[undecided].min(initial=self._frame))
+        table, rate = self._table(), self.input.frame_rate
+        joined, undecided = self._joined(table), np.isin(table.numbers, self.window.table.numbers)
+        frontier = int(table.frames[undecided].min(initial=self._frame))
         reach = round(max(JOIN_WINDOW, APPEARANCE_WINDOW, self.settings.fill) * rate)
         # By the track, and at last for detections of none: the last frame that it has.
         last = np.full(int(joined.max(initial=-1)) + 2, -1)
-        np.maximum.at(last, joined, np.where(undecided, self._frame, every.frames))
-        closed = np.where(joined >= 0, last[joined], every.frames) < frontier - reach
-        self._tracklets.merge(every.numbers[~closed], joined[~closed])
-        self._released += self._finished(every.select(closed), joined[closed])
-        self._every = every.select(~closed)
+        np.maximum.at(last, joined, np.where(undecided, self._frame, table.frames))
+        closed = np.where(joined >= 0, last[joined], table.frames) < frontier - reach
+        self._tracklets.merge(table.numbers[~closed], joined[~closed])
+        self._released += self._finished(table.select(closed), joined[closed])
+        self._rows = table.select(~closed)
         # So long a result is not corrected by its network.
         self._record, self._joins = NetworkRecord(), []
-        self.input.camera.forget(int(self._every.frames.min(initial=frontier)))
+        self.input.camera.forget(int(self._rows.frames.min(initial=frontier)))
         self._release_at = self._frame + round(RELEASE * rate)
 
     def _decide(self) -> None:
@@ -152,19 +156,19 @@ class WholeFlow:
         Args:
             tracks: those that are reported, in the frames of the detections.
         """
-        every, rate = self._table(), self.input.frame_rate
+        table, rate = self._table(), self.input.frame_rate
         row = {
             key: track.id
             for track in tracks
             for key in zip(track.frames[track.observed].tolist(), track.detection[track.observed].tolist(), strict=True)
         }
-        keys = zip(every.frames.tolist(), self._origin[:, 0].tolist(), strict=True)
+        keys = zip(table.frames.tolist(), self._origin[:, 0].tolist(), strict=True)
         return SolvedNetwork(
-            every.frames,
-            every.image,
+            table.frames,
+            table.image,
             self._scores,
             self._origin,
-            self._record.graph(len(every), self._joins),
+            self._record.graph(len(table), self._joins),
             np.array([row.get(key, 0) for key in keys], dtype=np.int64),
             self.settings.fewest(rate, self._frame),
             round(self.settings.fill * rate * self.input.inferences.stride),
@@ -191,38 +195,39 @@ class WholeFlow:
     def _table(self) -> DetectionTable:
         """The rows of all detections."""
         for part in self._parts:
-            self._every = self._every.and_then(part)
+            self._rows = self._rows.and_then(part)
         self._parts = []
-        return self._every
+        return self._rows
 
-    def _finished(self, every: DetectionTable, labels: IntArray) -> list[FinishedTrack]:
+    def _finished(self, table: DetectionTable, labels: IntArray) -> list[FinishedTrack]:
         """The tracks with enough detections, their gaps filled, by their first detections."""
         rate, settings = self.input.frame_rate, self.settings
         # A video of fast targets bears nothing out, so its own calibration judges no track.
-        least, logit = least_logit(self.input.observation), self.input.logits(self._scores[every.numbers])
+        least, logit = least_logit(self.input.observation), self.input.logits(self._scores[table.numbers])
         pieces = [p for p in long_tracks(labels, settings.fewest(rate, self._frame)) if not logit[p].mean() < least]
-        finished = [self._piece(every, piece) for piece in pieces]
+        finished = [self._piece(table, piece) for piece in pieces]
         if self.input.observation is None:
-            tracks, images = [one.track for one in finished], [one.image for one in finished]
+            tracks, images = [person.track for person in finished], [person.image for person in finished]
             dropped = standing_clutter(tracks, images, rate)
             finished = [finished[n] for n in np.setdiff1d(np.arange(len(finished)), dropped)]
-        smoothing = self.input.smoothing([one.track for one in finished]) if settings.smoothing else None
+        smoothing = self.input.smoothing([person.track for person in finished]) if settings.smoothing else None
         longest = round(settings.fill * rate)
         finished = [
-            replace(one, track=reported(one.track, one.image, self.input, longest, smoothing)) for one in finished
+            replace(person, track=reported(person.track, person.image, self.input, longest, smoothing))
+            for person in finished
         ]
         if not self.drop_straddling:
             return finished
-        kept = ~straddling_tracks([one.track for one in finished])
-        return list(itertools.compress(finished, kept))
+        apart = ~straddling_tracks([person.track for person in finished])
+        return list(itertools.compress(finished, apart))
 
-    def _piece(self, every: DetectionTable, piece: IntArray) -> FinishedTrack:
+    def _piece(self, table: DetectionTable, piece: IntArray) -> FinishedTrack:
         """The track of some rows."""
-        numbers = every.numbers[piece]
+        numbers = table.numbers[piece]
         scores, origin = np.nan_to_num(self._scores[numbers]), self._origin[numbers]
-        track = Track(1, every.frames[piece], every.boxes[piece], scores, origin=origin, names=self.input.names)
-        actions = None if every.actions is None else every.actions[piece]
-        return FinishedTrack(track, every.image[piece], actions, int(numbers[0]))
+        track = Track(1, table.frames[piece], table.boxes[piece], scores, origin=origin, names=self.input.names)
+        actions = None if table.actions is None else table.actions[piece]
+        return FinishedTrack(track, table.image[piece], actions, int(numbers[0]))
 
 
 @dataclass(frozen=True)
@@ -245,7 +250,7 @@ class FinishedTrack:
 def reported(
     track: Track,
     image: FloatArray,
-    given: FlowInput,
+    flow_input: FlowInput,
     longest: int,
     smoothing: SmoothingSettings | None,
     first: int = 0,
@@ -255,20 +260,20 @@ def reported(
     Args:
         track: its boxes as if the camera stood still.
         image: ``(T, 4)`` the same where the image shows them.
-        given: knows where the frames lie, and when they came.
+        flow_input: knows where the frames lie, and when they came.
         longest: gap that is filled, frames.
         smoothing: of the boxes; None reports them as detected.
         first: frame before which nothing is reported.
     """
-    filled = fill_gaps(track, longest, given.inferences.ticks)
-    smoothed = filled if smoothing is None else smooth(given.on_grid(filled), smoothing)
-    asked = slice(int(np.searchsorted(filled.frames, first)), None)
-    frames, observed = filled.frames[asked], filled.observed[asked]
-    boxes = given.camera.from_first(smoothed.boxes[asked], frames)
+    filled = fill_gaps(track, longest, flow_input.inferences.ticks)
+    smoothed = filled if smoothing is None else smooth(flow_input.on_grid(filled), smoothing)
+    tail = slice(int(np.searchsorted(filled.frames, first)), None)
+    frames, observed = filled.frames[tail], filled.observed[tail]
+    boxes = flow_input.camera.from_first(smoothed.boxes[tail], frames)
     if smoothing is None:
         boxes = boxes.copy()
         boxes[observed] = image[len(image) - int(observed.sum()) :]
-    return Track(track.id, frames, boxes, filled.scores[asked], observed, filled.origin[asked], track.names)
+    return Track(track.id, frames, boxes, filled.scores[tail], observed, filled.origin[tail], track.names)
 
 
 def long_tracks(labels: IntArray, fewest: int = 1) -> list[IntArray]:

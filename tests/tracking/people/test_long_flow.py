@@ -44,5 +44,5 @@ def test_tracks_are_those_of_the_whole(monkeypatch: pytest.MonkeyPatch, describe
         assert np.abs(one.boxes - other.boxes).max() < 2
     assert parts.network() is None
     # Rows of who has gone are gone; asking changes nothing.
-    assert len(parts._flow._every) < 0.5 * sum(map(len, found))  # type: ignore[union-attr]
+    assert len(parts._flow._rows) < 0.5 * sum(map(len, found))  # type: ignore[union-attr]
     assert [track.frames.tolist() for track in parts.tracks()] == [track.frames.tolist() for track in got]
