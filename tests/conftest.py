@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking import cli
-from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group
+from tsuiseki.tracking.cli.commands import all_commands
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
@@ -107,12 +107,12 @@ def pytest_configure() -> None:
     cli._run = noted(cli._run)
 
 
-def noted(run: Callable[[Command, list[str], list[str]], int]) -> Callable[[Command, list[str], list[str]], int]:
+def noted(run: Callable[[list[str]], int]) -> Callable[[list[str]], int]:
     """``run``, which puts the commands that end well into `RAN`."""
 
-    def noting(command: Command, typed: list[str], words: list[str]) -> int:
-        status = run(command, typed, words)
-        RAN.update([" ".join(typed)] if status == 0 else ())
+    def noting(words: list[str]) -> int:
+        status = run(words)
+        RAN.update([" ".join(words[:2]), *words[:1]] if status == 0 and "--help" not in words else ())
         return status
 
     return noting
@@ -126,9 +126,7 @@ def pytest_testnodedown(node: Any) -> None:
 
 def never_run(ran: Collection[str]) -> list[str]:
     """Commands that are not among ``ran``."""
-    groups = {name: one.commands if isinstance(one, Group) else {"": one} for name, one in COMMANDS.items()}
-    every = [f"{name} {inner}".strip() for name, commands in groups.items() for inner in commands]
-    return [name for name in every if name not in ran]
+    return [name for name in map(" ".join, all_commands()) if name not in ran]
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:

@@ -21,14 +21,14 @@ ALLOWED = {
     "tracking": {"tracking"},
     "datamodules": {"datamodules", "tracking.types", "tracking.errors", "tracking.formats", "tracking.cameras",
                     "tracking.geometry", "tracking.onnx", "tracking.preprocessing", "tracking.output",
-                    "tracking.processes", "tracking.options", "tracking.devices", "tracking.features.action",
+                    "tracking.processes", "tracking.devices", "tracking.features.action",
                     "tracking.features.optical_flow", "tracking.features.exported", "tracking.video"},
     "trainers": {"trainers", "models", "datamodules", "tracking"},
     "configs": set(),
 }  # fmt: skip
 # Inside `tracking` a module imports only what stands before it here; batch runs commands.
 STOREYS = (
-    ("errors", "bounds", "arguments", "output", "weights", "types", "geometry", "options", "processes", "devices",
+    ("errors", "bounds", "fields", "output", "weights", "types", "geometry", "processes", "devices",
      "onnx", "preprocessing", "interchange", "formats", "video", "stages"),  # nouns and borders
     ("cameras", "features", "filters", "association", "evaluation"),  # methods, which know no target
     ("report", "result", "runs"),

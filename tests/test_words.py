@@ -16,7 +16,6 @@ OPEN = {
     "docstrings": {"tracking/batch", "tracking/cli", "tracking/people", "tracking/runs", "tracking/video"},
     "constants": {
         "tracking/animals",
-        "tracking/arguments.py",
         "tracking/batch",
         "tracking/bodies",
         "tracking/calibrate",
@@ -41,7 +40,6 @@ OPEN = {
     },
     "names": {
         "tracking/animals",
-        "tracking/arguments.py",
         "tracking/batch",
         "tracking/bodies",
         "tracking/calibrate",

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 S = TypeVar("S", bound="DataclassInstance")
 
-SETTINGS = ConfigDict(extra="forbid", allow_inf_nan=False)
+SETTINGS = ConfigDict(extra="forbid", allow_inf_nan=False, defer_build=True)
 
 Share = Annotated[float, Field(ge=0, le=1)]
 PositiveShare = Annotated[float, Field(gt=0, le=1)]

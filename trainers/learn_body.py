@@ -17,13 +17,14 @@ from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from pydantic import PositiveInt
 
 from tsuiseki.tracking.bodies.body import LearntBody, write_body
 from tsuiseki.tracking.bodies.contour import Extraction
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.formats.body_states import FOLDER, MOST_BODIES, read_silhouettes, silhouette_of
-from tsuiseki.tracking.options import PlottedFile
+from tsuiseki.tracking.runs.options import PlottedFile
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video.source import open_source
 
@@ -306,12 +307,12 @@ def plot_body(path: Path, fit: BodyFit) -> None:
 
 def train_body(
     clips: list[Path],
-    /,
+    *,
     output: PlottedFile,
     colour: str | None = None,
-    smooth: int = 5,
-    modes: int = 1,
-    points: int = 48,
+    smooth: PositiveInt = 5,
+    modes: PositiveInt = 1,
+    points: PositiveInt = 48,
 ) -> None:
     """Learn a body from silhouettes: its mean outline and how it bends.
 
@@ -320,13 +321,13 @@ def train_body(
     Args:
         clips: folders with silhouettes/000001.png and so on, as tsuiseki simulate goldfish makes them; with --colour
             any videos or folders of images, in which each body is mostly alone and whole.
-        out: file to write, JSON.
+        output.out: file to write, JSON.
         colour: of the bodies: red, orange, yellow, green, cyan, blue, magenta, black, white, or H1-H2,S1-S2,V1-V2 with
             hues in degrees.
         smooth: side in pixels of the median filter of the colour's regions, odd; 1 leaves it out.
         modes: bends that the body has, the most important ones.
         points: of the contour.
-        plot: also draw the mean outline and the modes into this file (PNG, SVG or PDF).
+        output.plot: also draw the mean outline and the modes into this file (PNG, SVG or PDF).
     """
     if modes < 1 or points < 8:
         raise RequestError(f"expected at least 1 of `modes` and 8 `points`, got {modes} and {points}")

@@ -17,12 +17,13 @@ import numpy as np
 
 from tsuiseki.tracking.bodies.body import Body, parse_body
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.fields import FrameRate
 from tsuiseki.tracking.filters.body_motion import HEADING, conditions, turned
 from tsuiseki.tracking.filters.learnt_motion import LearntMotion, PrincipalComponents, write_motion
 from tsuiseki.tracking.formats.body_states import read_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.output import RUN_FILE
+from tsuiseki.tracking.runs.options import OutputFile
 from tsuiseki.tracking.types import Columns, FloatArray
 
 # Steps to learn from, at least.
@@ -217,7 +218,7 @@ def _frame_rate_beside(path: Path) -> float:
 
 
 def train_motion(
-    tracks: list[Path], /, output: OutputFile, body: str = "goldfish", frame_rate: float | None = None
+    tracks: list[Path], *, output: OutputFile, body: str = "goldfish", frame_rate: FrameRate | None = None
 ) -> None:
     """Learn how a body moves from tracks of it: the principal components of its changes of shape and motion.
 
@@ -226,7 +227,7 @@ def train_motion(
 
     Args:
         tracks: states.csv files, or folders that hold one.
-        out: file to write, JSON; tsuiseki track deformable --motion takes it.
+        output.out: file to write, JSON; tsuiseki track deformable --motion takes it.
         body: the one that was tracked: goldfish, ball, or a file of tsuiseki train body.
         frame_rate: frames per second of the tracks; by default what run.json or seqinfo.ini beside them says.
     """

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from pydantic import PositiveInt
 
 from tsuiseki.datamodules.scenes.single_clip import SingleClip, SingleClipSettings
 from tsuiseki.tracking.errors import RequestError
@@ -24,12 +25,13 @@ from tsuiseki.tracking.features.objectness import (
     propose,
     recall,
 )
+from tsuiseki.tracking.fields import Commas
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.formats.single import find_single_sequences
 from tsuiseki.tracking.geometry import clip_boxes, iou_matrix
-from tsuiseki.tracking.options import PlottedFile, Seed
 from tsuiseki.tracking.report.plots import COLOURS
+from tsuiseki.tracking.runs.options import PlottedFile, Seed
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.video.image_folder import read_image
 
@@ -225,24 +227,27 @@ def plot_recall(shares: dict[int, float], path: Path) -> None:
     figure.savefig(path, dpi=110, facecolor="white")
 
 
+CHANCE = Seed()
+
+
 def train_objectness(
     output: PlottedFile,
-    chance: Seed,
-    data: list[Path] | None = None,
-    test: list[Path] | None = None,
-    interval: int = 10,
-    images: int = 800,
+    chance: Seed = CHANCE,
+    data: Commas[list[Path] | None] = None,
+    test: Commas[list[Path] | None] = None,
+    interval: PositiveInt = 10,
+    images: PositiveInt = 800,
 ) -> None:
     """Learn binarised normed gradients (BING) from labelled boxes, and report the recall by number of windows.
 
     Args:
-        out: file to write, JSON.
+        output.out: file to write, JSON.
         data: folders of labelled sequences (MOTChallenge, OTB, VOT, UAV123), separated by commas; by default generated
             clips.
         test: folders to measure the recall on; by default generated clips of another seed.
         interval: take every so many frames of the folders.
         images: number of generated images, where nothing is given.
-        plot: also plot the recall to this file (PNG, SVG or PDF).
+        output.plot: also plot the recall to this file (PNG, SVG or PDF).
     """
     if interval < 1 or images < 1:
         raise RequestError(f"expected `interval` and `images` of at least 1, got {interval} and {images}")

@@ -23,12 +23,13 @@ from tsuiseki.tracking.animals.tracker import AnimalTracker
 from tsuiseki.tracking.bounds import as_settings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast, video_background
+from tsuiseki.tracking.fields import refused
 from tsuiseki.tracking.formats.body_points import point_files
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.formats.result_folder import STATES_FILE
 from tsuiseki.tracking.report.overlay import draw_marks
 from tsuiseki.tracking.result import PageContent, Result, Writer, check_corrections
-from tsuiseki.tracking.runs.following import Video
+from tsuiseki.tracking.runs.following import Video, open_checked
 from tsuiseki.tracking.runs.options import Output
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame
@@ -65,11 +66,11 @@ def track_animals(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    opened = Video.given(source, frames).open(images=True, replayable=True)
+    opened = open_checked(source, frames, images=True, replayable=True)
     skeleton = as_settings(skeleton, SkeletonSettings, "skeleton")
     run_settings = {"contrast": contrast, "source": named(source), "seed": seed}
-    choice = AnimalChoice(contrast, threshold, animals=as_settings(settings, AnimalSettings))
-    choice.check()
+    with refused():
+        choice = AnimalChoice(contrast=contrast, threshold=threshold, animals=as_settings(settings, AnimalSettings))
     return animal_result(opened, opened.frames(), skeleton, skeleton.table(), choice, StageTimes(), run_settings)
 
 
@@ -174,7 +175,12 @@ def in_millimetres(tracks: Sequence[BodyTrack], scale: float, source: Source) ->
     return metric_tracks, [*FIELDS, "a_mm", "b_mm", "length_mm", "width_mm", "speed_mm_s"]
 
 
-def animals(video: Video, output: Output, skeleton: SkeletonSettings, choice: AnimalChoice) -> int:
+SKELETON, CHOICE = SkeletonSettings(), AnimalChoice()
+
+
+def animals(
+    video: Video, *, output: Output, skeleton: SkeletonSettings = SKELETON, choice: AnimalChoice = CHOICE
+) -> int:
     """Track several animals before a fixed camera: place, heading and size of each, through contact, entering, leaving.
 
     DIR gets states.csv (frame, id, a,b,theta,length,width in pixels and radians, score, status), report.html

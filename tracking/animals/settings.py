@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated
 
-import numpy as np
-from pydantic import Field
-from pydantic.dataclasses import dataclass as pydantic_dataclass
+from pydantic import Field, NonNegativeFloat, PositiveFloat
+from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast
+from tsuiseki.tracking.fields import Commas, Options
 from tsuiseki.tracking.formats.body_points import read_poses_file
-from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.types.tracks import PointTable
 
 
-@pydantic_dataclass(frozen=True, config=SETTINGS)
+@dataclass(frozen=True, config=SETTINGS)
 class AnimalSettings:
     """Settings of the tracker of animals.
 
@@ -29,8 +28,8 @@ class AnimalSettings:
     smallest: Annotated[float, Field(gt=0, lt=1)] = 0.3
 
 
-@dataclass(frozen=True)
-class AnimalChoice(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class AnimalChoice(Options):
     """How animals are distinguished from the background, and followed.
 
     Attributes:
@@ -42,20 +41,18 @@ class AnimalChoice(Shared):
     """
 
     contrast: Contrast = "auto"
-    threshold: float | None = None
+    threshold: NonNegativeFloat | None = None
     corrections: Path | None = None
-    scale: float | None = None
+    scale: PositiveFloat | None = None
     animals: AnimalSettings = field(default_factory=AnimalSettings)
 
-    def check(self) -> None:
-        if self.scale is not None and not 0 < self.scale < np.inf:
-            raise RequestError(f"`scale`: expected millimetres a pixel above 0, got {self.scale:g}")
+    def __post_init__(self) -> None:
         if self.corrections is not None and not self.corrections.is_file():
             raise RequestError(f"`corrections`: expected a file that is there, got {self.corrections}")
 
 
-@pydantic_dataclass(frozen=True, config=SETTINGS)
-class SkeletonSettings(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class SkeletonSettings(Options):
     """What is known of the animals' points.
 
     Attributes:
@@ -68,7 +65,7 @@ class SkeletonSettings(Shared):
 
     points: Path | None = None
     labels: Path | None = None
-    line: tuple[str, str] | None = None
+    line: Commas[tuple[str, str] | None] = None
     centre: str | None = None
 
     def table(self) -> PointTable | None:

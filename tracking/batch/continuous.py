@@ -86,7 +86,7 @@ def join_files(jobs: Sequence[Job], sources: Sequence[str], states: Sequence[Pat
     first: OpenedPeople | None = None
     camera, places, size, end, shift = StandingCamera(), list[tuple[int, int, int]](), None, 0, 0
     for job, source, state in zip(jobs, sources, states, strict=True):
-        given, plan = job.arguments(source, state), SegmentPlan.read(state / PLAN)
+        given, plan = job.request(source, state).arguments.arguments, SegmentPlan.read(state / PLAN)
         opened = open_people(given["video"].open(), given["finding"], given["linking"], given["output"].seed)
         if isinstance(opened.inputs.camera, CameraPath):
             raise RequestError("`continuous`: expected a camera that stands still, got `moving_camera`")

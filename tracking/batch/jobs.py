@@ -10,18 +10,16 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from tsuiseki.tracking.arguments import is_several
 from tsuiseki.tracking.batch.addresses import opened
-from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group
-from tsuiseki.tracking.cli.parser import options_of, parse
+from tsuiseki.tracking.cli.commands import command_of
+from tsuiseki.tracking.cli.request import Request, request_of
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.output import RUN_FILE, is_partial, versions, whole_file
-from tsuiseki.tracking.runs.options import Output
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.tracking.weights.catalogue import file_sum
 
@@ -51,41 +49,25 @@ class Job:
     options: Mapping[str, Any] = field(default_factory=dict)
     start: float | None = None
 
-    @property
-    def function(self) -> Callable[..., Any]:
-        """That does the work."""
-        return function_of(self.command)
-
-    def arguments(self, source: str, folder: Path, overwrite: bool = True, **more: Any) -> dict[str, Any]:
-        """Of `function` for a video at a path, with ``more`` options than the job's; the result goes to ``folder``.
+    def request(self, source: str, folder: Path, overwrite: bool = True, **more: Any) -> Request:
+        """That of the command for a video at a path, with ``more`` options; the result goes to ``folder``.
 
         Raises:
             RequestError: an option is unknown or wrong.
         """
-        known = {option.name: option for option in options_of(self.function)}
+        place, *names = options_of(self.command)
         options = {**json.loads(json.dumps(dict(self.options)).replace("{name}", self.name)), **more}
-        options |= {"out": str(folder)} if "out" in known else {"json": str(folder / SCORES)} if "json" in known else {}
-        options |= {"overwrite": overwrite, self.place: source}
-        for name, option in known.items():
-            # What is given by place may be named by any characters.
-            if option.by_place and is_several(option.kind) and isinstance(options.get(name), str):
-                options[name] = [options[name]]
-        return parse(" ".join(["tsuiseki", *self.command]), self.function, [], options)
-
-    @property
-    def place(self) -> str:
-        """Name of the option that takes the source."""
-        return next(option.name for option in options_of(self.function) if option.by_place)
+        options |= {"out": str(folder)} if "out" in names else {"json": str(folder / SCORES)} if "json" in names else {}
+        return request_of(self.command, options | {"overwrite": overwrite, place: source})
 
 
-def function_of(words: tuple[str, ...]) -> Callable[..., Any]:
-    """The function of a command; raises RequestError where there is none."""
-    entry: Any = COMMANDS.get(words[0])
-    for word in words[1:]:
-        entry = entry.commands.get(word) if isinstance(entry, Group) else None
-    if not isinstance(entry, Command):
+def options_of(words: Sequence[str]) -> list[str]:
+    """Names of the options of a command, that of the source first; raises RequestError where there is none."""
+    chain, command = command_of(words)
+    if command.default_command is None or chain != tuple(words):
         raise RequestError(f"expected a command such as `track people` for a batch, got `{' '.join(words)}`")
-    return entry.load()
+    options = command.assemble_argument_collection(parse_docstring=False).filter_by(show=True)
+    return [option.name[2:].replace("-", "_") for option in sorted(options, key=lambda option: option.index != 0)]
 
 
 def content_of(source: str) -> str:
@@ -134,13 +116,8 @@ def key_of(job: Job, source: str, more: Any = None) -> str:
 
 def settings_of(job: Job, source: str) -> dict[str, Any]:
     """Options that make a difference, plain, with all defaults; without the source."""
-    given = job.arguments(source, Path("unused"), overwrite=True)
-    found: dict[str, Any] = {}
-    for value in given.values():
-        if isinstance(value, Output):
-            found |= value.settings
-    found = found or {name: repr(value) for name, value in given.items()}
-    return {name: value for name, value in found.items() if name not in (*IDLE, job.place)}
+    settings, place = job.request(source, Path("unused")).settings, options_of(job.command)[0]
+    return {name: value for name, value in settings.items() if name not in (*IDLE, place)}
 
 
 @dataclass(frozen=True)

@@ -9,34 +9,35 @@ import secrets
 from collections import Counter
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
-from dataclasses import MISSING, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, TypeAlias
+
+from cyclopts import Parameter
+from pydantic import NonNegativeFloat, PositiveFloat
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.batch.continuous import in_order
 from tsuiseki.tracking.batch.executors import Processes, RayTasks
-from tsuiseki.tracking.batch.jobs import STATE, Job, Place, function_of
+from tsuiseki.tracking.batch.jobs import STATE, Job, Place, options_of
 from tsuiseki.tracking.batch.schedule import JOURNAL, Row, Schedule, note
 from tsuiseki.tracking.batch.sources import jobs_of
 from tsuiseki.tracking.batch.tasks import TOKEN, Doing
-from tsuiseki.tracking.cli.commands import EVALUATE, TRACK
-from tsuiseki.tracking.cli.parser import Option, arguments_of, documentation, options_of, plain, read
+from tsuiseki.tracking.bounds import SETTINGS
+from tsuiseki.tracking.cli.request import plain, request_of
 from tsuiseki.tracking.errors import Interrupted, RequestError, a_path, signal_of
+from tsuiseki.tracking.fields import Threads, refused
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.output import held, whole_file, writable
 from tsuiseki.tracking.report.rendering import render
 from tsuiseki.tracking.runs.options import Output
 
-SOURCES = (
-    "videos, folders of them, globs, addresses that fsspec reads (s3://, gs://, https://), or manifests: CSV or YAML "
-    "with a row a video, its source, name, and options of its own"
-)
 COLUMNS = ("name", "status", "frames", "tracks", "seconds", "source", "line")
 # Files of a result of which the first that is there is linked.
 PAGES = ("report.html", "run.json", "scores.json")
 
 
-@dataclass(frozen=True, kw_only=True)
+@pydantic_dataclass(frozen=True, kw_only=True, config=SETTINGS)
 class BatchOptions(Output):
     """How a batch is done.
 
@@ -44,29 +45,25 @@ class BatchOptions(Output):
         out: folder for the results, one folder a video, index.html and summary.csv; all machines must see it.
         overwrite: replace results of other settings.
         workers: tasks at a time on this machine; 0 takes a process a core.
-        ray: do the tasks on Ray: host:port of a cluster, or auto for the one around this machine; by itself it starts a
-            Ray here.
+        ray: do the tasks on Ray: host:port of a cluster, auto for the one around this machine, or here, which starts
+            one.
         gpus: on Ray, share of a GPU that a task takes, such as 0.25.
         segment: seconds of video in one task of track people; no more is lost when a process dies.
         continuous: the files of track people follow each other, and who is in several keeps the id; by the times in
             their names, such as 20260131_235959, or the seconds in the column start of a manifest.
     """
 
-    workers: int = 0
+    workers: Threads = 0
     ray: str | None = None
-    gpus: float = 0.0
-    segment: float = 60.0
+    gpus: NonNegativeFloat = 0.0
+    segment: PositiveFloat = 60.0
     continuous: bool = False
 
     def check(self) -> None:
-        """See `Shared.check`."""
         if self.out.exists() and not self.out.is_dir():
             raise RequestError(f"`out`: expected the name of a folder, but {self.out} is a file")
-        cores_of(self.workers, "workers")
-        if not self.segment > 0:
-            raise RequestError(f"`segment`: expected seconds above 0, got {self.segment:g}")
-        if not self.gpus >= 0:
-            raise RequestError(f"`gpus`: expected a share of a GPU from 0, got {self.gpus:g}")
+
+    def __post_init__(self) -> None:
         if self.gpus and self.ray is None:
             raise RequestError("expected `gpus` with `ray`, got it alone")
 
@@ -129,18 +126,19 @@ def batch(
         RequestError: an option, a source or the folder is wrong, or Ray does not answer.
         RunError: the disk is full, or Ray has gone; the same call goes on from there.
     """
-    how = BatchOptions(
-        out=a_path(out, "out"),
-        overwrite=overwrite,
-        workers=workers,
-        ray=ray,
-        gpus=gpus,
-        segment=segment,
-        continuous=continuous,
-    )
+    with refused():
+        how = BatchOptions(
+            out=a_path(out, "out"),
+            overwrite=overwrite,
+            workers=workers,
+            ray=ray,
+            gpus=gpus,
+            segment=segment,
+            continuous=continuous,
+        )
     how.check()
     job = Job(tuple(command.split()), "", "", plain(options))
-    own = [option.name for option in options_of(job.function)]
+    own = options_of(job.command)
     if unknown := [name for name in options if name not in own]:
         raise RequestError(f"expected options of `{command}`, got {unknown[0]!r}")
     return run_batch([str(one) for one in ([sources] if isinstance(sources, str | Path) else sources)], job, how)
@@ -155,7 +153,7 @@ def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, emit: Callabl
     # What is wrong with the options shows before anything is done, and so do results of others.
     for each in jobs if not how.overwrite else ():
         Place.of(how.out, each).refuse_others(each)
-    jobs[0].arguments(jobs[0].source, how.out / jobs[0].name)
+    jobs[0].request(jobs[0].source, how.out / jobs[0].name)
     state, command = how.out / STATE, " ".join(job.command)
     with writable(how.out):
         state.mkdir(parents=True, exist_ok=True)
@@ -244,59 +242,44 @@ def _size(job: Job) -> float:
     return max(float(sum(file.stat().st_size for file in files)), 1.0)
 
 
-def track(words: Sequence[str]) -> int:
-    """`tsuiseki batch track WHAT SOURCES…`."""
-    return _several("track", TRACK, words)
+Words: TypeAlias = Annotated[str, Parameter(allow_leading_hyphen=True, show=False)]
 
 
-def evaluate(words: Sequence[str]) -> int:
-    """`tsuiseki batch evaluate WHAT TRUTH…`."""
-    return _several("evaluate", EVALUATE, words)
+def track(*words: Words, how: BatchOptions) -> int:
+    """Track what is in each of many videos: `tsuiseki batch track people VIDEO…`, with the options of track people.
+
+    A VIDEO is a file, a folder of such, a glob, an address that fsspec reads (s3://, gs://, https://), or a manifest:
+    CSV or YAML with a row a video, its source, name, and options of its own. Instead of people anything that
+    `tsuiseki track` follows can be named.
+    """
+    return _of_words(("track", *words), 2, how)
 
 
-def count(words: Sequence[str]) -> int:
-    """`tsuiseki batch count RESULT…`."""
-    return _call(("count",), words)
+def evaluate(*words: Words, how: BatchOptions) -> int:
+    """Score many results: `tsuiseki batch evaluate people TRUTH… --results RESULT`, with options of evaluate people.
+
+    In RESULT, {name} stands for the name of a TRUTH. Instead of people anything that `tsuiseki evaluate` scores can be
+    named.
+    """
+    if not any(word.partition("=")[0] == "--results" for word in words):
+        raise RequestError("missing: `results`, such as results/{name}/tracks.txt")
+    return _of_words(("evaluate", *words), 2, how)
 
 
-def _several(group: str, names: Any, words: Sequence[str]) -> int:
-    if not words or words[0] not in names:
-        if words and words[0] not in ("-h", "--help", "--help-all"):
-            raise RequestError(f"expected `tsuiseki batch {group}` and one of {', '.join(names)}, got {words[0]}")
-        print(f"usage: tsuiseki batch {group} WHAT …\n\nWHAT is {', '.join(names)}. Of people:\n")
-        words = ["people", *words[:1]] if words else ["people", "--help"]
-    return _call((group, words[0]), words[1:])
+def count(*words: Words, how: BatchOptions) -> int:
+    """Count in many results: `tsuiseki batch count RESULT… --scene FILE`, with the options of count."""
+    return _of_words(("count", *words), 1, how)
 
 
-def _call(command: tuple[str, ...], words: Sequence[str]) -> int:
-    """``tsuiseki batch COMMAND``: its options are those of a batch and of the command."""
-    function, prog = function_of(command), " ".join(["tsuiseki batch", *command])
-    theirs, own = options_of(function), options_of(_how)
-    place = next(option.name for option in theirs if option.by_place)
-    hidden = {place, *(option.name for option in own)}
-    # What a command takes by place beside the source is an option here, and one for each video.
-    beside = {option.name: option for option in theirs if option.name not in hidden}
-    for option in [option for option in beside.values() if option.by_place]:
-        kind = (get_args(option.kind) or (option.kind,))[0]
-        beside[option.name] = option._replace(kind=kind, default="", by_place=False)
-    sources = Option("sources", list[str], SOURCES, MISSING, True)
-    values = read(prog, documentation(function)[0], [sources, *own, *beside.values()], _with_ray(words))
-    how: BatchOptions = arguments_of(_how, prog, values)["how"]
-    given = {name: plain(values[name]) for name, option in beside.items() if values[name] != option.default}
-    result = run_batch(values["sources"], Job(command, "", "", given), how, print)
+def _of_words(words: Sequence[str], length: int, how: BatchOptions) -> int:
+    """A batch of the command that the first ``length`` words name, by the others."""
+    command = tuple(words[:length])
+    place, *names = options_of(command)
+    out = {"out": str(how.out)} if "out" in names else {}
+    request = request_of([*command, *words[length:]], out | {"overwrite": True}, spare=True)
+    given = {name: request.settings[name] for name in request.chosen}
+    sources = given.pop(place)
+    job = Job(command, "", "", {name: value for name, value in given.items() if name not in ("out", "overwrite")})
+    result = run_batch([*(sources if isinstance(sources, list) else [sources]), *request.spare], job, how, print)
     print(f"{summary_of(result.rows)}: {how.out / 'index.html'}")
     return 1 if result.failed else 0
-
-
-def _how(how: BatchOptions) -> None:
-    """A function whose options are those of a batch."""
-
-
-def _with_ray(words: Sequence[str]) -> list[str]:
-    """``--ray`` alone means here."""
-    found = list(words)
-    for place, word in enumerate(words):
-        following = words[place + 1] if place + 1 < len(words) else "--"
-        if word == "--ray" and not (following == "auto" or ":" in following):
-            found[place] = "--ray=here"
-    return found

@@ -203,7 +203,7 @@ class Schedule:
         self._changed()
 
 
-def status(folder: Path, /) -> None:
+def status(folder: Path) -> None:
     """Say how far a batch is: videos done, running and failed, frames a second, time left.
 
     Args:

@@ -15,7 +15,7 @@ import yaml
 from tsuiseki.tracking.batch.addresses import files_of
 from tsuiseki.tracking.batch.jobs import Job
 from tsuiseki.tracking.cameras.multicamera import is_floor_folder
-from tsuiseki.tracking.cli.parser import merged, put
+from tsuiseki.tracking.cli.request import put
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import is_sequence, list_images
 from tsuiseki.tracking.output import RUN_FILE
@@ -116,10 +116,16 @@ def _in_manifest(path: Path, job: Job) -> Iterator[tuple[str, Job]]:
             options = merged(job.options, given)
             found = replace(job, source=source, name=name, options=options, start=start)
             if given:
-                found.arguments(source, Path("unused"))
+                found.request(source, Path("unused"))
         except (RequestError, ValueError) as error:
             raise RequestError(f"{where}: {error}") from error
         yield where, found
+
+
+def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """Nested values, of which those of ``above`` win."""
+    both = [name for name in above if isinstance(above[name], Mapping) and isinstance(below.get(name), Mapping)]
+    return {**below, **above} | {name: merged(below[name], above[name]) for name in both}
 
 
 def _rows(path: Path) -> list[Mapping[str, Any]]:

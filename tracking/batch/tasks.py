@@ -22,9 +22,8 @@ from typing import Any, Literal
 
 from tsuiseki.tracking.batch.addresses import fetch
 from tsuiseki.tracking.batch.continuous import GivenTracks, join_files, joined_tracks
-from tsuiseki.tracking.batch.jobs import STATE, Job, Place, key_of, settings_of
+from tsuiseki.tracking.batch.jobs import STATE, Job, Place, key_of, options_of, settings_of
 from tsuiseki.tracking.batch.segments import PLAN, SegmentPlan, again, cut, detect_segment
-from tsuiseki.tracking.cli.parser import options_of
 from tsuiseki.tracking.errors import RequestError, RunError, explained
 from tsuiseki.tracking.runs.ending import LATE, ended
 from tsuiseki.tracking.runs.messages import message_of
@@ -138,18 +137,18 @@ def _outcome(task: BatchTask) -> TaskOutcome:
 
 def _begin(task: BatchTask) -> TaskOutcome:
     """Find out whether the result is there, and cut the video where it can be."""
-    place, given, doing = task.place, task.job.source, task.doing
+    place, address, doing = task.place, task.job.source, task.doing
     people = task.job.command == ("track", "people")
-    key = key_of(task.job, given, [doing.segment if people else None, [(job.name, job.start) for job in doing.files]])
-    if not place.begin(key, settings_of(task.job, given), doing.overwrite, task.redo):
+    key = key_of(task.job, address, [doing.segment if people else None, [(job.name, job.start) for job in doing.files]])
+    if not place.begin(key, settings_of(task.job, address), doing.overwrite, task.redo):
         return TaskOutcome("done", facts={"there": True, **_known(place)})
     source = task.source()
     if not people:
         return TaskOutcome("done", facts={"parts": 0})
     if not (place.state / PLAN).exists():
-        found = task.job.arguments(source, place.folder)
+        given = task.job.request(source, place.folder).arguments.arguments
         with _silent():
-            plan = cut(found["video"].open(), found["finding"], found["linking"], doing.segment)
+            plan = cut(given["video"].open(), given["finding"], given["linking"], doing.segment)
         if plan is None:
             return TaskOutcome("done", facts={"parts": 0})
         plan.write(place.state / PLAN)
@@ -159,9 +158,9 @@ def _begin(task: BatchTask) -> TaskOutcome:
 
 
 def _detect(task: BatchTask) -> TaskOutcome:
-    found = task.job.arguments(task.source(), task.place.folder)
+    given = task.job.request(task.source(), task.place.folder).arguments.arguments
     with _silent():
-        detected = detect_segment(task.plan(), task.part, found["video"].open(), found["finding"], found["linking"])
+        detected = detect_segment(task.plan(), task.part, given["video"].open(), given["finding"], given["linking"])
     detected.write(task.file(task.part))
     return TaskOutcome("done", facts={"frames": len(detected.detections)})
 
@@ -170,11 +169,11 @@ def _finish(task: BatchTask) -> TaskOutcome:
     from tsuiseki.tracking.cli.track_people import track
 
     place, plan = task.place, task.plan()
-    found = task.job.arguments(task.source(), place.folder)
+    given = task.job.request(task.source(), place.folder).arguments.arguments
     tracker = GivenTracks(joined_tracks(place.state / "joined.npz")) if task.doing.files else None
     files = [task.file(part) for part in range(len(plan.parts))]
     replayed = partial(again, plan=plan, files=files, tracker=tracker)
-    return _ended(partial(track, **found, replayed=replayed), task, place)
+    return _ended(partial(track, **given, replayed=replayed), task, place)
 
 
 def _join(task: BatchTask) -> TaskOutcome:
@@ -186,13 +185,9 @@ def _join(task: BatchTask) -> TaskOutcome:
 def _whole(task: BatchTask) -> TaskOutcome:
     place, job = task.place, task.job
     place.folder.mkdir(parents=True, exist_ok=True)
-    more: dict[str, Any] = {} if task.doing.alone else {"threads": 1}
-    known = options_of(job.function)
-    given = job.arguments(
-        task.source(), place.folder, **{n: v for n, v in more.items() if n in [o.name for o in known]}
-    )
-    places = [given.pop(option.name) for option in known if option.by_place and option.name in given]
-    return _ended(partial(job.function, *places, **given), task, place)
+    more: dict[str, Any] = {} if task.doing.alone or "threads" not in options_of(job.command) else {"threads": 1}
+    request = job.request(task.source(), place.folder, **more)
+    return _ended(request.run, task, place)
 
 
 def _ended(call: Callable[[], int | None], task: BatchTask, place: Place) -> TaskOutcome:

@@ -24,9 +24,10 @@ from tsuiseki.tracking.bounds import as_settings
 from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.background_difference import StandingOut, video_background
 from tsuiseki.tracking.features.colour_region import parse_colour
+from tsuiseki.tracking.fields import refused
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.result import Result
-from tsuiseki.tracking.runs.following import Video
+from tsuiseki.tracking.runs.following import Video, open_checked
 from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray, as_numbers
@@ -71,7 +72,7 @@ def track_deformable(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    opened = Video.given(source, frames).open(images=True, ends=", or use follow_deformable")
+    opened = open_checked(source, frames, images=True, ends=", or use follow_deformable")
     tracker = body_tracker(_choice(body, colour, motion, preset, init, settings), opened, seed)
     run_settings = {"body": body, "source": named(source), "seed": seed}
     return body_result(opened, tracker, opened.frames(), StageTimes(), run_settings)
@@ -93,7 +94,7 @@ def follow_deformable(
 
     Arguments and errors are those of `track_deformable`.
     """
-    opened = Video.given(source, frames).open(images=True)
+    opened = open_checked(source, frames, images=True)
     tracker = body_tracker(_choice(body, colour, motion, preset, init, settings), opened, seed)
 
     def frames_with_bodies() -> Iterator[tuple[Frame, list[BodyTrack]]]:
@@ -114,14 +115,15 @@ def _choice(
     settings: DeformableSettings,
 ) -> BodyChoice:
     """What the command line would choose."""
-    return BodyChoice(
-        body,
-        None if motion is None else a_path(motion, "motion"),
-        preset,
-        init=None if init is None else np.atleast_2d(as_numbers(init, "init")).tolist(),
-        colour=colour,
-        deformable=as_settings(settings, DeformableSettings),
-    )
+    with refused():
+        return BodyChoice(
+            body=body,
+            motion=None if motion is None else a_path(motion, "motion"),
+            preset=preset,
+            init=None if init is None else np.atleast_2d(as_numbers(init, "init")).tolist(),
+            colour=colour,
+            deformable=as_settings(settings, DeformableSettings),
+        )
 
 
 def body_pixels(choice: BodyChoice, source: Source) -> BodyPixels:
@@ -198,14 +200,17 @@ def columns_of(tracks: Sequence[BodyTrack], frames: Sequence[int]) -> dict[str, 
     return {"frame": list(frames), "tracking": list(tracked), **scores}
 
 
-def deformable(video: Video, output: SeededOutput, choice: BodyChoice) -> int:
+CHOICE = BodyChoice()
+
+
+def deformable(video: Video, *, output: SeededOutput, choice: BodyChoice = CHOICE) -> int:
     """Track bodies that bend, such as fish seen from above: place, heading and bend of each in every frame.
 
     DIR gets states.csv (frame, id, the body's state, score, status), states.png (the states over time), run.json and,
     with --overlay, overlay.webm with the contours drawn in.
 
     Args:
-        seed: of the particles.
+        output.seed: of the particles.
     """
     from tsuiseki.tracking.runs.following import count
 

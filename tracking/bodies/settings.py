@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import field
 from pathlib import Path
 from typing import Annotated, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import AfterValidator, Field, NonNegativeInt, PositiveFloat
-from pydantic.dataclasses import dataclass as pydantic_dataclass
+from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bodies.body import Body
 from tsuiseki.tracking.bodies.contour import wide_noise
 from tsuiseki.tracking.bounds import SETTINGS, Particles
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.background_difference import Contrast
+from tsuiseki.tracking.fields import Options, Rows
 from tsuiseki.tracking.filters.body_motion import BodyMotion, RandomWalk
 from tsuiseki.tracking.filters.learnt_motion import read_motion
-from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.video.source import Source
 
@@ -33,7 +33,7 @@ def _odd(pixels: int) -> int:
     return pixels
 
 
-@pydantic_dataclass(frozen=True, config=SETTINGS)
+@dataclass(frozen=True, config=SETTINGS)
 class DeformableSettings:
     """Settings of the tracker of bodies.
 
@@ -50,8 +50,8 @@ class DeformableSettings:
     smooth: Annotated[int, Field(ge=1, le=99), AfterValidator(_odd)] = 5
 
 
-@dataclass(frozen=True)
-class BodyChoice(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class BodyChoice(Options):
     """Which bodies are followed, and how.
 
     Attributes:
@@ -74,8 +74,8 @@ class BodyChoice(Shared):
     body: str = "goldfish"
     motion: Path | None = None
     preset: MotionPreset | None = None
-    widen: float = 1.0
-    init: list[list[float]] | None = None
+    widen: PositiveFloat = 1.0
+    init: Rows[list[list[float]] | None] = None
     colour: str = "any"
     deformable: DeformableSettings = field(default_factory=DeformableSettings)
 

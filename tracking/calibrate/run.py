@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal, TypeAlias
 
 import numpy as np
+from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic.dataclasses import dataclass
 
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.cameras.calibration import (
     Calibration,
     Coefficients,
@@ -20,9 +22,10 @@ from tsuiseki.tracking.cameras.calibration import (
     pose_at,
 )
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.fields import Commas, FrameRate, Options
 from tsuiseki.tracking.formats.world_tables import Correspondences, read_correspondences, read_floor_points
-from tsuiseki.tracking.options import OutputFile, PlottedFile, Shared
 from tsuiseki.tracking.output import check_output_file
+from tsuiseki.tracking.runs.options import OutputFile, PlottedFile
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.video.source import open_source
 
@@ -34,27 +37,35 @@ if TYPE_CHECKING:
 FAR = 50.0
 # Metres of the floor to each side of a camera.
 REACH = 10.0
-CAMERA_FILE = OutputFile(out=Path("cameras.yaml"))
+Pixels: TypeAlias = Commas[tuple[PositiveInt, PositiveInt] | None]
 
 
-@dataclass(frozen=True)
-class ImageSize(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class CameraFile(OutputFile):
+    """The camera file.
+
+    Attributes:
+        out: the camera file to write.
+    """
+
+    out: Path = Path("cameras.yaml")
+
+
+CAMERA_FILE = CameraFile()
+
+
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class ImageSize(Options):
     """Of the calibration.
 
     Attributes:
         image_size: WIDTH,HEIGHT of the calibration's images, where its file does not say.
     """
 
-    image_size: tuple[int, int] | None = None
-
-    def check(self) -> None:
-        for name in ("image_size", "resize"):
-            size = getattr(self, name, None)
-            if size is not None and min(size) < 1:
-                raise RequestError(f"`{name}`: expected two numbers above 0, got {size[0]},{size[1]}")
+    image_size: Pixels = None
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
 class LensSizes(ImageSize):
     """Of the calibration, and of the images that it is used on.
 
@@ -63,7 +74,7 @@ class LensSizes(ImageSize):
         resize_by: whether those show a part of what was calibrated (cut) or more at the sides (widen).
     """
 
-    resize: tuple[int, int] | None = None
+    resize: Pixels = None
     resize_by: Literal["cut", "widen"] = "cut"
 
     def read(self, file: Path) -> tuple[OmnidirectionalLens, FloatArray]:
@@ -74,7 +85,7 @@ class LensSizes(ImageSize):
         return (lens if self.resize is None else lens.resized(*self.resize, self.resize_by)), residuals
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
 class FloorPose(LensSizes):
     """Where a camera hangs over a floor.
 
@@ -87,14 +98,14 @@ class FloorPose(LensSizes):
         projective: the lens is projective.
     """
 
-    height: float | None = None
+    height: PositiveFloat | None = None
     tilt: float = 0.0
     turn: float = 0.0
     points: Path | None = None
     projective: bool = False
 
     def check(self) -> None:
-        super().check()
+        """Refuse a pose that is not told in one way; raises RequestError."""
         if (self.height is None) == (self.points is None):
             raise RequestError("expected one of `height` and `points`, got both or neither")
         if self.projective and self.resize is not None:
@@ -102,6 +113,7 @@ class FloorPose(LensSizes):
 
     def camera(self, file: Path) -> tuple[AnyCamera, list[str]]:
         """The camera whose lens is in ``file``, in its place, and lines that say how well points of the floor fit."""
+        self.check()
         from tsuiseki.tracking.cameras.lens_files import read_intrinsics
         from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 
@@ -122,36 +134,34 @@ class FloorPose(LensSizes):
         return camera, [f"{np.sqrt(np.mean(residuals**2)):.3f} px rms over {len(lines)} points", *lines]
 
 
-@dataclass(frozen=True)
-class FrameRate(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class VideoRate(Options):
     """Of the videos.
 
     Attributes:
         frame_rate: frames per second, for videos that do not tell: folders of images.
     """
 
-    frame_rate: float | None = None
+    frame_rate: FrameRate | None = None
 
-    def check(self) -> None:
-        if self.frame_rate is not None and not self.frame_rate > 0:
-            raise RequestError(f"`frame_rate`: expected a number above 0, got {self.frame_rate:g}")
+
+SIZE, SIZES, POSE, RATE = ImageSize(), LensSizes(), FloorPose(), VideoRate()
 
 
 def points(
     file: Path,
-    /,
-    size: ImageSize,
-    rate: FrameRate,
-    output: OutputFile = CAMERA_FILE,
-    intrinsics: list[Path] | None = None,
+    *,
+    size: ImageSize = SIZE,
+    rate: VideoRate = RATE,
+    output: CameraFile = CAMERA_FILE,
+    intrinsics: Commas[list[Path] | None] = None,
 ) -> None:
     """Cameras from six or more known points each, written as cameras.yaml.
 
     Args:
         file: CSV with the columns x, y, z (metres, z up), u, v (pixels, the first pixel's centre at 0.5) and, for
             several cameras, camera.
-        out: the camera file to write.
-        image_size: WIDTH,HEIGHT of the images; not needed where the intrinsics say.
+        size.image_size: WIDTH,HEIGHT of the images; not needed where the intrinsics say.
         intrinsics: one calibration file of OpenCV or ROS per camera (or one for all), separated by commas; only the
             pose is fitted then, and the lens may distort.
     """
@@ -204,32 +214,41 @@ def _fitted(
     return fits
 
 
-INTRINSICS_FILE = OutputFile(out=Path("intrinsics.yaml"))
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class IntrinsicsFile(OutputFile):
+    """The lens of a camera.
+
+    Attributes:
+        out: the file to write, as OpenCV writes intrinsics.
+    """
+
+    out: Path = Path("intrinsics.yaml")
+
+
+INTRINSICS_FILE = IntrinsicsFile()
 
 
 def checkerboard(
     source: str,
-    /,
-    corners: tuple[int, int],
-    output: OutputFile = INTRINSICS_FILE,
+    *,
+    corners: Commas[tuple[Annotated[int, Field(ge=3)], Annotated[int, Field(ge=3)]]],
+    output: IntrinsicsFile = INTRINSICS_FILE,
     coefficients: Coefficients = 5,
-    every: int = 1,
+    every: PositiveInt = 1,
 ) -> None:
     """A camera's focal length and lens from pictures of a checkerboard, for `calibrate points --intrinsics`.
 
     Args:
         source: a folder of pictures or a video of one camera, the board in different places and tilts.
         corners: ACROSS,DOWN inner corners of the board: a board of 10x7 squares has 9,6.
-        out: the file to write, as OpenCV writes intrinsics.
         coefficients: of the lens: 5 for usual lenses, 8 or 12 for wide ones.
         every: use every so many frames of a video.
     """
     from tsuiseki.tracking.cameras.lens_files import write_intrinsics
     from tsuiseki.tracking.runs.progress import progress
 
-    if min(corners) < 3 or corners[0] == corners[1] or every < 1:
-        shown = f"{corners[0]},{corners[1]} and {every}"
-        raise RequestError(f"`corners`: expected two different numbers from 3, and `every` from 1, got {shown}")
+    if corners[0] == corners[1]:
+        raise RequestError(f"`corners`: expected two different numbers, got {corners[0]} twice")
     detections: list[FloatArray] = []
     used: list[int] = []
     size: tuple[int, int] | None = None
@@ -262,10 +281,10 @@ def checkerboard(
 
 def convert(
     file: Path,
-    /,
+    *,
     to: Literal["ocam", "py-ocam", "kalibr-omni", "kalibr-equidistant", "opencv"],
     output: OutputFile,
-    sizes: LensSizes,
+    sizes: LensSizes = SIZES,
 ) -> None:
     """The calibration of a fisheye lens in the format of another program, and how far that puts pixels off.
 
@@ -275,8 +294,8 @@ def convert(
             which one is recognised by its content.
         to: the format to write. ocam and py-ocam hold Scaramuzza's model, which every file is read as; of the others
             the nearest lens is fitted.
-        image_size: WIDTH,HEIGHT of the calibration, where the file does not say, as py-OCamCalib's.
-        resize: WIDTH,HEIGHT of other images of the camera, to which the calibration is scaled.
+        sizes.image_size: WIDTH,HEIGHT of the calibration, where the file does not say, as py-OCamCalib's.
+        sizes.resize: WIDTH,HEIGHT of other images of the camera, to which the calibration is scaled.
     """
     from tsuiseki.tracking.cameras.lens_files import write_lens
     from tsuiseki.tracking.cameras.lens_fitting import inverse_error
@@ -310,14 +329,14 @@ def _pixels(length: float) -> str:
 
 def pose(
     file: Path,
-    /,
-    place: FloorPose,
-    rate: FrameRate,
-    output: OutputFile = CAMERA_FILE,
-    floor: tuple[float, float, float, float] | None = None,
+    *,
+    place: FloorPose = POSE,
+    rate: VideoRate = RATE,
+    output: CameraFile = CAMERA_FILE,
+    floor: Commas[tuple[float, float, float, float] | None] = None,
     name: str = "camera1",
-    stand: tuple[float, float] | None = None,
-    person_height: float = 1.7,
+    stand: Commas[tuple[float, float] | None] = None,
+    person_height: PositiveFloat = 1.7,
 ) -> None:
     """Where a camera of known lens hangs over the floor, written as cameras.yaml.
 
@@ -326,7 +345,6 @@ def pose(
     Args:
         file: the lens, in any format that tsuiseki calibrate convert reads, or with --projective OpenCV's or ROS's
             intrinsics.
-        out: the camera file to write.
         floor: X1,Y1,X2,Y2 of the floor that people stand on, metres; by default 10 m about the camera.
         name: of the camera.
         stand: X,Y on the floor, metres, where somebody stands: also print the upright and the rotated box that the
@@ -359,7 +377,7 @@ def pose(
     print("\n".join([*lines, f"{name}: at {x:.3f}, {y:.3f}, {z:.3f} m: {output.out}"]))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
 class PeopleFiles(PlottedFile):
     """What comes out of people.
 
@@ -389,18 +407,18 @@ PEOPLE_FILES = PeopleFiles()
 
 def people(
     sources: list[str],
-    /,
-    size: ImageSize,
+    *,
+    size: ImageSize = SIZE,
     output: PeopleFiles = PEOPLE_FILES,
-    person_height: float = 1.7,
-    reach: float = 30.0,
-    fps: list[float] | None = None,
+    person_height: PositiveFloat = 1.7,
+    reach: PositiveFloat = 30.0,
+    fps: Commas[list[FrameRate] | None] = None,
 ) -> None:
     """Cameras from the people who walk in them: focal length, height, tilt; of several, place on one floor and clock.
 
     Args:
         sources: for each camera a result folder of track people, a file of tracks, or a video, which is tracked first.
-        image_size: WIDTH,HEIGHT of the pictures, where a source does not say.
+        size.image_size: WIDTH,HEIGHT of the pictures, where a source does not say.
         person_height: of people on average, metres.
         reach: largest difference of two cameras' clocks, seconds.
         fps: frames a second, where a source does not say; one number, or one a source, separated by commas.

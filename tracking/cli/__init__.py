@@ -7,54 +7,47 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 
-from tsuiseki.tracking.cli.commands import COMMANDS, Command, Group, Tree
-from tsuiseki.tracking.errors import RequestError, hint_at
 from tsuiseki.tracking.runs.ending import DONE, WRONG_REQUEST, ended
 
-PROGRAM = "tsuiseki"
+HELP, NESTED = "--help", "--help-all"
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``tsuiseki`` with ``argv`` (by default the process's words); returns the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
-    return ended(partial(_dispatch, words, [], COMMANDS))
+    return ended(partial(_run, words))
 
 
-def _dispatch(words: list[str], typed: list[str], tree: Tree) -> int:
-    """Go down ``tree`` by ``words``; ``typed`` led here."""
-    if not words or words[0] in ("-h", "--help"):
-        print(_overview(typed, tree))
-        return DONE if words else WRONG_REQUEST
-    if words[0] == "--version" and not typed:
-        from importlib import metadata
-
-        print(f"{PROGRAM} {metadata.version('tsuiseki')}")
-        return DONE
-    entry = tree.get(words[0])
-    if entry is None:
-        unknown = " ".join([PROGRAM, *typed, words[0]])
-        raise RequestError(f"unknown command `{unknown}`; {hint_at(words[0], [*tree])}")
-    typed, rest = [*typed, words[0]], words[1:]
-    return _dispatch(rest, typed, entry.commands) if isinstance(entry, Group) else _run(entry, typed, rest)
-
-
-def _run(command: Command, typed: list[str], words: list[str]) -> int:
+def _run(words: list[str]) -> int:
+    """The exit status of a command."""
     # OpenCV and FFmpeg write lines of their own to stderr; errors are worded here.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-    function = command.load()
-    from tsuiseki.tracking.cli.parser import call
+    from tsuiseki.tracking.cli.commands import APP, command_of
+    from tsuiseki.tracking.cli.help import PlainHelp
 
-    status = function(words) if command.forwarded else call(" ".join([PROGRAM, *typed]), function, words)
-    return status if isinstance(status, int) else DONE
+    chain, command = command_of(words)
+    function, rest = command.default_command, words[len(chain) :]
+    if function is not None and not command.help_flags:
+        return _status(function(rest))
+    APP.help_formatter = PlainHelp(NESTED in rest)
+    if words == ["--version"]:
+        APP.version_print()
+        return DONE
+    if function is None and rest[:1] in ([], [HELP], ["-h"]):
+        # Without what the commands need.
+        APP.help_print(chain)
+        return DONE if rest else WRONG_REQUEST
+    from tsuiseki.tracking.cli.request import request_of
+
+    # Beside the others stands the summary, alone the docstring.
+    summary, command.help = command.help, command.help if function is None else None
+    try:
+        request = request_of([HELP if word == NESTED else word for word in words])
+        return _status(request.run())
+    finally:
+        command.help = summary
 
 
-def _overview(typed: list[str], tree: Tree) -> str:
-    """What follows ``typed``, one line each."""
-    width, before = max(map(len, tree)), " ".join([PROGRAM, *typed])
-    summary = COMMANDS[typed[0]].summary if typed else "track people and objects in video"
-    lines = [f"usage: {before} {'WHAT' if typed else 'COMMAND'} …", "", f"{summary[:1].upper()}{summary[1:]}.", ""]
-    lines += [f"  {name:{width}}  {entry.summary}" for name, entry in tree.items()]
-    example = f"{before} {next(iter(tree))}" if typed else "tsuiseki track people"
-    lines += ["", f"`{example} --help` lists the options of one."]
-    return "\n".join(lines if typed else [*lines, "To see it all at work: tsuiseki demo"])
+def _status(result: object) -> int:
+    return result if isinstance(result, int) and not isinstance(result, bool) else DONE

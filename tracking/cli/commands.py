@@ -1,4 +1,4 @@
-"""All commands of `tsuiseki`, each a typed function: `track people` is `people` in `tracking/cli/track_people.py`.
+"""All commands of `tsuiseki`, each a typed function: `track people` is `people` in `tracking/people/run.py`.
 
 A command's module is imported when the command is chosen, and what it needs when it runs, so that help is quick and the
 commands that track never import torch.
@@ -6,52 +6,17 @@ commands that track never import torch.
 
 from __future__ import annotations
 
-import importlib
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from importlib import metadata
+from itertools import takewhile
 from typing import Any, TypeAlias
 
+from cyclopts import App, Parameter
 
-@dataclass(frozen=True)
-class Command:
-    """A function of the command line.
-
-    Attributes:
-        place: ``module:function`` inside of `tsuiseki`.
-        summary: one line for the list of commands.
-    """
-
-    place: str
-    summary: str
-
-    @property
-    def forwarded(self) -> bool:
-        """Whether the function takes the words as they are, for a parser of its own."""
-        return self.place.startswith(("trainers.networks.fit:", "tracking.batch.run:"))
-
-    def load(self) -> Callable[..., Any]:
-        """The function of the command."""
-        module, _, function = self.place.partition(":")
-        found: Callable[..., Any] = getattr(importlib.import_module(f"tsuiseki.{module}"), function)
-        return found
-
-
-class Group:
-    """Commands of one kind.
-
-    Args:
-        summary: one line for the list of groups.
-        base: where their functions are, inside of `tsuiseki`.
-        rows: by name, the place below that and the summary; or the summary of the function of that name there.
-    """
-
-    def __init__(self, summary: str, base: str, rows: Mapping[str, str | tuple[str, str]]) -> None:
-        self.summary = summary
-        placed = {name: (f":{name}", row) if isinstance(row, str) else row for name, row in rows.items()}
-        self.commands = {name: Command(base + place, text) for name, (place, text) in placed.items()}
-
-
-Tree: TypeAlias = Mapping[str, Command | Group]
+PROGRAM = "tsuiseki"
+# Commands by name: the place of its function below that of the group, and the summary; or the summary of the function
+# of that name there.
+Commands: TypeAlias = Mapping[str, str | tuple[str, str]]
 
 SIMULATE = {
     "street": "people on a street before a fixed camera",
@@ -123,24 +88,104 @@ BATCH = {
     "evaluate": (".run:evaluate", "scores of many results"),
     "status": (".schedule:status", "how far a batch is"),
 }
-FIT = "fit a model to labelled video (all but body and motion need the train extra)"
 EXTRA = "(needs the train extra)"
-COMMANDS: Tree = {
-    "demo": Command("tracking.demo.run:demo", "run the whole path on a generated labelled clip and write a report"),
-    "simulate": Group("make labelled video with exact truth", "tracking.cli.simulate", SIMULATE),
-    "train": Group(FIT, "trainers", TRAIN),
-    "adapt": Command("trainers.adapt.run:adapt", f"learn a camera from its unlabelled video {EXTRA}"),
-    "export": Group(f"turn a trained model into ONNX {EXTRA}", "trainers.exporting", EXPORT),
-    "models": Group("networks of other projects that can be downloaded", "tracking.cli.models", MODELS),
-    "calibrate": Group("calibrate the lens and pose of cameras", "tracking.calibrate.run", CALIBRATE),
-    "track": Group("follow something through a video with exported models", "tracking", TRACK),
-    "detect": Command("tracking.cli.detect:detect", "write what a network detects in a video, without tracking"),
-    "scene": Command("tracking.counts.run:scene", "draw lines and zones to count in, on a page in the browser"),
-    "hide": Command("tracking.hiding.run:hide_people", "hide people in a video that was tracked"),
-    "count": Command("tracking.counts.run:count", "who crosses lines and stays in zones, from a finished result"),
-    "review": Command("tracking.review.run:review", "look through a result on a page in the browser, and correct it"),
-    "link": Command("tracking.linking.run:link_results", "the same ids in cameras that do not overlap"),
-    "evaluate": Group("score results against labels", "tracking.cli.evaluate", EVALUATE),
-    "batch": Group("a command on many videos, on all cores or on Ray", "tracking.batch", BATCH),
-    "convert": Command("tracking.cli.convert:convert", "write a result into the file of another program"),
+DIRECT = {
+    "demo": ("tracking.demo.run:demo", "run the whole path on a generated labelled clip and write a report"),
+    "adapt": ("trainers.adapt.run:adapt", f"learn a camera from its unlabelled video {EXTRA}"),
+    "detect": ("tracking.cli.detect:detect", "write what a network detects in a video, without tracking"),
+    "scene": ("tracking.counts.run:scene", "draw lines and zones to count in, on a page in the browser"),
+    "hide": ("tracking.hiding.run:hide_people", "hide people in a video that was tracked"),
+    "count": ("tracking.counts.run:count", "who crosses lines and stays in zones, from a finished result"),
+    "review": ("tracking.review.run:review", "look through a result on a page in the browser, and correct it"),
+    "link": ("tracking.linking.run:link_results", "the same ids in cameras that do not overlap"),
+    "convert": ("tracking.cli.convert:convert", "write a result into the file of another program"),
 }
+GROUPS: Mapping[str, tuple[str, str, Commands]] = {
+    "simulate": ("make labelled video with exact truth", "tracking.cli.simulate", SIMULATE),
+    "train": ("fit a model to labelled video (all but body and motion need the train extra)", "trainers", TRAIN),
+    "export": (f"turn a trained model into ONNX {EXTRA}", "trainers.exporting", EXPORT),
+    "models": ("networks of other projects that can be downloaded", "tracking.cli.models", MODELS),
+    "calibrate": ("calibrate the lens and pose of cameras", "tracking.calibrate.run", CALIBRATE),
+    "track": ("follow something through a video with exported models", "tracking", TRACK),
+    "evaluate": ("score results against labels", "tracking.cli.evaluate", EVALUATE),
+    "batch": ("a command on many videos, on all cores or on Ray", "tracking.batch", BATCH),
+}
+ORDER = [
+    "demo",
+    "simulate",
+    "train",
+    "adapt",
+    "export",
+    "models",
+    "calibrate",
+    "track",
+    "detect",
+    "scene",
+    "hide",
+    "count",
+    "review",
+    "link",
+    "evaluate",
+    "batch",
+    "convert",
+]
+# Functions that take the words as they are, for Lightning.
+FORWARDED = "trainers.networks.fit:"
+
+
+def _add(app: App, base: str, commands: Commands) -> None:
+    for number, (name, row) in enumerate(commands.items()):
+        place, summary = (f":{name}", row) if isinstance(row, str) else row
+        flags: Mapping[str, tuple[()]] = (
+            {"help_flags": (), "version_flags": ()} if f"{base}{place}".startswith(FORWARDED) else {}
+        )
+        order = ORDER.index(name) if app is APP else number
+        app.command(f"tsuiseki.{base}{place}", name=name, help=summary, sort_key=order, help_epilogue="", **flags)
+
+
+def _converted(kind: Any, tokens: Sequence[Any]) -> Any:
+    from tsuiseki.tracking.fields import converted
+
+    return converted(kind, tokens)
+
+
+APP = App(
+    PROGRAM,
+    help="Track people and objects in video.",
+    help_epilogue="`tsuiseki track people --help` lists the options of one. To see it all at work: tsuiseki demo",
+    version=lambda: f"{PROGRAM} {metadata.version(PROGRAM)}",
+    result_action="return_value",
+    exit_on_error=False,
+    print_error=False,
+    help_format="plaintext",
+    default_parameter=Parameter(negative_iterable=(), allow_repeating=True, converter=_converted),
+)
+_add(APP, "", DIRECT)
+for _name, (_summary, _base, _commands) in GROUPS.items():
+    _example = f"`{PROGRAM} {_name} {next(iter(_commands))} --help` lists the options of one."
+    _group = App(_name, help=_summary, help_epilogue=_example, sort_key=ORDER.index(_name))
+    _add(_group, _base, _commands)
+    APP.command(_group)
+
+
+def all_commands() -> Iterator[tuple[str, ...]]:
+    """The words of each command."""
+    yield from ((name,) for name in DIRECT)
+    yield from ((group, name) for group, (_, _, commands) in GROUPS.items() for name in commands)
+
+
+def command_of(words: Sequence[str]) -> tuple[tuple[str, ...], App]:
+    """The command that words begin with."""
+    try:
+        chain, apps, _ = APP.parse_commands(list(takewhile(lambda word: not word.startswith("-"), words)))
+    except ImportError as error:
+        # cyclopts wraps what went wrong.
+        raise error.__cause__ or error from None
+    return chain, apps[-1]
+
+
+def takes_all(command: App) -> bool:
+    """Whether a command passes on words that it does not know."""
+    return command.default_command is not None and any(
+        argument.is_var_positional() for argument in command.assemble_argument_collection(parse_docstring=False)
+    )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 
-def convert(result: Path, /, to: str, out: Path, video: str | None = None, overwrite: bool = False) -> None:
+def convert(result: Path, *, to: str, out: Path, video: str | None = None, overwrite: bool = False) -> None:
     """Write a result into the file of another program.
 
     Formats: csv, json, parquet, mot, dancetrack, kitti, coco, cvat, label-studio, yolo, sleap, sleap-analysis,

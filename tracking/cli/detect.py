@@ -2,23 +2,27 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import field, fields
 from pathlib import Path
 
+from pydantic.dataclasses import dataclass
+
+from tsuiseki.tracking.bounds import SETTINGS, Share
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
+from tsuiseki.tracking.fields import ClassNames, Options, Threads
 from tsuiseki.tracking.formats.measurement_tables import write_points
 from tsuiseki.tracking.formats.mot import write_detections
-from tsuiseki.tracking.options import OutputFile, Shared
 from tsuiseki.tracking.people.detections import network_detections
-from tsuiseki.tracking.people.settings import PeopleFinding
+from tsuiseki.tracking.people.settings import PeopleFinding, Tiles
 from tsuiseki.tracking.runs.following import SourceOptions, count
+from tsuiseki.tracking.runs.options import OutputFile
 from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.types import Detections
 
 
-@dataclass(frozen=True, kw_only=True)
-class DetectSettings(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class DetectSettings(Options):
     """Which network detects, and what.
 
     Attributes:
@@ -34,10 +38,10 @@ class DetectSettings(Shared):
 
     detector: Path | None = None
     detector_options: DetectorOptions = field(default_factory=DetectorOptions)
-    score_threshold: float = 0.1
-    classes: list[int | str] | None = None
-    view: str = "auto"
-    threads: int = 0
+    score_threshold: Share = 0.1
+    classes: ClassNames | None = None
+    view: Tiles = "auto"
+    threads: Threads = 0
     device: Device = "auto"
 
     @property
@@ -45,12 +49,11 @@ class DetectSettings(Shared):
         """The same as `track people` takes it."""
         return PeopleFinding(**{one.name: getattr(self, one.name) for one in fields(self)})
 
-    def check(self) -> None:
-        """See `Shared.check`."""
-        self.finding.check()
+
+DETECTING = DetectSettings()
 
 
-def detect(video: SourceOptions, output: OutputFile, detecting: DetectSettings) -> int:
+def detect(video: SourceOptions, *, output: OutputFile, detecting: DetectSettings = DETECTING) -> int:
     """Write what a network detects in a video, without tracking.
 
     FILE becomes MOTChallenge text (det.txt), with the class in column 8. Where its name ends in .csv, it gets the

@@ -7,39 +7,53 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
+from pydantic import PositiveFloat, PositiveInt, field_validator
+from pydantic.dataclasses import dataclass
+
+from tsuiseki.tracking.bounds import SETTINGS, PositiveShare, Share
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.result_files import result_names
+from tsuiseki.tracking.fields import ClassNames, Commas, Options, Threads
 from tsuiseki.tracking.formats.okutama import Protocol
-from tsuiseki.tracking.options import BY_PLACE, Files, Shared
+from tsuiseki.tracking.runs.options import Files
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 
 if TYPE_CHECKING:
     from rich.table import Table
 
 
-@dataclass(frozen=True, kw_only=True)
-class Comparison(Files):
-    """What is scored against what, and where the scores go.
+@dataclass(frozen=True, config=SETTINGS)
+class Evaluated(Options):
+    """What is scored against what.
 
     Attributes:
         truth: the labels.
         results: what is scored; several are compared.
+    """
+
+    truth: Path
+    results: list[Path]
+
+
+@dataclass(frozen=True, config=SETTINGS)
+class Comparison(Files, Evaluated):
+    """Likewise, and where the scores go.
+
+    Attributes:
         names: of the results in the table, separated by commas; by default their files' or folders'.
         json: write all scores to this file.
     """
 
     file_options: ClassVar[Sequence[str]] = ("json",)
-    truth: Path = field(metadata=BY_PLACE)
-    results: list[Path] = field(metadata=BY_PLACE)
-    names: list[str] | None = None
+    _: KW_ONLY
+    names: Commas[list[str] | None] = None
     json: Path | None = None
 
     def check(self) -> None:
-        """See `Shared.check`."""
         super().check()
         self.named()
 
@@ -60,7 +74,7 @@ class Comparison(Files):
             self.write(self.json, lambda path: path.write_text(written, encoding="utf-8"))
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, config=SETTINGS)
 class PlottedComparison(Comparison):
     """Likewise, with a plot.
 
@@ -69,11 +83,12 @@ class PlottedComparison(Comparison):
     """
 
     file_options: ClassVar[Sequence[str]] = ("json", "plot")
+    _: KW_ONLY
     plot: Path | None = None
 
 
-@dataclass(frozen=True)
-class ScoredFrames(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class ScoredFrames(Options):
     """Which frames count.
 
     Attributes:
@@ -82,9 +97,11 @@ class ScoredFrames(Shared):
 
     frames: str | None = None
 
-    def check(self) -> None:
-        """See `Shared.check`."""
-        parse_frames(self.frames)
+    @field_validator("frames")
+    @classmethod
+    def _range(cls, frames: str | None) -> str | None:
+        parse_frames(frames)
+        return frames
 
     @property
     def range(self) -> FrameRange:
@@ -92,7 +109,7 @@ class ScoredFrames(Shared):
         return parse_frames(self.frames)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
 class Labels(ScoredFrames):
     """How labels are read.
 
@@ -106,22 +123,15 @@ class Labels(ScoredFrames):
     """
 
     protocol: Protocol = "lenient"
-    size: tuple[int, int] | None = None
-
-    def check(self) -> None:
-        """See `Shared.check`."""
-        super().check()
-        if self.size is not None and min(self.size) < 1:
-            width, height = self.size
-            raise RequestError(f"`size`: expected a width and height from 1 pixel on, got {width},{height}")
+    size: Commas[tuple[PositiveInt, PositiveInt] | None] = None
 
 
-def _check(right: bool, name: str, expected: str, value: float) -> None:
-    if not right:
-        raise RequestError(f"`{name}`: expected {expected}, got {value:g}")
+SCORED, LABELS = ScoredFrames(), Labels()
 
 
-def action(given: Comparison, labels: Labels, threshold: float = 0.4, multiple_actions: bool = False) -> None:
+def action(
+    compared: Comparison, *, labels: Labels = LABELS, threshold: Share = 0.4, multiple_actions: bool = False
+) -> None:
     """Score recognised actions: F1 at a threshold, and average precision, for every action.
 
     A row is a labelled person in a frame, or a tracked box on none. An action is called where its probability is
@@ -130,10 +140,10 @@ def action(given: Comparison, labels: Labels, threshold: float = 0.4, multiple_a
     recognition is scored; with tracks of its own, misses and false tracks count, too.
 
     Args:
-        truth: a MOTChallenge sequence folder with gt/actions.txt (Okutama-Action's rows), or a folder of such; a label
-            file or the folder of Okutama-Action; the folder of Drone-Action.
-        results: tracks.json of tsuiseki track drone, or folders that hold NAME/tracks.json for each clip NAME (for a
-            single clip also tracks.json); several are compared.
+        compared.truth: a MOTChallenge sequence folder with gt/actions.txt (Okutama-Action's rows), or a folder of such;
+            a label file or the folder of Okutama-Action; the folder of Drone-Action.
+        compared.results: tracks.json of tsuiseki track drone, or folders that hold NAME/tracks.json for each clip NAME
+            (for a single clip also tracks.json); several are compared.
         threshold: an action is called where its probability is above, from 0 to 1.
         multiple_actions: in the folder of Okutama-Action, score against MultiActionLabels, which have all actions of
             a person, instead of SingleActionTrackingLabels, which have one.
@@ -146,73 +156,74 @@ def action(given: Comparison, labels: Labels, threshold: float = 0.4, multiple_a
         read_labelled_actions,
     )
 
-    _check(0 <= threshold <= 1, "threshold", "a number from 0 to 1", threshold)
-    truths = read_labelled_actions(given.truth, labels.protocol, labels.size, multiple_actions, labels.range)
+    truths = read_labelled_actions(compared.truth, labels.protocol, labels.size, multiple_actions, labels.range)
     scores = {}
-    for name, result in given.named().items():
+    for name, result in compared.named().items():
         rows = match_actions(truths, result)
         for kind in ("single", "multi"):
             values = getattr(rows, kind)
             scores[f"{name} {kind}"] = evaluate_actions(truths[0].names, values, rows.truth, threshold)
-    given.report(action_table(scores), action_values(scores))
+    compared.report(action_table(scores), action_values(scores))
 
 
-def coverage(given: Comparison, scored: ScoredFrames, overlap: float = 0.5) -> None:
+def coverage(compared: Comparison, *, scored: ScoredFrames = SCORED, overlap: PositiveShare = 0.5) -> None:
     """Say how well tracks of many follow the one person who is labelled: share of frames, switches of identity.
 
     Args:
-        truth: a sequence folder with one labelled target (OTB, VOT, UAV123), a folder of them, or a folder of label
-            files NAME.txt.
-        results: MOTChallenge text files, or folders that hold NAME.txt or NAME/tracks.txt for each sequence NAME
-            (for a single sequence also tracks.txt), as `track people` and `track drone` write them; several are
+        compared.truth: a sequence folder with one labelled target (OTB, VOT, UAV123), a folder of them, or a folder of
+            label files NAME.txt.
+        compared.results: MOTChallenge text files, or folders that hold NAME.txt or NAME/tracks.txt for each sequence
+            NAME (for a single sequence also tracks.txt), as `track people` and `track drone` write them; several are
             compared.
         overlap: of boxes from which a track is on the target.
     """
     from tsuiseki.tracking.evaluation.coverage import cover_targets, coverage_table
     from tsuiseki.tracking.formats.single import find_single_sequences
 
-    _check(0 < overlap <= 1, "overlap", "a share above 0 and at most 1", overlap)
-    sequences = find_single_sequences(given.truth)
-    found = {name: cover_targets(sequences, path, overlap, scored.range) for name, path in given.named().items()}
+    sequences = find_single_sequences(compared.truth)
+    found = {name: cover_targets(sequences, path, overlap, scored.range) for name, path in compared.named().items()}
     right = {name: sum(one.covered for one in every.values()) for name, every in found.items()}
-    given.report(coverage_table(found), found, right)
+    compared.report(coverage_table(found), found, right)
 
 
 def detection(
-    given: Comparison, labels: Labels, iou: float = 0.5, score_range: tuple[float, float] = (0.0, 1.0)
+    compared: Comparison,
+    *,
+    labels: Labels = LABELS,
+    iou: PositiveShare = 0.5,
+    score_range: Commas[tuple[float, float]] = (0.0, 1.0),
 ) -> None:
     """Score detections against ground truth: average precision, recall, and the threshold of the best F1.
 
     Where labels say how much of each person is visible, they are also scored by that, all others being ignored.
 
     Args:
-        truth: whatever evaluate people takes, also labels of single pictures; or rotated boxes: the
+        compared.truth: whatever evaluate people takes, also labels of single pictures; or rotated boxes: the
             JSON of CEPDOF or MW-R, or a folder of HABBOF's text files.
-        results: MOTChallenge detection files (det.txt), or folders that hold NAME.txt, NAME/det/det.txt or
+        compared.results: MOTChallenge detection files (det.txt), or folders that hold NAME.txt, NAME/det/det.txt or
             NAME/detections.txt for each sequence NAME; detectors, exported (.onnx) or as trained (.ckpt, needs the
             train extra), which run on the labelled images; for rotated boxes also JSON lists of image_id, bbox (cx, cy,
             w, h, degrees clockwise) and score, which are scored by the overlap of the turned boxes.
         iou: overlap from which a detection is right.
         score_range: smallest and largest score that the detections may have.
-        json: write the scores to this file, with recall and precision at every detection.
+        compared.json: write the scores to this file, with recall and precision at every detection.
     """
     from tsuiseki.tracking.evaluation.detection import evaluate_rotated_file
     from tsuiseki.tracking.evaluation.result_files import evaluate_detection_files, read_truths
     from tsuiseki.tracking.evaluation.tables import detection_table, evaluation_values
     from tsuiseki.tracking.formats.rotated import is_rotated
 
-    _check(0 < iou <= 1, "iou", "an overlap above 0 and up to 1", iou)
-    shown = given.named().items()
-    if is_rotated(given.truth) and not any(result.suffix in (".onnx", ".ckpt") for _, result in shown):
+    shown = compared.named().items()
+    if is_rotated(compared.truth) and not any(result.suffix in (".onnx", ".ckpt") for _, result in shown):
         if labels.frames is not None:
             raise RequestError("`frames`: rotated boxes are scored by image, all of them; leave it out")
-        scores = {name: evaluate_rotated_file(given.truth, result, iou) for name, result in shown}
+        scores = {name: evaluate_rotated_file(compared.truth, result, iou) for name, result in shown}
     else:
-        truths = read_truths(given.truth, labels.range, labels.protocol, labels.size, single=True)
+        truths = read_truths(compared.truth, labels.range, labels.protocol, labels.size, single=True)
         with tempfile.TemporaryDirectory() as folder:
             exported = {name: _exported(result, Path(folder) / f"{n}.onnx") for n, (name, result) in enumerate(shown)}
             scores = {name: evaluate_detection_files(truths, at, iou, score_range) for name, at in exported.items()}
-    given.report(detection_table(scores, iou), evaluation_values(scores))
+    compared.report(detection_table(scores, iou), evaluation_values(scores))
 
 
 def _exported(result: Path, out: Path) -> Path:
@@ -225,12 +236,13 @@ def _exported(result: Path, out: Path) -> Path:
     return out
 
 
-def floor(given: Comparison, distance: float = 1.0, near: float = 0.5) -> None:
+def floor(compared: Comparison, *, distance: PositiveFloat = 1.0, near: PositiveFloat = 0.5) -> None:
     """Score people on a floor: IDF1, MOTA and HOTA by distance, MODA and MODP, GOSPA.
 
     Args:
-        truth: a folder of WILDTRACK or Shelf or its table of places, or a CSV with time,id,x,y in seconds and metres.
-        results: world.csv of tsuiseki track floor, or folders with it; several are compared.
+        compared.truth: a folder of WILDTRACK or Shelf or its table of places, or a CSV with time,id,x,y in seconds and
+            metres.
+        compared.results: world.csv of tsuiseki track floor, or folders with it; several are compared.
         distance: metres within which a track is on a person, for IDF1, MOTA, HOTA and GOSPA.
         near: metres within which a detection is right, for MODA, MODP, recall and precision.
     """
@@ -238,25 +250,23 @@ def floor(given: Comparison, distance: float = 1.0, near: float = 0.5) -> None:
     from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
     from tsuiseki.tracking.evaluation.tables import FLOOR_COLUMNS, value_table
 
-    _check(distance > 0, "distance", "metres above 0", distance)
-    _check(near > 0, "near", "metres above 0", near)
-    labels, scores = read_placed_truth(given.truth), {}
-    for name, path in given.named().items():
+    labels, scores = read_placed_truth(compared.truth), {}
+    for name, path in compared.named().items():
         reported = read_placed_truth(path / "world.csv" if path.is_dir() else path, empty=True)
         scores[name] = evaluate_on_floor(labels, reported, distance, near)
-    given.report(value_table(scores, FLOOR_COLUMNS), scores, {name: one.recall for name, one in scores.items()})
+    compared.report(value_table(scores, FLOOR_COLUMNS), scores, {name: one.recall for name, one in scores.items()})
 
 
-def people(given: PlottedComparison, labels: Labels, classes: list[int | str] | None = None) -> None:
+def people(compared: PlottedComparison, *, labels: Labels = LABELS, classes: ClassNames | None = None) -> None:
     """Score tracked people against ground truth: HOTA, DetA, AssA, MOTA, MOTP, IDF1, switches, errors.
 
     Args:
-        truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the
+        compared.truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the
             folder of Okutama-Action, VisDrone-MOT, KITTI tracking or BDD100K; the folder of Drone-Action; CVAT's XML,
             the JSON of COCO with track_id or of Label Studio, a folder of YOLO's rows with ids; the JSON of CEPDOF, of
             whose rotated boxes the upright ones about them are taken, images in the order of their names.
-        results: MOTChallenge text files, or folders that hold NAME.txt or NAME/tracks.txt for each sequence NAME
-            (for a single sequence also tracks.txt, or a file of CVAT, COCO or Label Studio); several are compared.
+        compared.results: MOTChallenge text files, or folders that hold NAME.txt or NAME/tracks.txt for each sequence
+            NAME (for a single sequence also tracks.txt, or a file of CVAT, COCO or Label Studio); several are compared.
         classes: score these, each apart, by the labels' names or numbers, such as person,car; person is people as
             without this option. Results have classes in column 8: a run's by the names in its run.json, others by the
             labels' numbers.
@@ -269,63 +279,65 @@ def people(given: PlottedComparison, labels: Labels, classes: list[int | str] | 
 
     scores = {}
     for wanted in [None] if classes is None else ClassChoice(classes).plain:
-        truths = read_truths(given.truth, labels.range, labels.protocol, labels.size, wanted)
-        for name, result in given.named().items():
+        truths = read_truths(compared.truth, labels.range, labels.protocol, labels.size, wanted)
+        for name, result in compared.named().items():
             of_class = name if wanted is None else f"{name} {wanted}"
             scores[of_class] = evaluate_sequences(match_results(truths, result))
-    given.report(people_table(scores), evaluation_values(scores))
-    given.draw(lambda path: save_comparison(scores, path))
+    compared.report(people_table(scores), evaluation_values(scores))
+    compared.draw(lambda path: save_comparison(scores, path))
 
 
-def appearance(given: Comparison, threads: int = 0) -> None:
+def appearance(compared: Comparison, *, threads: Threads = 0) -> None:
     """Score appearance networks: how often a person is recognised among others, and mean average precision.
 
     Args:
-        truth: labelled video with pictures, in a layout that evaluate people takes; or the folder of Market-1501, with
-            query and bounding_box_test.
-        results: appearance networks as ONNX, or the names of shipped or downloaded ones; several are compared.
+        compared.truth: labelled video with pictures, in a layout that evaluate people takes; or the folder of
+            Market-1501, with query and bounding_box_test.
+        compared.results: appearance networks as ONNX, or the names of shipped or downloaded ones; several are compared.
         threads: CPU cores; 0 takes all.
     """
     from tsuiseki.tracking.evaluation.reidentification import read_views, score_views
     from tsuiseki.tracking.evaluation.tables import score_table
     from tsuiseki.tracking.features.exported import as_describer
 
-    networks = {n: as_describer(p, threads) for n, p in given.named().items()}
-    views = read_views(given.truth)
+    networks = {n: as_describer(p, threads) for n, p in compared.named().items()}
+    views = read_views(compared.truth)
     found = {name: score_views(views, network) for name, network in networks.items()}
     shown = [[name, *(f"{v:.3f}" for v in (s.rank1, s.rank5, s.rank10, s.mean_average_precision)), str(s.queries)]
              for name, s in found.items()]  # fmt: skip
     table = score_table(("Network",), ("Rank 1", "Rank 5", "Rank 10", "mAP", "Queries"), [shown])
-    given.report(table, found)
+    compared.report(table, found)
 
 
-def points(given: Comparison, scored: ScoredFrames, cutoff: float = 100.0, window: int = 10) -> None:
+def points(
+    compared: Comparison, *, scored: ScoredFrames = SCORED, cutoff: PositiveFloat = 100.0, window: PositiveInt = 10
+) -> None:
     """Score tracked points: OSPA, OSPA(2), GOSPA and its parts, number of targets, changed identities.
 
     Means are over all frames from the first on; where labels or results begin later, give --frames.
 
     Args:
-        truth: points as CSV with the columns frame,id,x,y, or MOTChallenge text, whose boxes count by their centres.
-        results: of the same kinds; several are compared.
+        compared.truth: points as CSV with the columns frame,id,x,y, or MOTChallenge text, whose boxes count by their
+            centres.
+        compared.results: of the same kinds; several are compared.
         cutoff: distance from which a point counts as missed, in the unit of the files.
         window: frames of OSPA(2).
     """
     from tsuiseki.tracking.evaluation.point_distances import evaluate_between, read_points
     from tsuiseki.tracking.evaluation.tables import POINT_COLUMNS, value_table
 
-    _check(cutoff > 0, "cutoff", "a distance above 0", cutoff)
-    _check(window >= 1, "window", "1 frame or more", window)
-    labels, scores = read_points(given.truth, labelled=True), {}
+    labels, scores = read_points(compared.truth, labelled=True), {}
     if not scored.range.mask(labels.frames).any():
-        raise RequestError(f"{given.truth}: expected at least one labelled point in the frames to score, got none")
-    for name, path in given.named().items():
+        raise RequestError(f"{compared.truth}: expected at least one labelled point in the frames to score, got none")
+    for name, path in compared.named().items():
         scores[name] = evaluate_between(labels, read_points(path), scored.range, cutoff, window)
     near = {name: cutoff - one.ospa1 for name, one in scores.items()}
-    given.report(value_table(scores, POINT_COLUMNS), scores, near)
+    compared.report(value_table(scores, POINT_COLUMNS), scores, near)
 
 
 def single(
-    given: PlottedComparison,
+    compared: PlottedComparison,
+    *,
     attributes: Path | None = None,
     by: Literal["sequence", "attribute"] = "sequence",
     published_precision: bool = False,
@@ -333,53 +345,52 @@ def single(
     """Score a tracker of one target: area under the success curve, precision, curves, by sequence and attribute.
 
     Args:
-        truth: a sequence folder (OTB, VOT, UAV123), a folder of them, or a folder of label files NAME.txt.
-        results: a folder with NAME.txt, NAME.json or NAME/boxes.txt for each sequence NAME, one file for a single
-            sequence, or a folder of tracker_benchmark's score files (ALL.json and others); several are compared.
+        compared.truth: a sequence folder (OTB, VOT, UAV123), a folder of them, or a folder of label files NAME.txt.
+        compared.results: a folder with NAME.txt, NAME.json or NAME/boxes.txt for each sequence NAME, one file for a
+            single sequence, or a folder of tracker_benchmark's score files (ALL.json and others); several are compared.
         attributes: a list like OTB's tb_50.txt, or a folder of tracker_benchmark's score files; only the sequences in
             it are scored.
         by: what the rows of the table are.
         published_precision: count boxes that start outside the image as tracker_benchmark's published curves do.
-        json: write all scores and curves to this file.
-        plot: write the curves to this file (PNG, SVG or PDF).
+        compared.json: write all scores and curves to this file.
+        compared.plot: write the curves to this file (PNG, SVG or PDF).
     """
     from tsuiseki.tracking.evaluation.success_curves import compare, single_table, single_values
     from tsuiseki.tracking.formats.single import find_single_sequences
     from tsuiseki.tracking.report.plots import curves_figure
 
-    sequences = find_single_sequences(given.truth, attributes)
-    compared = {name: compare(sequences, path, published_precision) for name, path in given.named().items()}
-    given.report(single_table(compared, by), single_values(compared))
-    for name, result in compared.items():
+    sequences = find_single_sequences(compared.truth, attributes)
+    curves = {name: compare(sequences, path, published_precision) for name, path in compared.named().items()}
+    compared.report(single_table(curves, by), single_values(curves))
+    for name, result in curves.items():
         for sequence, scores in result.sequences.items():
             if scores.note:
                 print(f"{name}, {sequence}: {scores.note}", file=sys.stderr)
         if result.missing:
             print(f"{name}: no result for {', '.join(result.missing)}; left out of its means", file=sys.stderr)
-    figure = curves_figure({name: r.groups for name, r in compared.items()})
-    given.draw(lambda path: figure.savefig(path, dpi=130, facecolor="white"))
+    figure = curves_figure({name: r.groups for name, r in curves.items()})
+    compared.draw(lambda path: figure.savefig(path, dpi=130, facecolor="white"))
 
 
-def states(given: Comparison, scored: ScoredFrames, distance: float = 20.0) -> None:
+def states(compared: Comparison, *, scored: ScoredFrames = SCORED, distance: PositiveFloat = 20.0) -> None:
     """Score bodies that were followed against their exact states: errors of position and heading, success, identity.
 
     A body is detected in a frame where a confirmed estimate lies within --distance of it.
 
     Args:
-        truth: states.csv with the columns frame,id, a position a,b or x,y, and for the heading theta or points at both
-            ends of the body (head_x,head_y and abdomen_x,abdomen_y); or the folder that holds it.
-        results: of the same kind, such as folders of tsuiseki track deformable; several are compared.
+        compared.truth: states.csv with the columns frame,id, a position a,b or x,y, and for the heading theta or points
+            at both ends of the body (head_x,head_y and abdomen_x,abdomen_y); or the folder that holds it.
+        compared.results: of the same kind, such as folders of tsuiseki track deformable; several are compared.
         distance: pixels within which a body is detected.
     """
     from tsuiseki.tracking.evaluation.result_files import warn_of_other_frames
     from tsuiseki.tracking.evaluation.states import evaluate_states, read_poses
     from tsuiseki.tracking.evaluation.tables import STATE_COLUMNS, value_table
 
-    _check(distance > 0, "distance", "pixels above 0", distance)
-    truth, *files = (path / "states.csv" if path.is_dir() else path for path in (given.truth, *given.results))
+    truth, *files = (path / "states.csv" if path.is_dir() else path for path in (compared.truth, *compared.results))
     labels, scores = read_poses(truth).within(scored.range), {}
-    for name, file in zip(given.named(), files, strict=True):
+    for name, file in zip(compared.named(), files, strict=True):
         scores[name] = evaluate_states(labels, read_poses(file), distance, scored.range)
         warn_of_other_frames(file, int(labels.frames[0]), int(labels.frames[-1]))
     right = {name: one.success for name, one in scores.items()}
-    given.report(value_table(scores, STATE_COLUMNS), {name: one.values() for name, one in scores.items()}, right)
+    compared.report(value_table(scores, STATE_COLUMNS), {name: one.values() for name, one in scores.items()}, right)

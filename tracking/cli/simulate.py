@@ -3,41 +3,41 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar
 
+from pydantic import Field, PositiveInt
+from pydantic.dataclasses import dataclass
+
+from tsuiseki.tracking.bounds import SETTINGS, Share
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.options import Shared
+from tsuiseki.tracking.fields import Commas, Options
 from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.runs.progress import progress
 
 T = TypeVar("T")
-LARGEST, LONGEST = 16_384, 1_000_000
-# Of what is in a clip; more would be planned for hours.
-MOST = {"people": 100, "objects": 200, "occluders": 200, "clutter": 1000, "frame_rate": 240, "radius": 0.5}
+Side: TypeAlias = Annotated[int, Field(ge=1, le=16_384)]
+Frames: TypeAlias = Annotated[int, Field(ge=1, le=1_000_000)]
+Rate: TypeAlias = Annotated[float, Field(gt=0, le=240)]
+# More would be planned for hours.
+Crowd: TypeAlias = Annotated[int, Field(ge=0, le=100)]
+Things: TypeAlias = Annotated[int, Field(ge=0, le=200)]
 
 
-@dataclass(frozen=True)
-class Length(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class Length(Options):
     """How long is drawn.
 
     Attributes:
         frames: length of the clip.
     """
 
-    frames: int
-
-    def check(self) -> None:
-        """See `Shared.check`."""
-        for name, most in (("frames", LONGEST), ("width", LARGEST), ("height", LARGEST)):
-            value = getattr(self, name, 1)
-            if not 1 <= value <= most:
-                raise RequestError(f"`{name}`: expected 1 to {most}, got {value}")
+    frames: Frames = 100
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
 class Size(Length):
     """How much is drawn.
 
@@ -46,11 +46,12 @@ class Size(Length):
         height: of the images, pixels.
     """
 
-    width: int = 640
-    height: int = 480
+    frames: Frames = 150
+    width: Side = 640
+    height: Side = 480
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
 class FilmSize(Size):
     """How much is drawn, and how fast.
 
@@ -58,25 +59,60 @@ class FilmSize(Size):
         frame_rate: frames per second.
     """
 
-    frame_rate: float = 25.0
+    frame_rate: Rate = 25.0
 
 
-STREET, BLOBS, DRONE = FilmSize(200), FilmSize(150), FilmSize(300, 1280, 720, 30.0)
-FLOOR = FilmSize(300, 1280, 960, 10.0)
-FISHEYE, GOLDFISH, SPHERE = FilmSize(900, 1280, 960, 15.0), Size(150), Length(100)
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class StreetSize(FilmSize):
+    """A clip of the street."""
+
+    frames: Frames = 200
+
+
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class DroneSize(FilmSize):
+    """A clip of a drone."""
+
+    frames: Frames = 300
+    width: Side = 1280
+    height: Side = 720
+    frame_rate: Rate = 30.0
+
+
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class FloorSize(FilmSize):
+    """Clips of the cameras over a floor."""
+
+    frames: Frames = 300
+    width: Side = 1280
+    height: Side = 960
+    frame_rate: Rate = 10.0
+
+
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class FisheyeSize(FloorSize):
+    """Clips of ceiling cameras."""
+
+    frames: Frames = 900
+    frame_rate: Rate = 15.0
+
+
+STREET, BLOBS, DRONE, FLOOR = StreetSize(), FilmSize(), DroneSize(), FloorSize()
+FISHEYE, GOLDFISH, SPHERE = FisheyeSize(), Size(), Length()
 
 
 def street(
+    *,
     output: SeededOutput,
-    clip: FilmSize = STREET,
-    people: int = 10,
-    occluders: int = 7,
+    clip: StreetSize = STREET,
+    people: Crowd = 10,
+    occluders: Things = 7,
     motion: Literal["walk", "dance", "sport"] = "walk",
 ) -> int:
     """Make a clip of people on a street, before a fixed camera, as a MOTChallenge sequence.
 
     Args:
-        out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
+        output.out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
         people: about how many are around at a time.
         occluders: poles, bushes, parked cars and the like that may hide them.
         motion: walk, dance in step, or sport: they run fast, and turn at once.
@@ -88,12 +124,17 @@ def street(
 
 
 def blobs(
-    output: SeededOutput, clip: FilmSize = BLOBS, objects: int = 5, colour: str = "red", clutter: int = 12
+    *,
+    output: SeededOutput,
+    clip: FilmSize = BLOBS,
+    objects: Things = 5,
+    colour: str = "red",
+    clutter: Annotated[int, Field(ge=0, le=1000)] = 12,
 ) -> int:
     """Make a clip of coloured objects moving over natural clutter, as a MOTChallenge sequence.
 
     Args:
-        out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
+        output.out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
         objects: how many appear in all.
         colour: of the objects: red, orange, yellow, green, cyan, blue or magenta.
         clutter: patches of the same colour, smaller than objects, in the background.
@@ -105,18 +146,19 @@ def blobs(
 
 
 def drone(
+    *,
     output: SeededOutput,
-    clip: FilmSize = DRONE,
-    people: int = 9,
+    clip: DroneSize = DRONE,
+    people: Crowd = 9,
     camera: Literal["still", "calm", "violent"] = "violent",
-    tilt: tuple[float, float] = (45.0, 90.0),
-    look_alikes: float = 0.3,
+    tilt: Commas[tuple[float, float]] = (45.0, 90.0),
+    look_alikes: Share = 0.3,
     layout: Literal["mot", "okutama"] = "mot",
 ) -> int:
     """Make a clip of people who act under a drone, with a box, an id and one or two actions each in every frame.
 
     Args:
-        out: folder for the clip; gets img1/000001.jpg and so on, gt/gt.txt, gt/actions.txt and seqinfo.ini.
+        output.out: folder for the clip; gets img1/000001.jpg and so on, gt/gt.txt, gt/actions.txt and seqinfo.ini.
         people: that act in view.
         camera: how much the drone moves.
         tilt: flattest and steepest view under the horizon, degrees.
@@ -132,10 +174,11 @@ def drone(
 
 
 def fisheye(
+    *,
     output: SeededOutput,
-    clip: FilmSize = FISHEYE,
+    clip: FisheyeSize = FISHEYE,
     room: Literal["large", "small"] = "large",
-    people: int = 6,
+    people: Crowd = 6,
     calibration: Path | None = None,
 ) -> int:
     """Make a clip of people in a room under two fisheye cameras on its ceiling, with their boxes and places.
@@ -144,7 +187,7 @@ def fisheye(
     metres), the ids the same in both, and cameras.yaml for tsuiseki track fisheye.
 
     Args:
-        out: folder for the clip.
+        output.out: folder for the clip.
         room: large is 8 by 16 m, small 4 by 9 m.
         people: who wander about.
         calibration: lens of the cameras, enlarged to fill the images; by default an equidistant one.
@@ -158,7 +201,12 @@ def fisheye(
 
 
 def floor(
-    output: SeededOutput, clip: FilmSize = FLOOR, cameras: int = 4, people: int = 8, look_alikes: float = 0.5
+    *,
+    output: SeededOutput,
+    clip: FloorSize = FLOOR,
+    cameras: Annotated[int, Field(ge=3, le=7)] = 4,
+    people: Crowd = 8,
+    look_alikes: Share = 0.5,
 ) -> int:
     """Make a clip of people on one floor before several cameras, on walls and fisheye ones on the ceiling.
 
@@ -167,7 +215,7 @@ def floor(
     and metres) of everybody for tsuiseki evaluate floor.
 
     Args:
-        out: folder for the clip.
+        output.out: folder for the clip.
         cameras: 3 to 7; the second and the fourth are the fisheye ones.
         people: who wander about, at times behind pillars.
         look_alikes: share of people who wear the clothes of another, or nearly.
@@ -179,11 +227,12 @@ def floor(
 
 
 def goldfish(
+    *,
     output: SeededOutput,
     size: Size = GOLDFISH,
     body: Literal["goldfish", "ball"] = "goldfish",
-    count: int | None = None,
-    frame_rate: float | None = None,
+    count: Annotated[int, Field(ge=1, le=5)] | None = None,
+    frame_rate: Rate | None = None,
 ) -> int:
     """Make a clip of goldfish seen from above, or of balls that squash where they bounce, with exact states.
 
@@ -192,7 +241,7 @@ def goldfish(
     id - 1 is set) and seqinfo.ini.
 
     Args:
-        out: folder for the clip.
+        output.out: folder for the clip.
         body: what moves, goldfish or ball.
         count: how many, 1 to 5; by default three fish or one ball.
         frame_rate: frames per second; by default 15 for fish and 30 for balls.
@@ -209,19 +258,20 @@ def goldfish(
 
 
 def sphere(
+    *,
     output: SeededOutput,
     length: Length = SPHERE,
-    cameras: int = 2,
-    frame_rate: float = 15.0,
-    radius: float = 0.10,
-    cover: tuple[int, int, int] | None = None,
+    cameras: Annotated[int, Field(ge=2, le=6)] = 2,
+    frame_rate: Rate = 15.0,
+    radius: Annotated[float, Field(gt=0, le=0.5)] = 0.10,
+    cover: Commas[tuple[int, int, int] | None] = None,
 ) -> int:
     """Film a ball that a walking person carries through a textured room, from two to six sides.
 
     Args:
-        out: folder; gets camera1/000001.jpg and so on, background1.png, cameras.yaml and truth.csv.
+        output.out: folder; gets camera1/000001.jpg and so on, background1.png, cameras.yaml and truth.csv.
         cameras: 2 to 6, each 800x600 pixels with a field of 60 degrees.
-        frames: of each camera.
+        length.frames: of each camera.
         frame_rate: frames per second.
         radius: of the ball, metres.
         cover: CAMERA,FIRST,LAST: a board hides the view of that camera in these frames, counted from 1.
@@ -236,20 +286,21 @@ def sphere(
 
 
 def sprites(
+    *,
     output: SeededOutput,
     assets: Path,
-    people: int = 260,
-    views: int = 5,
-    height: int = 256,
-    tilts: tuple[float, float] = (-0.08, 0.95),
-    poses: float = 0.0,
+    people: PositiveInt = 260,
+    views: PositiveInt = 5,
+    height: PositiveInt = 256,
+    tilts: Commas[tuple[float, float]] = (-0.08, 0.95),
+    poses: Share = 0.0,
 ) -> int:
     """Render people from body meshes and clothes, cut out, to be shown in the pictures that detectors learn from.
 
     DIR gets two pictures of each view, colours and normals, and sprites.csv. Training takes it as data.train's sprites.
 
     Args:
-        out: folder for the sprites.
+        output.out: folder for the sprites.
         assets: folder with the unpacked body packages; docs/methods/rendered-people.md says how to get them.
         people: how many.
         views: poses and sides of each.
@@ -271,9 +322,6 @@ def sprites(
 
 def _make(output: SeededOutput, length: Length, plan: partial[Any], more: str = "") -> int:
     """Plan a clip of the settings that ``plan`` holds and let it fill the output folder; ``more`` is printed of it."""
-    for name, most in MOST.items():
-        if (value := getattr(plan.args[0], name, 0)) > most:
-            raise RequestError(f"`{name}`: expected at most {most:g}, got {value:g}")
     from tsuiseki.datamodules.scenes.clip import write_clip
 
     def write(folder: Path) -> object:

@@ -20,12 +20,15 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.runs.run import Run
     from tsuiseki.tracking.types import Track
 
+FINDING, LINKING = PeopleFinding(), Linking()
+
 
 def people(
     video: Video,
+    *,
     output: SeededOutput,
-    finding: PeopleFinding,
-    linking: Linking,
+    finding: PeopleFinding = FINDING,
+    linking: Linking = LINKING,
     hide: str | None = None,
     corrections: Path | None = None,
 ) -> int:
@@ -36,9 +39,9 @@ def people(
     flow flow.npz (what tsuiseki review asks about) and, with --overlay, overlay.webm.
 
     Args:
-        seed: of random numbers; kept in run.json, for the methods here draw none.
-        hide: in the overlay and in the pictures of the report hide people, heads, or all-but the tracks with these
-            ids, such as all-but 3,5; see tsuiseki hide.
+        output.seed: of random numbers; kept in run.json, for the methods here draw none.
+        hide: in the overlay and in the pictures of the report hide people, heads, or all but the tracks with these
+            ids, such as all-but=3,5; see tsuiseki hide.
         corrections: corrections.jsonl of tsuiseki review, to do again on this result what still applies.
     """
     return track(video, output, finding, linking, hide, corrections)

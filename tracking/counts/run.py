@@ -8,17 +8,34 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+from pydantic.dataclasses import dataclass
+
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.counts.scene import Scene, scene_of, scene_text
 from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.options import OutputFile
+from tsuiseki.tracking.fields import FrameRate
 from tsuiseki.tracking.report.drawing import drawn_on
-from tsuiseki.tracking.runs.options import Output
-
-SCENE_FILE = OutputFile(out=Path("scene.yaml"))
+from tsuiseki.tracking.runs.options import Output, OutputFile
 
 
-def count(result: Path, /, scene: Path, how: CountSettings, output: Output, fps: float | None = None) -> int:
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class SceneFile(OutputFile):
+    """The file of lines and zones.
+
+    Attributes:
+        out: the scene file to write.
+    """
+
+    out: Path = Path("scene.yaml")
+
+
+COUNTING, SCENE_FILE = CountSettings(), SceneFile()
+
+
+def count(
+    result: Path, *, scene: Path, how: CountSettings = COUNTING, output: Output, fps: FrameRate | None = None
+) -> int:
     """Count the people of a result: crossings of lines, people in zones, and how long they stay.
 
     DIR gets answers.json, a CSV for each table, plots, report.html and run.json.
@@ -42,12 +59,11 @@ def count(result: Path, /, scene: Path, how: CountSettings, output: Output, fps:
     return run.status
 
 
-def scene(video: Path, /, output: OutputFile = SCENE_FILE) -> None:
+def scene(video: Path, *, output: SceneFile = SCENE_FILE) -> None:
     """Draw lines and zones on the first frame of a video, on a page in the browser, for tsuiseki count.
 
     Args:
         video: a video file, a folder of images, or a sequence folder.
-        out: the scene file to write.
     """
     from tsuiseki.tracking.video.source import open_source
 

@@ -8,7 +8,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS
-from tsuiseki.tracking.options import Shared
+from tsuiseki.tracking.fields import Options
 
 Anchor = Literal["feet", "centre", "head", "floor"]
 PERSON = 1.7
@@ -16,8 +16,8 @@ PERSON = 1.7
 Heights = Annotated[float, Field(ge=0, le=10)]
 
 
-@dataclass(frozen=True, config=SETTINGS)
-class CountSettings(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class CountSettings(Options):
     """How people are counted.
 
     Attributes:
@@ -32,6 +32,6 @@ class CountSettings(Shared):
 
     anchor: Anchor | None = None
     band: Heights = 0.2
-    interval: Annotated[float, Field(ge=0.1, le=1e6)] = 60.0
+    interval: Annotated[float, Field(ge=0.1, le=1_000_000)] = 60.0
     waiting: Heights = 0.2
     gathering: Heights = 0.8

@@ -7,8 +7,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from pydantic import NonNegativeInt, PositiveInt
+from pydantic.dataclasses import dataclass
+
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.fields import Threads
 from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.runs.run import Run
@@ -20,18 +25,35 @@ if TYPE_CHECKING:
 
 REPORT_FILE, OVERLAY_FILE = "report.html", "overlay.webm"
 FRAMES, FRAME_RATE = 180, 25.0
-OUTPUT = SeededOutput(Path("out/demo"), seed=100)
+
+
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class DemoOutput(SeededOutput):
+    """Where the demo goes.
+
+    Attributes:
+        seed: of the clip.
+        overwrite: replace an earlier demo in the folder.
+    """
+
+    out: Path = Path("out/demo")
+    seed: NonNegativeInt = 100
+
+
+OUTPUT = DemoOutput()
+
 # What the page calls stages.
 STAGES = {"generate": "generate the clip", "draw": "draw the overlay"}
 
 
 def demo(
-    output: SeededOutput = OUTPUT,
+    *,
+    output: DemoOutput = OUTPUT,
     scene: Literal["street", "drone"] = "street",
     train: bool = False,
     assets: Path | None = None,
-    frames: int = FRAMES,
-    threads: int = 0,
+    frames: PositiveInt = FRAMES,
+    threads: Threads = 0,
     device: Device = "auto",
 ) -> int:
     """Run the whole path on a generated clip: detect, describe, track three ways, evaluate, report.
@@ -50,10 +72,8 @@ def demo(
             (docs/methods/rendered-people.md says how to get them); without it the detector learns from drawn people
             alone.
         frames: length of the clip.
-        seed: of the clip.
         threads: CPU threads of the networks; 0 takes all.
         device: what the networks run on, as in track people.
-        overwrite: replace an earlier demo in the folder.
     """
     if scene == "drone":
         if train:

@@ -16,7 +16,7 @@ from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE
-from tsuiseki.tracking.bounds import as_settings
+from tsuiseki.tracking.bounds import Share, as_settings
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.drone.drone_models import DroneMethod, DroneModels, tracks_as_detections
 from tsuiseki.tracking.drone.observations import Observation, observe, video_observations
@@ -27,6 +27,7 @@ from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.camera_path import line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.view_choice import devices_of, report_blank, report_models
+from tsuiseki.tracking.fields import Commas, refused
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import detection_lines, write_tracks
 from tsuiseki.tracking.people.contract import shifted
@@ -36,7 +37,7 @@ from tsuiseki.tracking.people.run_log import FrameLog
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.result import PageContent, Result, Writer
-from tsuiseki.tracking.runs.following import Video, count
+from tsuiseki.tracking.runs.following import Video, count, open_checked
 from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
@@ -47,7 +48,7 @@ from tsuiseki.tracking.weights import shipped
 # Probability above which an action is named.
 NAMED = 0.4
 DronePreset = Literal["default", "printed"]
-DRONE = DroneSettings()
+DRONE, FINDING = DroneSettings(), FindingOptions()
 
 
 def track_drone(
@@ -95,9 +96,10 @@ def track_drone(
     check_choice(method, get_args(DroneMethod), "method")
     check_choice(preset, get_args(DronePreset), "preset")
     settings = as_settings(settings, DroneSettings)
-    opened = Video.given(source, frames).open(images=True, replayable=True)
+    opened = open_checked(source, frames, images=True, replayable=True)
     detector_options: Any = {"detections": detections, "detector": detector}
-    finding = FindingOptions(**detector_options, threads=threads, device=device, view="auto")
+    with refused():
+        finding = FindingOptions(**detector_options, threads=threads, device=device, view="auto")
     streams = None if actions is None else [a_path(path, "actions") for path in actions]
     moving = preset == "default"
     models = DroneModels.choose(opened, method, finding, appearance, streams, camera_motion=moving)
@@ -251,15 +253,16 @@ def _named(
 
 def drone(
     video: Video,
+    *,
     output: SeededOutput,
-    finding: FindingOptions,
+    finding: FindingOptions = FINDING,
     method: DroneMethod = "flow-maf",
-    actions: list[Path] | None = None,
+    actions: Commas[list[Path] | None] = None,
     tracks: Path | None = None,
     affinity: Path | None = None,
     preset: DronePreset = "default",
     keep_camera_motion: bool = False,
-    threshold: float = NAMED,
+    threshold: Share = NAMED,
     cache: Path | None = None,
     drone: DroneSettings = DRONE,
 ) -> int:
@@ -272,8 +275,8 @@ def drone(
     Args:
         method: flow links by place, motion and appearance; flow-saf also by actions of single frames; flow-maf averages
             actions along the tracks, links again and repeats.
-        detector: detector as ONNX, or the name of a shipped one; by default drone_larger. One of other projects is
-            recognised as by track people.
+        finding.detector: detector as ONNX, or the name of a shipped one; by default drone_larger. One of other projects
+            is recognised as by track people.
         actions: exported action streams, separated by commas; by default the four shipped ones. Not used by
             method flow, which names no actions but along given --tracks.
         tracks: right tracks (gt.txt, tracks.txt) or Okutama-Action labels; then only actions are named.
@@ -281,15 +284,13 @@ def drone(
             of --drone. With --preset printed, costs learnt on pairs (train affinity --features thesis_action).
         preset: printed links as the thesis prints it, by the overlap, appearance and actions of pairs: flow is MCF,
             flow-saf MHT-SAF and flow-maf MHT-MAF.
-        keep_camera_motion: compare places as they are in the pictures, not as if the camera had stood still.
+        keep_camera_motion: compare places as they are in the pictures.
         threshold: an action is named where its probability is above, from 0 to 1.
         cache: folder that keeps what the networks say; a second run on the same video with other settings of method
             or --drone takes seconds.
-        seed: of random numbers; kept in run.json, for the methods here draw none.
+        output.seed: of random numbers; kept in run.json, for the methods here draw none.
         drone: settings of the flow and of what is reported.
     """
-    if not 0 <= threshold <= 1:
-        raise RequestError(f"`threshold`: expected a number from 0 to 1, got {threshold:g}")
     costs = link_costs(affinity, preset, method, finding.threads)
     source, moving = video.open(images=True, replayable=True), not keep_camera_motion and preset == "default"
     models = DroneModels.choose(source, method, finding, finding.appearance, actions, tracks, camera_motion=moving)

@@ -11,6 +11,7 @@ from pydantic import AfterValidator, Field, NonNegativeInt, PositiveFloat
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS
+from tsuiseki.tracking.fields import Commas
 from tsuiseki.tracking.preprocessing import letterbox, standardised, stretched
 from tsuiseki.tracking.types import ImageArray
 
@@ -79,7 +80,7 @@ class DetectorOptions:
     """
 
     layout: LayoutName | None = None
-    classes: Annotated[tuple[str, ...], AfterValidator(_no_name_twice)] | None = None
+    classes: Commas[Annotated[tuple[str, ...], AfterValidator(_no_name_twice)] | None] = None
     person: NonNegativeInt | None = None
     scores: ScoreKind | None = None
     height: InputSide | None = None
@@ -87,8 +88,8 @@ class DetectorOptions:
     resize: Resize | None = None
     colour: Colour | None = None
     pixels: PixelRange | None = None
-    mean: tuple[float, float, float] | None = None
-    std: tuple[PositiveFloat, PositiveFloat, PositiveFloat] | None = None
+    mean: Commas[tuple[float, float, float] | None] = None
+    std: Commas[tuple[PositiveFloat, PositiveFloat, PositiveFloat] | None] = None
 
 
 @pydantic_dataclass(frozen=True, config=SETTINGS)
@@ -108,8 +109,8 @@ class AppearanceOptions:
     width: InputSide | None = None
     colour: Colour = "RGB"
     pixels: PixelRange = "unit"
-    mean: tuple[float, float, float] = IMAGENET_MEAN
-    std: tuple[PositiveFloat, PositiveFloat, PositiveFloat] = IMAGENET_STD
+    mean: Commas[tuple[float, float, float]] = IMAGENET_MEAN
+    std: Commas[tuple[PositiveFloat, PositiveFloat, PositiveFloat]] = IMAGENET_STD
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
-from tsuiseki.tracking.bounds import as_settings
+from tsuiseki.tracking.bounds import SETTINGS, as_settings
 from tsuiseki.tracking.cameras.person_model import PersonModel, check_height
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError, a_path, check_choice
@@ -23,6 +24,7 @@ from tsuiseki.tracking.features.exported import (
     as_detector,
 )
 from tsuiseki.tracking.features.view_choice import devices_of
+from tsuiseki.tracking.fields import Commas
 from tsuiseki.tracking.fisheye.settings import CeilingOptions, FisheyeSettings
 from tsuiseki.tracking.fisheye.tracker import FloorMethod, link_on_floor
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, ceiling_detector
@@ -42,7 +44,15 @@ from tsuiseki.tracking.video.image_folder import ImageFolder
 from tsuiseki.tracking.video.source import SourceLike, named
 from tsuiseki.tracking.weights import shipped
 
-DETECTING = Detecting(score_range=(0.0, 1.0))
+
+@pydantic_dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class CeilingDetecting(Detecting):
+    """The networks that detect and describe people under a ceiling camera."""
+
+    score_range: Commas[tuple[float, float] | None] = (0.0, 1.0)
+
+
+DETECTING = CeilingDetecting()
 HUNGARIAN = FisheyeSettings()
 OPTIONS = CeilingOptions()
 
@@ -108,13 +118,13 @@ def track_fisheye(
 
 def fisheye(
     source: list[str],
-    /,
+    *,
     cameras: Path,
     output: SeededOutput,
-    ceiling: CeilingOptions,
-    finding: Detecting = DETECTING,
+    ceiling: CeilingOptions = OPTIONS,
+    finding: CeilingDetecting = DETECTING,
     method: FloorMethod | None = None,
-    detections: list[Path] | None = None,
+    detections: Commas[list[Path] | None] = None,
     hungarian: FisheyeSettings = HUNGARIAN,
 ) -> int:
     """Track the people under ceiling cameras: where each is in the image and on the floor, in metres.
@@ -131,9 +141,9 @@ def fisheye(
         detections: detections of each source, separated by commas, instead of a detector: MOTChallenge text (det.txt),
             or rotated boxes of a folder of images: a JSON list of image_id, bbox (cx, cy, w, h, degrees clockwise) and
             score, or labels of CEPDOF, MW-R or HABBOF.
-        detector: detector of this toolkit or of another, as ONNX; by default the shipped detector_ceiling.onnx for
-            unrolled views, detector_drone.onnx for images.
-        seed: of random numbers; kept in run.json, for nothing here draws any.
+        finding.detector: detector of this toolkit or of another, as ONNX; by default the shipped detector_ceiling.onnx
+            for unrolled views, detector_drone.onnx for images.
+        output.seed: of random numbers; kept in run.json, for nothing here draws any.
         hungarian: settings of --method hungarian.
     """
     from tsuiseki.tracking.features.view_choice import report_blank, report_models

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, NonNegativeFloat, model_validator
-from pydantic.dataclasses import dataclass as pydantic_dataclass
+from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS, CosineDistance, Seconds
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
 from tsuiseki.tracking.runs.following import Drawing
 
 
-@pydantic_dataclass(frozen=True, config=SETTINGS)
+@dataclass(frozen=True, config=SETTINGS)
 class FisheyeSettings:
     """How detections are matched to tracks.
 
@@ -48,7 +48,7 @@ class FisheyeSettings:
         return self
 
 
-@pydantic_dataclass(frozen=True, kw_only=True, config=SETTINGS)
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
 class CeilingOptions(Drawing):
     """The input of ceiling cameras, the model of people, and what is written.
 

@@ -17,6 +17,7 @@ from tsuiseki.tracking.cameras.multicamera import StandingPeople, is_floor_folde
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer, as_detector
+from tsuiseki.tracking.fields import Commas, Options
 from tsuiseki.tracking.fisheye.unrolled import ceiling_detector
 from tsuiseki.tracking.floor.measured_floor import CameraFeed, MeasuredFloor, measured_floor
 from tsuiseki.tracking.floor.online_floor import people_online
@@ -26,7 +27,6 @@ from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.measurement_tables import is_point_file
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.world_tables import FloorPositions, read_floor_positions
-from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.people.detections import PeopleInputs
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.report.overlay import Overlay
@@ -43,8 +43,8 @@ from tsuiseki.tracking.weights import shipped
 OneFloorMethod = Literal["flow", "lmb"]
 
 
-@pydantic_dataclass(frozen=True, config=SETTINGS)
-class OneFloorSettings(Shared):
+@pydantic_dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class OneFloorSettings(Options):
     """How people are followed on one floor.
 
     Attributes:
@@ -56,7 +56,7 @@ class OneFloorSettings(Shared):
 
     method: OneFloorMethod = "flow"
     tolerance: Seconds | None = None
-    floor: tuple[float, float, float, float] | None = None
+    floor: Commas[tuple[float, float, float, float] | None] = None
 
     @model_validator(mode="after")
     def _floor_has_an_area(self) -> Self:
@@ -65,7 +65,7 @@ class OneFloorSettings(Shared):
         return self
 
 
-ONE_FLOOR, TIMES, DETECTING = OneFloorSettings(), FrameTimes(), Detecting()
+ONE_FLOOR, TIMES, DETECTING, DRAWING = OneFloorSettings(), FrameTimes(), Detecting(), Drawing()
 NO_SOURCES: list[str] = []
 Watch = Callable[[Iterable[Any], str, int | None], Iterable[Any]]
 
@@ -239,7 +239,7 @@ def track_floor(
         appearance: an exported network's file, an `Appearance`, or a function; ``"none"`` does without.
         settings: see `OneFloorSettings`.
         times: of the frames, where cameras.yaml does not say.
-        seed: of the particles of the method ``lmb``.
+        output.seed: of the particles of the method ``lmb``.
 
     Raises:
         RequestError: something of this cannot be used; the message says what and why.
@@ -253,32 +253,31 @@ def track_floor(
 
 def floor(
     source: list[str] = NO_SOURCES,
-    /,
     *,
     output: SeededOutput,
-    drawing: Drawing,
+    drawing: Drawing = DRAWING,
     detecting: Detecting = DETECTING,
     settings: OneFloorSettings = ONE_FLOOR,
-    times: FrameTimes,
+    times: FrameTimes = TIMES,
     cameras: Path | None = None,
-    detections: list[Path] | None = None,
-    positions: list[Path] | None = None,
+    detections: Commas[list[Path] | None] = None,
+    positions: Commas[list[Path] | None] = None,
 ) -> int:
     """Track people on one floor through several calibrated cameras: one id each in all of them.
 
-    DIR gets world.csv (time, id, place, covariance, cameras that saw them), floor.png, dwell.png, report.html and
-    run.json, and in a folder for each camera tracks.txt and, with --overlay, overlay.webm.
+    DIR gets world.csv (time, id, place, covariance, cameras), floor.png, dwell.png, report.html and run.json, and in a
+    folder for each camera tracks.txt and overlay.webm.
 
     Args:
         source: a video or folder of images of each camera, in their order; or one folder of WILDTRACK or Shelf.
         cameras: cameras.yaml with lens and pose of each camera; tsuiseki calibrate pose writes it.
-        detections: files of each camera, separated by commas, instead of a detector: MOTChallenge text, or a CSV with
-            frame,x1,y1,x2,y2 and optionally score,ankle_u,ankle_v.
+        detections: file of each camera instead of a detector: MOTChallenge text, or a CSV with frame,x1,y1,x2,y2 and
+            optionally score,ankle_u,ankle_v.
         positions: of other sensors, a CSV with time,x,y and optionally sd,id; an id is certain.
-        seed: of the particles of --method lmb.
+        output.seed: of the particles of --method lmb.
     """
     opened = open_floor(source, cameras, detections, positions or [], detecting, settings, times)
-    if drawing.overlay and not (opened.sources and all(one.has_images for one in opened.sources)):
+    if drawing.overlay and not (opened.sources and all(source.has_images for source in opened.sources)):
         raise RequestError("expected videos with images for `overlay`, got none of some cameras; leave it out")
     with output.run() as run:
         run.sources += opened.sources
@@ -288,8 +287,9 @@ def floor(
             if drawing.overlay:
                 for video, placed, own in zip(opened.sources, opened.placed, tracks, strict=True):
                     rate = placed.frame_rate or video.frame_rate
-                    painted = replace(result, painter=Overlay(own, rate).draw, frame_rate=rate)
-                    drawing.draw(run, video, painted, placed.name)
+                    drawing.draw(
+                        run, video, replace(result, painter=Overlay(own, rate).draw, frame_rate=rate), placed.name
+                    )
 
         run.save(result, draw)
         run.done(f"{count(len(result), 'person', 'people')} on the floor: {output.out / 'world.csv'}")

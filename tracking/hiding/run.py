@@ -10,18 +10,20 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
+from tsuiseki.tracking.bounds import Share
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import DetectorLike
+from tsuiseki.tracking.fields import Threads, refused
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.hiding.places import WEAK, Places, Style, paint, places_of, unsupported, without_shown
-from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.output import RUN_FILE, check_output_file, is_partial, output_file
 from tsuiseki.tracking.people.detections import PeopleInputs, people_detect, threads_of_a_call
 from tsuiseki.tracking.people.settings import PeopleFinding
 from tsuiseki.tracking.people.sort import Sort, SortSettings
 from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.runs.options import OutputFile
 from tsuiseki.tracking.runs.progress import progress as shown
 from tsuiseki.tracking.types import BoolArray, Detections, Frame, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
@@ -51,12 +53,12 @@ class Wanted:
 
     @classmethod
     def parse(cls, text: str) -> Wanted:
-        """What ``people``, ``heads`` or ``all-but 3,5`` asks for.
+        """What ``people``, ``heads`` or ``all-but=3,5`` asks for.
 
         Raises:
             RequestError: it is none of these.
 
-        >>> sorted(Wanted.parse("all-but 3,5").shown)
+        >>> sorted(Wanted.parse("all-but=3,5").shown)
         [3, 5]
         """
         word, _, ids = text.strip().replace("=", " ", 1).partition(" ")
@@ -64,7 +66,7 @@ class Wanted:
         if word == "all-but" and all(number.isdecimal() for number in numbers):
             return cls(shown=frozenset(map(int, numbers)))
         if text not in ("people", "heads"):
-            raise RequestError(f"`hide`: expected people, heads or all-but with ids, such as all-but 3,5, got {text!r}")
+            raise RequestError(f"`hide`: expected people, heads or all-but with ids, such as all-but=3,5, got {text!r}")
         return cls(heads=text == "heads")
 
     def check(self, tracks: Iterable[Track]) -> None:
@@ -185,7 +187,7 @@ def hide(
         video: that was tracked.
         result: of it: a folder, a file ``tracks.txt``, what `track_people` returned, or tracks.
         out: the file to write, ``.webm`` or ``.mp4``.
-        hide: ``people``, ``heads``, or ``all-but 3,5``: everybody but the tracks of these ids.
+        hide: ``people``, ``heads``, or ``all-but=3,5``: everybody but the tracks of these ids.
         style: ``pixelated`` or ``filled``.
         detector: the second one, as of `track_people`.
         score_threshold: the second detector keeps boxes of at least this score.
@@ -203,8 +205,8 @@ def hide(
     """
     wanted = Wanted.parse(hide)
     more: Any = {"detector": detector, "score_threshold": score_threshold, "threads": threads, "device": device}
-    finding = PeopleFinding(**more)
-    finding.check()
+    with refused():
+        finding = PeopleFinding(**more)
     video, out = a_path(video, "video"), a_path(out, "out")
     doubts = _checked_out(out, video, overwrite)
     source, tracks = _opened(video, result)
@@ -284,13 +286,13 @@ hide_in = hide
 def hide_people(
     video: Path,
     result: Path,
-    /,
+    *,
     output: OutputFile,
     hide: str = "people",
     style: Style = "pixelated",
     detector: Path | None = None,
-    score_threshold: float = SENSITIVE,
-    threads: int = 0,
+    score_threshold: Share = SENSITIVE,
+    threads: Threads = 0,
     device: Device = "auto",
 ) -> int:
     """Hide people in a video: those of a result, and those of a second, more sensitive detection.
@@ -301,7 +303,7 @@ def hide_people(
     Args:
         video: that was tracked.
         result: of track people: its folder, or a file tracks.txt.
-        hide: people, heads, or all-but with the ids of tracks that stay as they are, such as all-but 3,5.
+        hide: people, heads, or all-but with the ids of tracks that stay as they are, such as all-but=3,5.
         style: pixelated or filled.
         detector: the second one; by default the shipped one. See track people.
         score_threshold: the second detector keeps boxes of at least this score, from 0 to 1.

@@ -11,9 +11,11 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
+from pydantic import NonNegativeFloat
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import AppearanceLike, Describe, as_describer
+from tsuiseki.tracking.fields import Commas, FrameRate
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.linking.transits import MARGIN, Passages, Transits, linked, people_of
 from tsuiseki.tracking.people.tracks_of_source import boxes_of, frame_times, name_of, rates_of, tracked
@@ -193,12 +195,12 @@ def _merged(numbered: Any) -> list[Track]:
 
 def link_results(
     results: list[str],
-    /,
+    *,
     output: Output,
-    starts: list[float] | None = None,
+    starts: Commas[list[float] | None] = None,
     appearance: str | None = None,
-    margin: float = MARGIN,
-    fps: list[float] | None = None,
+    margin: NonNegativeFloat = MARGIN,
+    fps: Commas[list[FrameRate] | None] = None,
 ) -> int:
     """Give the same id to the same person in results of cameras that do not overlap, or of files that follow.
 

@@ -12,12 +12,11 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from tsuiseki.tracking.bounds import as_settings
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
-from tsuiseki.tracking.options import Seed
+from tsuiseki.tracking.fields import refused
 from tsuiseki.tracking.people.contract import PeopleTracker
 from tsuiseki.tracking.people.following import answers_while_it_runs, followed
 from tsuiseki.tracking.people.given_detections import GivenDetections
@@ -26,6 +25,7 @@ from tsuiseki.tracking.people.people_result import people_result
 from tsuiseki.tracking.people.settings import Ground, Linking, PeopleFinding, PeopleMethod, PeoplePreset
 from tsuiseki.tracking.people.tracker_choice import LearntCosts
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.runs.options import Seed
 from tsuiseki.tracking.runs.progress import progress as watched
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, Targets, Track
@@ -200,15 +200,12 @@ def follow_people(
 def _opened(keywords: Mapping[str, Any]) -> OpenedPeople:
     """`open_people` by the arguments of a call, most of which are those of `Linking` and `PeopleFinding`."""
     there = {name: value for name, value in keywords.items() if value is not None}
-    linking = Linking(**{option.name: there[option.name] for option in fields(Linking) if option.name in there})
-    options = [option.name for option in fields(PeopleFinding) if option.name in there]
-    finding = PeopleFinding(**{name: there[name] for name in options})
-    as_settings(finding.detector_options, DetectorOptions, "detector_options")
-    as_settings(finding.appearance_options, AppearanceOptions, "appearance_options")
-    linking.check()
-    Seed(keywords["seed"]).check()
+    with refused():
+        linking = Linking(**{option.name: there[option.name] for option in fields(Linking) if option.name in there})
+        options = [option.name for option in fields(PeopleFinding) if option.name in there]
+        finding = PeopleFinding(**{name: there[name] for name in options})
+        Seed(seed=keywords["seed"])
     video = open_source(keywords["source"], parse_frames(keywords["frames"]), keywords["frame_rate"])
-    finding.check()
     return open_people(video, finding, linking, keywords["seed"], keywords["inference_frames"])
 
 

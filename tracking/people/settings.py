@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Literal, get_args
+from dataclasses import field
+from typing import Annotated, Literal, TypeAlias, get_args
 
+from pydantic import Field, PositiveInt
+from pydantic.dataclasses import dataclass
+
+from tsuiseki.tracking.bounds import SETTINGS, Share
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
-from tsuiseki.tracking.options import Shared
+from tsuiseki.tracking.fields import OBJECTS, ClassNames, Commas, FileLike, Options, Threads
 from tsuiseki.tracking.people.bytetrack import ByteTrackSettings
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.ocsort import OcSortSettings
@@ -19,14 +22,16 @@ from tsuiseki.tracking.types.class_choice import ClassChoice
 
 PeopleMethod = Literal["flow", "deepsort", "sort", "bytetrack", "ocsort"]
 METHODS: tuple[PeopleMethod, ...] = get_args(PeopleMethod)
+# Tiles across and down, as a word.
+Tiles: TypeAlias = Annotated[str, Field(coerce_numbers_to_str=True)]
 # Whether scores go by the heights of people on one ground.
 Ground = Literal["auto", "off"]
 # The word that does without a network.
 NONE = "none"
 
 
-@dataclass(frozen=True, kw_only=True)
-class Detecting(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class Detecting(Options):
     """The networks that detect and describe people. Python calls give functions and arrays, too, for files.
 
     Attributes:
@@ -40,11 +45,11 @@ class Detecting(Shared):
         device: what the networks run on: cpu, cuda (a GPU, with onnxruntime-gpu), or auto (cuda where it works).
     """
 
-    detector: Path | None = None
-    score_threshold: float | None = None
-    score_range: tuple[float, float] | None = None
-    appearance: Path | None = None
-    threads: int = 0
+    detector: FileLike = None
+    score_threshold: Share | None = None
+    score_range: Commas[tuple[float, float] | None] = None
+    appearance: FileLike = None
+    threads: Threads = 0
     device: Device = "auto"
 
     @property
@@ -52,16 +57,11 @@ class Detecting(Shared):
         """`score_threshold`, or the usual one."""
         return 0.3 if self.score_threshold is None else self.score_threshold
 
-    def check(self) -> None:
-        """See `Shared.check`."""
-        if not 0 <= self.threshold <= 1:
-            raise RequestError(f"`score_threshold`: expected a number from 0 to 1, got {self.threshold:g}")
+    def __post_init__(self) -> None:
         check_score_range(self.score_range)
-        if not isinstance(self.threads, int) or self.threads < 0:
-            raise RequestError(f"`threads`: expected 0 or more, got {self.threads}")
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
 class FindingOptions(Detecting):
     """Where the detections come from.
 
@@ -74,16 +74,13 @@ class FindingOptions(Detecting):
         threads: CPU cores of the networks, which work on several frames at a time; 0 takes all.
     """
 
-    detections: Path | None = None
+    detections: FileLike = None
     detector_options: DetectorOptions = field(default_factory=DetectorOptions)
-    view: str = "1"
-    batch_size: int = 4
+    view: Tiles = "1"
+    batch_size: PositiveInt = 4
 
-    def check(self) -> None:
-        """See `Shared.check`."""
-        super().check()
-        if self.batch_size < 1:
-            raise RequestError(f"`batch_size`: expected at least 1 frame, got {self.batch_size}")
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.detections is not None and self.detector is not None:
             raise RequestError("expected `detections` or `detector`, got both; leave one out")
 
@@ -99,7 +96,7 @@ class FindingOptions(Detecting):
         return {} if usual else {"view": self.view, "detector_options": repr(self.detector_options)}
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
 class PeopleFinding(FindingOptions):
     """Where the detections come from, and who is compared by appearance.
 
@@ -120,15 +117,14 @@ class PeopleFinding(FindingOptions):
         across_classes: with --classes, one track may go through several of them; by default each is tracked apart.
     """
 
-    view: str = "auto"
+    view: Tiles = "auto"
     ground: Ground = "auto"
     appearance_options: AppearanceOptions = field(default_factory=AppearanceOptions)
-    classes: list[int | str] | None = None
+    classes: ClassNames | None = None
     across_classes: bool = False
 
-    def check(self) -> None:
-        """See `Shared.check`."""
-        super().check()
+    def __post_init__(self) -> None:
+        super().__post_init__()
         if self.across_classes and self.classes is None:
             raise RequestError("expected `across_classes` with `classes`, got it alone")
         _ = self.chosen
@@ -142,8 +138,8 @@ class PeopleFinding(FindingOptions):
 PeoplePreset = Literal["default", "printed"]
 
 
-@dataclass(frozen=True)
-class MethodSettings(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class MethodSettings(Options):
     """The settings of every method.
 
     Attributes:
@@ -161,7 +157,7 @@ class MethodSettings(Shared):
     flow: FlowSettings = field(default_factory=FlowSettings)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
 class Linking(MethodSettings):
     """How detections are linked.
 
@@ -179,17 +175,13 @@ class Linking(MethodSettings):
             grow but for the result; by default it decides at the end.
     """
 
-    method: PeopleMethod = "flow"
-    affinity: Path | None = None
+    method: Annotated[PeopleMethod, OBJECTS] = "flow"
+    affinity: FileLike = None
     preset: PeoplePreset = "default"
     moving_camera: bool = False
     delay: float | None = None
 
-    def check(self) -> None:
-        """See `Shared.check`."""
-        super().check()
-        if self.preset not in get_args(PeoplePreset):
-            raise RequestError(f"expected the preset {' or '.join(get_args(PeoplePreset))}, got {self.preset!r}")
+    def __post_init__(self) -> None:
         if self.preset == "printed" and (self.method != "flow" or self.delay is not None):
             raise RequestError("expected the preset printed with the method flow and without a `delay`")
 

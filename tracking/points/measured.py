@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from pydantic import PositiveFloat, PositiveInt
 
 from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
 from tsuiseki.tracking.formats.measurement_tables import (
@@ -63,7 +64,7 @@ def track_measurements(
         particles: number of particles of each target.
         shortest: tracks of fewer scans are left out.
         period: seconds from one frame to the next, for a CSV with frames instead of times.
-        seed: of the particles.
+        output.seed: of the particles.
         lag: 1 lets each scan be judged with the next one, too (labelled only).
 
     Raises:
@@ -198,13 +199,13 @@ def detected_scans(video: Path, model: SensingModel, detector: Path) -> tuple[Se
 
 def points(
     file: Path,
-    /,
+    *,
     model: Path,
     output: SeededOutput,
     method: SetMethod = "labelled",
-    particles: int = 1000,
-    period: float = 1.0,
-    shortest: int = 3,
+    particles: PositiveInt = 1000,
+    period: PositiveFloat = 1.0,
+    shortest: PositiveInt = 3,
     lag: Lag = 0,
     detector: Path | None = None,
 ) -> int:
@@ -225,7 +226,7 @@ def points(
             only).
         detector: network whose boxes in the video FILE are measured, by their centres in pixels; ONNX, or the name of a
             shipped or downloaded one.
-        seed: of the particles.
+        output.seed: of the particles.
     """
     if not period > 0 or shortest < 1:
         raise RequestError(f"expected a `period` above 0 and `shortest` from 1, got {period:g} and {shortest}")

@@ -22,7 +22,7 @@ from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.points.settings import SIZE, BlobChoice, BlobSettings, PointSettings
 from tsuiseki.tracking.points.tracker import BlobTracker, PointTracker, SingleBlobTracker
 from tsuiseki.tracking.result import PageContent, Result, Writer
-from tsuiseki.tracking.runs.following import Video, count
+from tsuiseki.tracking.runs.following import Video, count, open_checked
 from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, Targets, Track
@@ -51,7 +51,7 @@ def track_blobs(
             x2, y2, whose colour is taken.
         settings: see `BlobSettings`.
         frames: these only, counted from 1 with both ends, such as ``"301-400"``.
-        seed: of the particles.
+        output.seed: of the particles.
 
     Raises:
         RequestError: something of this cannot be used; the message says what and why.
@@ -87,7 +87,7 @@ def track_points(
         measured: of each frame in order, points ``(M, 2)`` in pixels, or whatever `as_detections` understands.
         extent: width and height of the image, pixels.
         settings: see `PointSettings`; points are taken as boxes of its ``box``.
-        seed: of the particles.
+        output.seed: of the particles.
 
     Raises:
         RequestError: a frame is neither; the message says what was expected.
@@ -155,7 +155,7 @@ def _prepared(
     seed: int,
     ends: str | None = None,
 ) -> tuple[Source, BlobTracker | SingleBlobTracker]:
-    opened = Video.given(source, frames).open(images=True, ends=ends)
+    opened = open_checked(source, frames, images=True, ends=ends)
     settings = as_settings(settings, BlobSettings)
     return opened, colour_tracker(chosen_colour(opened, colour), settings, seed)
 
@@ -265,15 +265,19 @@ def opened_blobs(choice: BlobChoice, source: Source, seed: int) -> tuple[AnyBlob
     return colour_tracker(colour, settings, seed), None
 
 
-def blobs(video: Video, output: SeededOutput, choice: BlobChoice) -> int:
+BLOBS = BlobChoice()
+
+
+def blobs(video: Video, *, output: SeededOutput, choice: BlobChoice = BLOBS) -> int:
     """Track every object of a colour, or every measured point or box, each with an id.
 
     Give one of --colour, --colour-box, --detections and --detector. DIR gets tracks.txt (MOTChallenge text),
     points.csv, report.html with its plots and numbers in report/, run.json and, with --overlay, overlay.webm.
 
     Args:
-        seed: of the particles.
+        output.seed: of the particles.
     """
+    choice.check()
     source = video.open(images=choice.detections is None)
     tracker, measured = opened_blobs(choice, source, output.seed)
     with output.run() as run:

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt, model_validator
-from pydantic.dataclasses import dataclass as pydantic_dataclass
+from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS, Particles, Share
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.options import Shared
+from tsuiseki.tracking.fields import Commas, Options
 from tsuiseki.tracking.people.settings import check_score_range
 
 SetMethod = Literal["labelled", "phd"]
@@ -24,7 +23,7 @@ SIZE = (32.0, 32.0)
 Side = Annotated[float, Field(ge=3)]
 
 
-@pydantic_dataclass(frozen=True, config=SETTINGS)
+@dataclass(frozen=True, config=SETTINGS)
 class PointSettings:
     """Settings of the tracker of measured points and boxes.
 
@@ -43,7 +42,7 @@ class PointSettings:
     box: tuple[PositiveFloat, PositiveFloat] = (20.0, 20.0)
 
 
-@pydantic_dataclass(frozen=True, config=SETTINGS)
+@dataclass(frozen=True, config=SETTINGS)
 class BlobSettings:
     """Settings of the tracker of coloured objects.
 
@@ -70,8 +69,8 @@ class BlobSettings:
         return self
 
 
-@dataclass(frozen=True)
-class BlobChoice(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class BlobChoice(Options):
     """Objects of a colour, or measured points or boxes.
 
     Attributes:
@@ -94,20 +93,21 @@ class BlobChoice(Shared):
     """
 
     colour: str | None = None
-    colour_box: tuple[float, float, float, float] | None = None
+    colour_box: Commas[tuple[float, float, float, float] | None] = None
     detections: Path | None = None
     detector: Path | None = None
     preset: BlobPreset = "calibrated"
     method: SetMethod = "labelled"
-    particles: int = 500
-    size: tuple[float, float] = SIZE
-    smallest: float = 12.0
-    confirm: tuple[int, int] = (3, 3)
-    detection: float = 0.85
-    clutter: float = 1.0
-    score_range: tuple[float, float] = (0.0, 1.0)
+    particles: PositiveInt = 500
+    size: Commas[tuple[PositiveFloat, PositiveFloat]] = SIZE
+    smallest: NonNegativeFloat = 12.0
+    confirm: Commas[tuple[int, int]] = (3, 3)
+    detection: Share = 0.85
+    clutter: NonNegativeFloat = 1.0
+    score_range: Commas[tuple[float, float]] = (0.0, 1.0)
 
     def check(self) -> None:
+        """Refuse what names no objects, or does so twice; raises RequestError."""
         choices = self.colour, self.colour_box, self.detections, self.detector
         if sum(choice is not None for choice in choices) != 1:
             raise RequestError("expected one of `colour`, `colour_box`, `detections` and `detector`")

@@ -16,7 +16,7 @@ from tsuiseki.tracking.errors import RequestError, RunError
 PORTS = range(20_000, 30_000)
 
 
-def review(result: Path, /, video: Path | None = None) -> int:
+def review(result: Path, *, video: Path | None = None) -> int:
     """Review a result on a page in the browser, and correct it.
 
     What you say goes to corrections.jsonl in the result at once; the corrected tracks follow. Ctrl-C ends it.

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.fields import refused
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.single import find_single_sequences, has_labels, write_boxes
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
@@ -95,7 +96,10 @@ def track_single(
 
 
 def _tracker(method: SingleMethod | SingleTracker, preset: SinglePreset, seed: int) -> SingleTracker:
-    return SingleChoice(method, preset).tracker(seed) if isinstance(method, str) else method
+    if not isinstance(method, str):
+        return method
+    with refused():
+        return SingleChoice(method=method, preset=preset).tracker(seed)
 
 
 def _opened(
@@ -192,10 +196,14 @@ def summary_of(statuses: Sequence[Status]) -> str:
     return f"{len(statuses)} frames ({', '.join(parts)})"
 
 
+CHOICE = SingleChoice()
+
+
 def single(
     video: Video,
+    *,
     output: SeededOutput,
-    choice: SingleChoice,
+    choice: SingleChoice = CHOICE,
     box: str | None = None,
     select: bool = False,
     plot: bool = False,

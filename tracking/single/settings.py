@@ -4,14 +4,17 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Literal, get_args
 
+from pydantic.dataclasses import dataclass
+
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.features.objectness import read_objectness
-from tsuiseki.tracking.options import Shared
+from tsuiseki.tracking.fields import Options
 from tsuiseki.tracking.single import kcf, kcf_particle
 from tsuiseki.tracking.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.single.gradient import MeanShift, MedianFlow, Mil
@@ -63,8 +66,8 @@ KCF_PRESETS = {"robust": kcf.KcfSettings(), "thesis": kcf.THESIS, "paper": kcf.K
 PARTICLE_PRESETS = {"robust": kcf_particle.ROBUST, "printed": kcf_particle.PRINTED}
 
 
-@dataclass(frozen=True)
-class SingleChoice(Shared):
+@dataclass(frozen=True, config=SETTINGS)
+class SingleChoice(Options):
     """A method and its variant.
 
     Attributes:
@@ -86,12 +89,8 @@ class SingleChoice(Shared):
     recognise: bool = False
     objectness: Path | None = None
 
-    def check(self) -> None:
+    def __post_init__(self) -> None:
         method, preset = self.method, self.preset
-        if method not in METHODS:
-            raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
-        if preset not in get_args(SinglePreset):
-            raise RequestError(f"expected the preset {', '.join(get_args(SinglePreset))}, got {preset!r}")
         taker = {"paper": "kcf", "printed": "kcf-particle", "thesis": "kcf"}.get(preset, method)
         if method != taker:
             raise RequestError(f"`preset` {preset}: expected with the method {taker}, got {method}")
@@ -101,12 +100,7 @@ class SingleChoice(Shared):
             raise RequestError(f"`scale`: expected with `method` {', '.join(SIZED[:-1])} or {SIZED[-1]}, got {method}")
 
     def tracker(self, seed: int = 0) -> SingleTracker:
-        """A fresh tracker.
-
-        Raises:
-            RequestError: there is no such method or preset, or the method does not take something that is asked for.
-        """
-        self.check()
+        """A fresh tracker."""
         tracker = self._follower(seed)
         if not self.recognise or self.method == "combined":
             return tracker

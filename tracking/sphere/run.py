@@ -10,11 +10,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydantic import PositiveFloat
 
 from tsuiseki.tracking.bounds import as_settings
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera
 from tsuiseki.tracking.cameras.volume import check_volume, common_volume, in_view
 from tsuiseki.tracking.errors import RequestError, a_path
+from tsuiseki.tracking.fields import Commas
 from tsuiseki.tracking.formats.world_tables import read_path3d
 from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.result import Result
@@ -247,21 +249,23 @@ def _box(volume: ArrayLike) -> FloatArray:
 NO_SOURCES: list[str] = []
 
 
+DRAWING, EXTENDED, TIMES = Drawing(), SphereSettings(), FrameTimes()
+
+
 def sphere(
     source: list[str] = NO_SOURCES,
-    /,
     *,
     cameras: Path,
     output: SeededOutput,
-    drawing: Drawing,
-    settings: SphereSettings,
-    times: FrameTimes,
-    radius: float | None = None,
-    points: list[Path] | None = None,
-    deviation: float = 2.0,
-    start: tuple[float, float, float] | None = None,
-    volume: tuple[float, float, float, float, float, float] | None = None,
-    backgrounds: list[Path] | None = None,
+    drawing: Drawing = DRAWING,
+    settings: SphereSettings = EXTENDED,
+    times: FrameTimes = TIMES,
+    radius: PositiveFloat | None = None,
+    points: Commas[list[Path] | None] = None,
+    deviation: PositiveFloat = 2.0,
+    start: Commas[tuple[float, float, float] | None] = None,
+    volume: Commas[tuple[float, float, float, float, float, float] | None] = None,
+    backgrounds: Commas[list[Path] | None] = None,
     truth: Path | None = None,
 ) -> int:
     """Follow a ball of known radius in space, or a point by its measured pixels.

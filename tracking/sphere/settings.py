@@ -4,21 +4,20 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, NonNegativeFloat, PositiveFloat, model_validator
-from pydantic.dataclasses import dataclass as pydantic_dataclass
+from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS, Seconds, Share
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, PlacedCamera, read_projective_cameras
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError, a_path
+from tsuiseki.tracking.fields import Commas, Options
 from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.point_motion import Ballistic, ConstantVelocity3D, RandomWalk3D
-from tsuiseki.tracking.options import Shared
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.video.frame_source import uneven
 from tsuiseki.tracking.video.source import Source
@@ -31,8 +30,8 @@ LikelihoodName = Literal["contour", "background"]
 SLACK_FRAMES = 2
 
 
-@pydantic_dataclass(frozen=True, config=SETTINGS)
-class SphereSettings(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class SphereSettings(Options):
     """How a ball is followed; lengths in metres.
 
     Attributes:
@@ -64,7 +63,7 @@ class SphereSettings(Shared):
     floor: float = 0.0
     bounce: Share = 0.75
     drag: NonNegativeFloat = 0.0
-    spin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    spin: Commas[tuple[float, float, float]] = (0.0, 0.0, 0.0)
     likelihood: LikelihoodName = "contour"
     faint: bool | None = None
     tolerance: Seconds | None = None
@@ -110,8 +109,8 @@ def chosen_motion(settings: SphereSettings, radius: float) -> Motion:
     return RandomWalk3D(agitation) if motion == "random-walk" else ConstantVelocity3D(agitation)
 
 
-@dataclass(frozen=True)
-class FrameTimes(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class FrameTimes(Options):
     """When the frames were taken, where the camera file does not say it all.
 
     Attributes:
@@ -119,8 +118,8 @@ class FrameTimes(Shared):
         timestamps: one text file per video with the time of each frame, separated by commas.
     """
 
-    offsets: list[float] | None = None
-    timestamps: list[Path] | None = None
+    offsets: Commas[list[float] | None] = None
+    timestamps: Commas[list[Path] | None] = None
 
     def of_videos(self, sources: Sequence[Source], placed: Sequence[CameraOverFloor]) -> list[FloatArray]:
         """``(T,)`` the time of every frame of every video, seconds.

@@ -65,9 +65,3 @@ def parse_frames(text: str | None) -> FrameRange:
     if first < 0 or (last is not None and last < first):
         raise RequestError(f"expected `frames` FIRST-LAST with 1 <= FIRST <= LAST, got {text!r}")
     return FrameRange(first, last)
-
-
-def check_frame_rate(fps: float | None) -> None:
-    """Refuse an option ``fps`` that is no rate; raises RequestError."""
-    if fps is not None and not 0 < fps <= 1000:
-        raise RequestError(f"`fps`: expected frames a second above 0 and up to 1000, got {fps:g}")

@@ -35,11 +35,14 @@ _ALONE = (
 )
 
 
+HOW = AdaptSettings()
+
+
 def adapt(
     sources: list[str],
-    /,
+    *,
     output: SeededOutput,
-    how: AdaptSettings,
+    how: AdaptSettings = HOW,
     frames: str | None = None,
     detector: Path | None = None,
     teacher: Path | None = None,

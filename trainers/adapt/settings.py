@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from typing import Annotated
 
+from pydantic import Field, PositiveInt
+from pydantic.dataclasses import dataclass
+
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.devices import Device
-from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.options import NO_OPTION, Shared
-from tsuiseki.tracking.types.frame_range import check_frame_rate
+from tsuiseki.tracking.fields import HIDDEN, FrameRate, Options, Threads
 
 
-@dataclass(frozen=True)
-class AdaptSettings(Shared):
+@dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class AdaptSettings(Options):
     """How a camera is learnt.
 
     Attributes:
@@ -26,22 +28,12 @@ class AdaptSettings(Shared):
         fps: frames a second, where the videos do not state it or are wrong.
     """
 
-    rounds: int = 3
-    steps: int = 100
-    pictures: int = 400
-    score_threshold: float = 0.3
+    rounds: PositiveInt = 3
+    steps: PositiveInt = 100
+    pictures: Annotated[int, Field(ge=20)] = 400
+    score_threshold: Annotated[float, Field(gt=0, lt=1)] = 0.3
     sitting: bool = False
-    seed: int = field(default=0, metadata=NO_OPTION)
-    threads: int = 0
+    seed: Annotated[int, HIDDEN] = 0
+    threads: Threads = 0
     device: Device = "auto"
-    fps: float | None = None
-
-    def check(self) -> None:
-        if min(self.rounds, self.steps) < 1 or self.pictures < 20 or self.threads < 0:
-            raise RequestError(
-                "expected `rounds` and `steps` from 1, `pictures` from 20 and `threads` from 0, "
-                f"got {self.rounds}, {self.steps}, {self.pictures} and {self.threads}"
-            )
-        if not 0 < self.score_threshold < 1:
-            raise RequestError(f"expected a `score_threshold` between 0 and 1, got {self.score_threshold:g}")
-        check_frame_rate(self.fps)
+    fps: FrameRate | None = None

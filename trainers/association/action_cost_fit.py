@@ -33,6 +33,7 @@ from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser, average
 from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import Appearance, Detector
+from tsuiseki.tracking.fields import Commas
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.output import check_output_file, output_file
@@ -150,9 +151,10 @@ def _logistic(columns: FloatArray, same: BoolArray, weight: FloatArray) -> Float
 
 
 def fit_action_costs(
-    folders: list[Path],
+    *,
+    folders: Commas[list[Path]],
     out: Path,
-    actions: list[Path] | None = None,
+    actions: Commas[list[Path] | None] = None,
     appearance: Path | None = None,
     detector: Path | None = None,
     cache: Path | None = None,

@@ -19,6 +19,8 @@ from pathlib import Path
 from typing import Literal
 
 import numpy as np
+from pydantic import PositiveInt
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 from sklearn.ensemble import HistGradientBoostingClassifier
 from sklearn.linear_model import LogisticRegression
 from sklearn.metrics import log_loss
@@ -28,14 +30,16 @@ from tsuiseki.datamodules.simulated_detections import DetectorFaults
 from tsuiseki.tracking.association.costs import ObservationCost, pair_features
 from tsuiseki.tracking.association.learnt_costs import FEATURE_SETS, FeatureSet, feature_rows
 from tsuiseki.tracking.association.pairwise_flow import PRINTED_GATE, GateSettings, candidate_pairs
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import UNMATCHED
 from tsuiseki.tracking.evaluation.reidentification import area_under_roc
 from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser
 from tsuiseki.tracking.features.exported import Appearance, Detector
+from tsuiseki.tracking.fields import Commas, Options
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.onnx import ModelCard, OnnxModel
-from tsuiseki.tracking.options import OutputFile, Seed, Shared
+from tsuiseki.tracking.runs.options import OutputFile, Seed
 from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.weights import shipped, shipped_or_file
@@ -236,8 +240,8 @@ BIAS = -0.5
 FAULTS = DetectorFaults()
 
 
-@dataclass(frozen=True)
-class AffinityVideo(Shared):
+@pydantic_dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class AffinityVideo(Options):
     """What is learnt from.
 
     Attributes:
@@ -251,14 +255,14 @@ class AffinityVideo(Shared):
         skips: also learn from every n-th frame only, for other frame rates; 1 is the video itself.
     """
 
-    folders: list[Path]
-    frames: tuple[int, int] | None = None
+    folders: Commas[list[Path]]
+    frames: Commas[tuple[PositiveInt, PositiveInt] | None] = None
     detections: Literal["given", "simulated"] = "given"
     detector: Path | None = None
     appearance: Path | None = None
-    actions: list[Path] | None = None
+    actions: Commas[list[Path] | None] = None
     trained_too: bool = False
-    skips: list[int] | None = None
+    skips: Commas[list[PositiveInt] | None] = None
 
     def parts(self, rng: np.random.Generator, *, acting: bool = False) -> list[LabelledDetections]:
         """The detections of every part, described, with who they are.
@@ -309,8 +313,8 @@ class AffinityReport:
     shift: float
 
 
-@dataclass(frozen=True)
-class AffinitySettings(Shared):
+@pydantic_dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class AffinitySettings(Options):
     """What is learnt.
 
     Attributes:
@@ -320,15 +324,15 @@ class AffinitySettings(Shared):
     """
 
     features: FeatureSet = "extended"
-    trees: int = 120
+    trees: PositiveInt = 120
 
 
-SETTINGS = AffinitySettings()
+EXTENDED = AffinitySettings()
 CHANCE = Seed()
 
 
 def fit_affinity(
-    video: AffinityVideo, output: OutputFile, settings: AffinitySettings = SETTINGS, chance: Seed = CHANCE
+    video: AffinityVideo, output: OutputFile, settings: AffinitySettings = EXTENDED, chance: Seed = CHANCE
 ) -> Path:
     """Fit the transition and observation costs of the flow to labelled video, and export them to one ONNX file.
 
@@ -336,9 +340,8 @@ def fit_affinity(
     learn to trust it too much. One that says so of itself is refused.
 
     Args:
-        out: ONNX file to write.
-        seed: of all random numbers.
-        overwrite: replace an existing file.
+        output.out: ONNX file to write.
+        output.overwrite: replace an existing file.
 
     Raises:
         RequestError: unusable folders or models, a network that was trained on the frames it runs on, no pairs of both

@@ -9,7 +9,6 @@ import logging
 import pickle
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
@@ -21,12 +20,14 @@ import onnxruntime
 import torch
 from jsonargparse import ArgumentError
 from numpy.typing import NDArray
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 from torch import Tensor, nn
 
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
-from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.output import output_file
+from tsuiseki.tracking.runs.options import OutputFile
 
 # Largest difference to torch, relative to the largest value of an output: float32 sums in another order differ by a few
 # 1e-6 a layer.
@@ -41,7 +42,7 @@ _SMALLEST_HALVED = 512
 Module = TypeVar("Module", bound=lightning.LightningModule)
 
 
-@dataclass(frozen=True, kw_only=True)
+@pydantic_dataclass(frozen=True, kw_only=True, config=SETTINGS)
 class ModelFile(OutputFile):
     """The ONNX file that an export writes.
 
@@ -60,7 +61,7 @@ class ModelFile(OutputFile):
         print(f"{path}: {size:.1f} MiB; differs from torch by {difference:.1g} of the range at most")
 
 
-@dataclass(frozen=True, kw_only=True)
+@pydantic_dataclass(frozen=True, kw_only=True, config=SETTINGS)
 class ModelFiles(ModelFile):
     """Likewise, where several files get their names from one.
 

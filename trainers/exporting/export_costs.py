@@ -42,6 +42,7 @@ OUTPUTS = ("link_changes", "detection_changes", "join_changes")
 
 
 def export_trained(
+    *,
     checkpoint: Path,
     out: Path,
     appearance: Path | None = None,

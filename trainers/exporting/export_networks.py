@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal, cast
 
 import torch
+from pydantic import PositiveInt
 from torch import Tensor, nn
 
 from tsuiseki.models.action_network import FusedProbability, StreamProbability
@@ -60,8 +61,8 @@ def export_detector(
     architecture: CocoArchitecture = "ssdlite320",
     state: Path | None = None,
     calibrate: Path | None = None,
-    height: int | None = None,
-    width: int | None = None,
+    height: PositiveInt | None = None,
+    width: PositiveInt | None = None,
     blend: Path | None = None,
 ) -> float:
     """Write a detector as ONNX, and check that it gives what torch gives.
@@ -226,7 +227,7 @@ def export_action(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
     Streams that were trained jointly (model.fused) are written into one file more, which takes the crops of all.
 
     Args:
-        out: ONNX file to write; action.onnx becomes action_rgb_local.onnx, action_rgb_global.onnx and so on, and
+        output.out: ONNX file to write; action.onnx becomes action_rgb_local.onnx, action_rgb_global.onnx and so on, and
             action_fused.onnx.
         checkpoint: best.ckpt of tsuiseki train action.
 

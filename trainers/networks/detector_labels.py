@@ -88,7 +88,6 @@ def fit_calibration(scores: FloatArray, right: BoolArray, steepest: float = np.i
 
 def anchors_for(
     folder: Path,
-    /,
     height: int,
     width: int,
     frames: tuple[int, int] | None = None,

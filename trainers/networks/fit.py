@@ -23,7 +23,7 @@ from lightning.pytorch.callbacks import Callback, LearningRateMonitor, ModelChec
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
-from tsuiseki.tracking.cli.parser import named_config
+from tsuiseki.tracking.cli.config import named_config
 from tsuiseki.tracking.errors import Interrupted, RequestError, RunError
 from tsuiseki.tracking.output import RunRecord
 from tsuiseki.trainers.networks.fine_tune import fine_tune, folder_of
@@ -82,7 +82,6 @@ ASSOCIATION = Task(
 )
 # Packages of Lightning's loggers whose own errors end a training.
 LOGGING = ("wandb", "mlflow", "comet_ml", "neptune")
-PROPOSE = "--propose-anchors"
 CONFIG = ("--config", "-c")
 SCORING = ("validate", "test")
 
@@ -90,20 +89,13 @@ SCORING = ("validate", "test")
 def fit_detector(arguments: Sequence[str]) -> Path | None:
     """Train a detector as the command line ``arguments`` say.
 
-    With --data FOLDER a shipped detector learns from labelled video; see `fine_tune`. With --propose-anchors only
-    anchors that fit are printed.
+    With --data FOLDER a shipped detector learns from labelled video; see `fine_tune`.
 
     Returns:
-        The best checkpoint; None for anchors, and where `fit` gives none.
+        The best checkpoint; None where `fit` gives none.
     """
-    if PROPOSE not in arguments:
-        folder, words = folder_of(arguments)
-        return fit(DETECTOR, words) if folder is None else fine_tune(words, folder, partial(fit, DETECTOR))
-    from tsuiseki.tracking.cli.parser import call
-    from tsuiseki.trainers.networks.detector_labels import anchors_for
-
-    print(call(f"tsuiseki train detector {PROPOSE}", anchors_for, [word for word in arguments if word != PROPOSE]))
-    return None
+    folder, words = folder_of(arguments)
+    return fit(DETECTOR, words) if folder is None else fine_tune(words, folder, partial(fit, DETECTOR))
 
 
 def fit_appearance(arguments: Sequence[str]) -> Path | None:
@@ -134,7 +126,14 @@ def fit_association(arguments: Sequence[str]) -> Path | None:
         for name, part in (("appearance", "siamese"), ("detector", "detector"))
     )
     # A training that was stopped by a callback or by the time has ended as it was asked to.
-    export_trained(best, out / "association.onnx", appearance, detector, unfinished=True, overwrite=True)
+    export_trained(
+        checkpoint=best,
+        out=out / "association.onnx",
+        appearance=appearance,
+        detector=detector,
+        unfinished=True,
+        overwrite=True,
+    )
     return best
 
 

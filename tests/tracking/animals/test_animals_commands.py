@@ -99,7 +99,7 @@ def test_points_of_sleap_are_observations(film, tmp_path):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["--scale", "0"], "--scale: expected millimetres a pixel above 0"),
+        (["--scale", "0"], "--scale: expected greater than 0"),
         (["--centre", "head"], "give --points or --labels"),
         (["--labels", "none.csv"], "found no file"),
         (["--animals.smallest", "2"], "--animals.smallest: expected less than 1"),

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pydantic import ValidationError
 
 from tsuiseki.tracking.batch import run
 from tsuiseki.tracking.batch.executors import Processes
@@ -20,7 +21,7 @@ from tsuiseki.tracking.batch.jobs import STATE, Job
 from tsuiseki.tracking.batch.run import BatchOptions, run_batch
 from tsuiseki.tracking.batch.tasks import BatchTask
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.errors import RunError
 
 
 def facts(folder: Path) -> dict[str, Any]:
@@ -247,5 +248,5 @@ def test_a_full_disk_stops_and_the_same_goes_on(
 
 
 def test_fewer_than_no_workers_are_refused_by_their_name(tmp_path: Path) -> None:
-    with pytest.raises(RequestError, match="`workers`: expected 0 or more, got -1"):
-        BatchOptions(out=tmp_path / "o", workers=-1).check()
+    with pytest.raises(ValidationError, match="workers"):
+        BatchOptions(out=tmp_path / "o", workers=-1)

@@ -40,13 +40,13 @@ def test_manifests(videos: Path, tmp_path: Path) -> None:
     table.write_text(f"source,name,frames,view,overlay\n{videos}/web.webm,first,2-9,2,\n{videos}/web.webm,,,,true\n")
     first, second = jobs_of([str(table)], SORT)
     assert (first.name, second.name) == ("first", "web")
-    given = first.arguments(first.source, tmp_path)
+    given = first.request(first.source, tmp_path).arguments.arguments
     assert (given["video"].frames, given["finding"].view, given["linking"].method) == ("2-9", "2", "sort")
-    assert second.arguments(second.source, tmp_path)["video"].overlay
+    assert second.request(second.source, tmp_path).arguments.arguments["video"].overlay
     lines = tmp_path / "list.yaml"
     lines.write_text(f"- source: {videos}/web.webm\n  method: ocsort\n  ocsort: {{max_age: 7}}\n")
     (job,) = jobs_of([str(lines)], SORT)
-    linking = job.arguments(job.source, tmp_path)["linking"]
+    linking = job.request(job.source, tmp_path).arguments.arguments["linking"]
     assert (linking.method, linking.ocsort.max_age) == ("ocsort", 7)
 
 

@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.cli.commands import COMMANDS, Group
-from tsuiseki.tracking.cli.parser import parse
+from tsuiseki.tracking.cli.commands import command_of
+from tsuiseki.tracking.cli.request import request_of
 from tsuiseki.tracking.evaluation.result_files import read_truths
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.video.source import open_source
@@ -61,14 +61,11 @@ def test_the_commands_that_make_the_shipped_models_are_sound(tmp_path: Path, ren
     """Their configurations exist, their options are known, and every shipped file comes out."""
     made = set()
     for kind, what, *words in commands(tmp_path, tmp_path if rendered else None):
-        group = COMMANDS[kind]
-        assert isinstance(group, Group)
-        command = group.commands[what]
         for option, value in itertools.pairwise(words):
             assert option != "--config" or Path(value).is_file()
             made |= {Path(value).name} if option == "--out" else set()
-        if not command.forwarded:
-            parse(f"tsuiseki {kind} {what}", command.load(), words)
+        if command_of([kind, what])[1].help_flags:
+            request_of([kind, what, *words])
     assert set((SHIPPED if rendered else DRAWN).values()) <= made
     assert "detector_street.onnx" in made
     assert ("detector_figures.onnx" in made) == rendered

@@ -254,12 +254,12 @@ def test_the_command_hides_and_counts_doubtful_frames(
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["--hide", "all-but", "7,1"], "--hide: expected ids of the result (1), got 7"),
-        (["--hide", "faces"], "--hide: expected people, heads or all-but with ids, such as all-but 3,5, got 'faces'"),
-        (["--hide", "all-but"], "--hide: expected people, heads or all-but with ids, such as all-but 3,5, got"),
+        (["--hide=all-but=7,1"], "--hide: expected ids of the result (1), got 7"),
+        (["--hide", "faces"], "--hide: expected people, heads or all-but with ids, such as all-but=3,5, got 'faces'"),
+        (["--hide", "all-but"], "--hide: expected people, heads or all-but with ids, such as all-but=3,5, got"),
         (["--out", "{folder}/o.avi"], "--out: expected a name that ends in .webm or .mp4, got {folder}/o.avi"),
         (["--out", "/proc/o.webm"], "cannot write to /proc: "),
-        (["--score-threshold", "7"], "--score-threshold: expected a number from 0 to 1, got 7"),
+        (["--score-threshold", "7"], "--score-threshold: expected less than or equal to 1, got 7"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_line(
@@ -354,7 +354,7 @@ def test_an_overlay_is_drawn_on_hidden_frames(inputs: Any, tmp_path: Path, monke
     assert [len(np.unique(image[8:40, 8:24].reshape(-1, 3), axis=0)) <= 40 for image in drawn] == [True] * 6
 
 
-@pytest.mark.parametrize(("hide", "clear"), [("people", False), ("heads", False), ("all-but 1", True)])
+@pytest.mark.parametrize(("hide", "clear"), [("people", False), ("heads", False), ("all-but=1", True)])
 def test_the_report_shows_hidden_pictures(
     inputs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, hide: str, clear: bool
 ) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.cli.commands import COMMANDS, Group
+from tsuiseki.tracking.cli.commands import all_commands
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.types import Detections, ImageArray
@@ -129,7 +129,7 @@ def test_what_a_sequence_does_not_say_is_told(
     [
         (["--classes", "2"], "--classes: expected classes of"),
         (["--classes", "1,1"], "--classes: expected each class once, got 1 twice"),
-        (["--fps", "0"], "--fps: expected frames a second above 0"),
+        (["--fps", "0"], "--fps: expected greater than 0, got '0'"),
         (["--classes", "one"], "--classes: "),
     ],
 )
@@ -253,7 +253,7 @@ def test_tracking_never_imports_torch(inputs: Any, tmp_path: Path) -> None:
 def test_help_of_a_group_imports_next_to_nothing(words: list[str]) -> None:
     done = python(
         f"import sys; from tsuiseki.tracking.cli import main; status = main({words!r});"
-        "sys.exit(' '.join({'numpy', 'scipy', 'cv2', 'yaml', 'rich'} & set(sys.modules)) or status)"
+        "sys.exit(' '.join({'numpy', 'scipy', 'cv2', 'yaml', 'pydantic'} & set(sys.modules)) or status)"
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert "tsuiseki" in done.stdout
@@ -274,20 +274,12 @@ def test_training_without_its_extra_says_what_to_install() -> None:
         assert "pip install 'tsuiseki[train]'" in done.stderr
 
 
-def all_commands() -> list[list[str]]:
-    return [
-        words
-        for name, entry in COMMANDS.items()
-        for words in ([[name, what] for what in entry.commands] if isinstance(entry, Group) else [[name]])
-    ]
-
-
 @pytest.mark.parametrize("words", [w for w in all_commands() if w[0] not in ("train", "export")], ids=" ".join)
-def test_every_command_has_help(words: list[str], capsys: pytest.CaptureFixture[str]) -> None:
+def test_every_command_has_help(words: tuple[str, ...], capsys: pytest.CaptureFixture[str]) -> None:
     assert main([*words, "--help"]) == 0
     text = capsys.readouterr().out
     assert text.startswith(f"usage: tsuiseki {' '.join(words)}")
-    assert "--config" in text
+    assert "--config" in text or words == ("models", "list")
 
 
 TRACKED = "people, single, sphere, drone, blobs, points, deformable, animals, floor, fisheye"

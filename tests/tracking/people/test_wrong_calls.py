@@ -49,8 +49,8 @@ def source(tmp_path: Path) -> Path:
     ("keywords", "message"),
     [
         ({"frames": 10}, "FIRST-LAST"),
-        ({"seed": "a"}, "`seed`: expected a whole number"),
-        ({"seed": 1.5}, "`seed`: expected a whole number"),
+        ({"seed": "a"}, "`seed`: expected a valid integer"),
+        ({"seed": 1.5}, "`seed`: expected a valid integer"),
         ({"frames": (1, 40)}, "FIRST-LAST"),
         ({"threads": -1}, "threads"),
         ({"threads": "a"}, "threads"),

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from tsuiseki.tracking.options import PlottedFile
 from tsuiseki.tracking.runs.ending import ended
+from tsuiseki.tracking.runs.options import PlottedFile
 
 SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 

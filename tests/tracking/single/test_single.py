@@ -67,7 +67,7 @@ def test_frames_come_as_they_are_asked_for(folder: Path) -> None:
     [
         ({"box": None}, "expected the `box` of the target"),
         ({"box": (1, 2, 3)}, "four numbers x1, y1, x2, y2, got shape"),
-        ({"method": "magic"}, "expected the method combined"),
+        ({"method": "magic"}, "`method`: expected 'combined', "),
         ({"preset": "paper"}, "paper: expected with the method kcf, got combined"),
         ({"frames": "90-99"}, "expected frames within 1-10"),
         ({"box": (10, 10, 5, 5)}, "positive width and height"),

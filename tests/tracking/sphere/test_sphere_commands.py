@@ -84,7 +84,7 @@ def test_an_offset_shifts_one_video_against_the_other(film, track):
     [
         ([], {"sources": ("camera1",)}, "at least two videos and one camera for each, got 1 videos and 2 cameras"),
         ([], {"sources": ("camera1", "camera2", "camera1")}, "got 3 videos and 2 cameras"),
-        ([], {"radius": "0"}, "--radius: expected metres above 0"),
+        ([], {"radius": "0"}, "--radius: expected greater than 0"),
         (["--start", "9,0,1"], {}, "lies behind camera1"),
         (["--volume", "0,0,0,1,1,0"], {}, "--volume: expected X1,Y1,Z1,X2,Y2,Z2 with X1 < X2"),
         (["--volume", "0.4,0,0,0.6,0.2,2"], {"radius": "0.001"}, "--volume: expected places where two cameras see"),
@@ -92,7 +92,7 @@ def test_an_offset_shifts_one_video_against_the_other(film, track):
         (["--particles", "3"], {}, "--particles: expected greater than or equal to 10"),
         (["--backgrounds", "a.png,b.png"], {}, "--backgrounds: expected only with the likelihood background"),
         (["--truth", "nowhere.csv"], {}, "nowhere.csv, found no such file"),
-        (["--motion", "flying"], {}, "--motion: expected one of"),
+        (["--motion", "flying"], {}, "--motion: expected 'constant-velocity', "),
         (["--preset", "paper"], {}, "--start: expected x, y, z with the preset paper"),
     ],
 )

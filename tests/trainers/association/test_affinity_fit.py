@@ -16,7 +16,7 @@ from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.evaluation.coverage import UNMATCHED
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.tracking.options import OutputFile
+from tsuiseki.tracking.runs.options import OutputFile
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.trainers.association import affinity_fit
@@ -166,7 +166,7 @@ def test_observation_recovers_the_logistic() -> None:
 
 
 def test_fits_from_labels_alone(sequence: Path, tmp_path: Path) -> None:
-    video, settings = AffinityVideo([sequence], detections="simulated"), AffinitySettings(trees=QUICK)
+    video, settings = AffinityVideo(folders=[sequence], detections="simulated"), AffinitySettings(trees=QUICK)
     out = fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"), settings)
     again = tmp_path / "b.onnx"
     words = ["--folders", str(sequence), "--detections", "simulated", "--out", str(again)]
@@ -183,7 +183,7 @@ def test_fits_from_labels_alone(sequence: Path, tmp_path: Path) -> None:
 
 
 def test_frames_count_from_one(sequence: Path, tmp_path: Path) -> None:
-    video = AffinityVideo([sequence], frames=(61, 90), detections="simulated")
+    video = AffinityVideo(folders=[sequence], frames=(61, 90), detections="simulated")
     with pytest.raises(RequestError, match=r"no frame lies within \(61, 90\); it has 60"):
         fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"))
 
@@ -192,14 +192,14 @@ def test_bad_requests(sequence: Path, tmp_path: Path, monkeypatch: pytest.Monkey
     taken = tmp_path / "taken.onnx"
     taken.write_bytes(b"")
     with pytest.raises(RequestError, match="exists"):
-        fit_affinity(AffinityVideo([sequence]), OutputFile(out=taken))
+        fit_affinity(AffinityVideo(folders=[sequence]), OutputFile(out=taken))
     with pytest.raises(RequestError, match="expected an ONNX file or one of the shipped ceiling,"):
-        fit_affinity(AffinityVideo([sequence], detector=Path("nobody")), OutputFile(out=tmp_path / "a.onnx"))
+        fit_affinity(AffinityVideo(folders=[sequence], detector=Path("nobody")), OutputFile(out=tmp_path / "a.onnx"))
     with pytest.raises(RequestError, match=r"expected det/det\.txt beside the labels of walkers"):
-        fit_affinity(AffinityVideo([sequence]), OutputFile(out=tmp_path / "a.onnx"))
+        fit_affinity(AffinityVideo(folders=[sequence]), OutputFile(out=tmp_path / "a.onnx"))
     perfect = DetectorFaults(jitter=0, missed=1e-9, hidden=1e-9, false_alarms=0, doubled=0)
     monkeypatch.setattr(affinity_fit, "FAULTS", perfect)
-    video = AffinityVideo([sequence], detections="simulated")
+    video = AffinityVideo(folders=[sequence], detections="simulated")
     with pytest.raises(RequestError, match="expected right and wrong detections"):
         fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"), AffinitySettings(trees=QUICK))
     assert list(tmp_path.glob("a*")) == [], "nothing half-written"

@@ -12,9 +12,9 @@ from tsuiseki.tracking.evaluation.multi import evaluate_sequence
 from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
-from tsuiseki.tracking.options import OutputFile
 from tsuiseki.tracking.people.contract import run_tracker, shifted
 from tsuiseki.tracking.people.flow import FlowTracker
+from tsuiseki.tracking.runs.options import OutputFile
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association.affinity_fit import AffinitySettings, AffinityVideo, fit_affinity
 
@@ -28,8 +28,10 @@ def test_learnt_costs_reach_their_bars(data_folder: Path, tmp_path: Path, featur
     """The appearance is the shipped one, which has seen generated people only."""
     network = shipped("appearance_people")
     sequence = read_sequence(data_folder / "mot" / "PETS09-S2L1-first")
-    video = AffinityVideo([sequence.folder], frames=(1, 300), appearance=network)
-    path = fit_affinity(video, OutputFile(out=tmp_path / "affinity.onnx"), AffinitySettings(features, trees=40))
+    video = AffinityVideo(folders=[sequence.folder], frames=(1, 300), appearance=network)
+    path = fit_affinity(
+        video, OutputFile(out=tmp_path / "affinity.onnx"), AffinitySettings(features=features, trees=40)
+    )
     affinity, appearance = Affinity(path, threads=1), Appearance(network, threads=1)
     found = read_detections(sequence.detections_path, sequence.length)
     described = [

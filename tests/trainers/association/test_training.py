@@ -236,16 +236,16 @@ def test_a_training_that_had_all_its_steps_has_ended(trained: Path, tmp_path: Pa
     for steps, ended in ((taken, True), (taken + 1, False)):
         torch.save({**held, PLANNED: 1000, PLANNED_STEPS: steps}, tmp_path / "steps.ckpt")
         if ended:
-            export_trained(tmp_path / "steps.ckpt", tmp_path / "steps.onnx")
+            export_trained(checkpoint=tmp_path / "steps.ckpt", out=tmp_path / "steps.onnx")
         else:
             with pytest.raises(RequestError, match=r"has had \d of 1000 epochs; go on with --ckpt_path .*steps\.ckpt"):
-                export_trained(tmp_path / "steps.ckpt", tmp_path / "more.onnx")
+                export_trained(checkpoint=tmp_path / "steps.ckpt", out=tmp_path / "more.onnx")
     assert written == [tmp_path / "steps.onnx"]
 
 
 def test_an_unfinished_training_is_not_exported(tmp_path: Path) -> None:
     with pytest.raises(RequestError, match="expected a checkpoint at"):
-        export_trained(tmp_path / "best.ckpt", tmp_path / "a.onnx")
+        export_trained(checkpoint=tmp_path / "best.ckpt", out=tmp_path / "a.onnx")
     import lightning
 
     trainer = lightning.Trainer(max_epochs=0, accelerator="cpu", logger=False, enable_progress_bar=False)
@@ -253,7 +253,7 @@ def test_an_unfinished_training_is_not_exported(tmp_path: Path) -> None:
     trainer.strategy.connect(module)
     trainer.save_checkpoint(tmp_path / "first.ckpt")
     with pytest.raises(RequestError, match="expected a trained network, but it changes no cost"):
-        export_trained(tmp_path / "first.ckpt", tmp_path / "a.onnx")
+        export_trained(checkpoint=tmp_path / "first.ckpt", out=tmp_path / "a.onnx")
 
 
 @pytest.mark.parametrize(

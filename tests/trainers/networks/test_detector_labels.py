@@ -10,7 +10,6 @@ import pytest
 import torch
 import yaml
 
-from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.exporting.export_networks import RawHeads
 from tsuiseki.trainers.networks.detector_labels import anchors_for, fit_calibration
@@ -45,14 +44,6 @@ def test_too_many_anchors_are_refused_in_one_line(folder: Path) -> None:
         anchors_for(folder, 64, 100, per_level=(90, 90, 90), scale=(1.0, 1.0))
     with pytest.raises(RequestError, match="3 or 4 numbers"):
         anchors_for(folder, 64, 100, per_level=(3, 2))
-
-
-def test_the_command_prints_what_the_function_gives(folder: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["train", "detector", "--propose-anchors", str(folder), "--height", "64", "--width", "100"]
-    assert main([*words, "--per-level", "1,1,1"]) == 0
-    assert capsys.readouterr().out == anchors_for(folder, 64, 100, per_level=(1, 1, 1)) + "\n"
-    assert main([*words, "--per-level", "3,2"]) == 2
-    assert "3 or 4 numbers" in capsys.readouterr().err
 
 
 def test_a_known_calibration_is_found() -> None:

@@ -13,7 +13,7 @@ import torch
 
 from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.cli.parser import named_config
+from tsuiseki.tracking.cli.config import named_config
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.onnx import ModelCard

@@ -1,0 +1,235 @@
+"""From the words of a command line and files of options to a call of a command's function."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, is_dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import yaml
+from cyclopts.argument import Argument, ArgumentCollection, update_argument_collection
+from cyclopts.exceptions import (
+    CoercionError,
+    CycloptsError,
+    MissingArgumentError,
+    UnknownCommandError,
+    UnknownOptionError,
+    UnusedCliTokensError,
+)
+from cyclopts.utils import UNSET
+from pydantic import ValidationError
+
+from tsuiseki.tracking.bounds import refusal
+from tsuiseki.tracking.cli.commands import APP, PROGRAM, command_of, takes_all
+from tsuiseki.tracking.cli.config import check_regular, read_config
+from tsuiseki.tracking.errors import RequestError, hint_at
+from tsuiseki.tracking.fields import refused
+from tsuiseki.tracking.runs.options import Files, Output
+
+if TYPE_CHECKING:
+    from tsuiseki.tracking.result import Result
+
+CONFIG, PRINT = "--config", "--print-config"
+
+
+@dataclass(frozen=True)
+class Request:
+    """A command with its arguments, checked.
+
+    Attributes:
+        function: of the command.
+        arguments: all of them, defaults too.
+        settings: every option with its value, plain, as a file for ``--config`` has them.
+        chosen: names of the options that words or files gave.
+        spare: words by place that were left over.
+    """
+
+    function: Callable[..., Any]
+    arguments: inspect.BoundArguments
+    settings: Mapping[str, Any]
+    chosen: Sequence[str] = ()
+    spare: Sequence[str] = ()
+
+    def run(self, **more: Any) -> Any:
+        """Call the function, with ``more`` arguments."""
+        with refused():
+            return self.function(*self.arguments.args, **self.arguments.kwargs, **more)
+
+
+def request_of(words: Sequence[str], options: Mapping[str, Any] | None = None, spare: bool = False) -> Request:
+    """The request that words make.
+
+    Args:
+        words: of the command line, after the program's name.
+        options: more, by their names with underscores; the words win over them.
+        spare: words by place may be left over.
+
+    Raises:
+        RequestError: an unknown option, a wrong value, a missing option, a broken file of options.
+        SystemExit: the options were to be printed.
+    """
+    chain, command = command_of(words)
+    rest, files = (list(words), []) if takes_all(command) else _taken(words, CONFIG)
+    below = [read_config(Path(file), [PROGRAM, *chain]) for file in reversed(files)] + [options or {}]
+    found: list[ArgumentCollection] = []
+    printed = PRINT in rest
+    APP.config = (partial(_fill, below=below, found=found, printed=printed),)
+    try:
+        rest = [word for word in rest if word != PRINT]
+        function, bound, *left = APP.parse_known_args(rest) if spare else APP.parse_args(rest)
+    except CycloptsError as error:
+        raise RequestError(worded(error)) from error
+    finally:
+        APP.config = ()
+    bound.apply_defaults()
+    settings, chosen = _settings(found[0], bound) if found else ({}, [])
+    for name, value in settings.items():
+        _check_files(name, value)
+    for name, value in bound.arguments.items():
+        if isinstance(value, Output):
+            value = bound.arguments[name] = replace(value, command=(PROGRAM, *chain), settings=settings, page=_paged)
+        if isinstance(value, Output | Files):
+            value.check()
+    return Request(function, bound, settings, chosen, list(left[0]) if spare else ())
+
+
+def _paged(result: Result[Any]) -> Result[Any]:
+    """A result with its page, which is loaded when there is one to write."""
+    from tsuiseki.tracking.counts.page import with_page
+
+    return with_page(result)
+
+
+def _taken(words: Sequence[str], name: str) -> tuple[list[str], list[str]]:
+    """The words without an option of the program itself, and its values."""
+    rest, values, left = list[str](), list[str](), list(words)
+    while left:
+        word = left.pop(0)
+        if word.startswith(f"{name}="):
+            values.append(word.partition("=")[2])
+        elif word == name:
+            if not left:
+                raise RequestError(f"{name}: expected a file, got nothing")
+            values.append(left.pop(0))
+        else:
+            rest.append(word)
+    return rest, values
+
+
+def _fill(
+    _: Any,
+    chain: Sequence[str],
+    arguments: ArgumentCollection,
+    below: Iterable[Mapping[str, Any]],
+    found: list[ArgumentCollection],
+    printed: bool,
+) -> None:
+    """Give ``arguments`` what the words left open: of files, and the defaults of a group of which a part is given."""
+    del chain
+    found.append(arguments)
+    for options in below:
+        update_argument_collection(dict(options), "", arguments, root_keys=(), allow_unknown=False)
+    for argument in arguments:
+        default = argument.field_info.default
+        if is_dataclass(default) and argument.positives != ("*",) and (printed or argument.has_tokens):
+            options = {argument.name[2:]: plain(default)}
+            update_argument_collection(options, "", arguments, root_keys=(), allow_unknown=True)
+    if printed:
+        values: dict[str, Any] = {}
+        for argument in arguments:
+            if argument.parse and not argument.children:
+                put(values, argument.name[2:].replace("-", "_"), _given(argument))
+        print(yaml.safe_dump(plain(values), sort_keys=False, allow_unicode=True), end="")
+        raise SystemExit(0)
+
+
+def _given(argument: Argument) -> Any:
+    """What words and files say for an option, or its default; None for none."""
+    if not argument.tokens:
+        default = argument.field_info.default
+        return None if default is argument.field_info.empty else default
+    values = [
+        yaml.safe_load(token.value) if token.implicit_value is UNSET else token.implicit_value
+        for token in argument.tokens
+    ]
+    return values if argument.token_count()[1] or len(values) > 1 else values[0]
+
+
+def put(values: dict[str, Any], name: str, value: Any) -> None:
+    """Set the option ``name``, such as ``flow.fill``, in nested values."""
+    *above, last = name.split(".")
+    for part in above:
+        values = values.setdefault(part, {})
+    values[last] = value
+
+
+def _settings(arguments: ArgumentCollection, bound: inspect.BoundArguments) -> tuple[dict[str, Any], list[str]]:
+    """Every option with its value: those of the command alone, then those that it shares; and which were given."""
+    own, shared, chosen = dict[str, Any](), dict[str, Any](), list[str]()
+    for argument in (argument for argument in arguments if not argument.keys):
+        group = bound.arguments[argument.field_info.name]
+        flat = argument.positives == ("*",)
+        for option in argument.children if flat else [argument]:
+            name = option.field_info.name
+            if option.parse:
+                (shared if flat else own)[name] = getattr(group, name) if flat else group
+                chosen += [name] if option.has_tokens else []
+    settings: dict[str, Any] = plain(own | shared)
+    return settings, chosen
+
+
+def plain(value: Any) -> Any:
+    """As ``run.json`` has it: dataclasses as mappings, paths as text."""
+    return json.loads(json.dumps(value, default=lambda x: vars(x) if is_dataclass(x) else str(x)))
+
+
+def _check_files(name: str, value: Any) -> None:
+    """Refuse values that name a device or a pipe."""
+    if isinstance(value, str):
+        check_regular("" if name == "source" else name, Path(value))
+    for inner in value.values() if isinstance(value, dict) else value if isinstance(value, list) else ():
+        _check_files(name, inner)
+
+
+def worded(error: CycloptsError) -> str:
+    """What is wrong, in a line: the option, what was expected, what came."""
+    argument, cause = error.argument, error.__cause__
+    if isinstance(error, UnknownCommandError) and error.app is not None and error.unused_tokens:
+        typed = " ".join([PROGRAM, *(error.command_chain or ()), error.unused_tokens[0]])
+        commands = [name for name in error.app if not name.startswith("-")]
+        return f"unknown command `{typed}`; {hint_at(error.unused_tokens[0], commands)}"
+    if isinstance(error, UnknownOptionError):
+        name = (error.token.keyword or error.token.value).replace("][", ".").strip("[]")
+        return unknown(name, [name for option in error.argument_collection for name in option.names])
+    if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
+        return f"expected no further words, got {error.unused_tokens[0]!r}"
+    if argument is None:
+        return str(error)
+    name = argument.name.removeprefix("--") if argument.index is None else argument.field_info.name.upper()
+    option = f"`{name.replace('-', '_')}`" if argument.index is None else name
+    if isinstance(error, MissingArgumentError):
+        return f"missing: {option}" if error.keyword is None else f"{option}: expected a value after it"
+    if isinstance(cause, ValidationError):
+        if argument.positives == ("*",):
+            return refusal(cause)
+        group = name.replace("-", "_")
+        text = refusal(cause, group)
+        # What a group says by itself names its own field.
+        text = f"`{group}.{text[1:]}" if text.startswith("`") and not text.startswith(f"`{group}") else text
+        return text if text.startswith("`") else f"{option}: {text}"
+    if isinstance(error, CoercionError) and error.token is not None:
+        from cyclopts.annotations import get_hint_name
+
+        return f"{option}: expected {get_hint_name(error.target_type)}, got {error.token.value!r}"
+    return str(error)
+
+
+def unknown(name: str, options: Iterable[str]) -> str:
+    """What to say of an option that is not among ``options``."""
+    typed = "--" + name.lstrip("-").replace("_", "-")
+    hint = hint_at(typed, [option for option in options if option.startswith("--")])
+    return f"unknown option {typed}; {hint if hint.startswith('did') else '--help lists them'}"
