@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import hashlib
-import itertools
 import json
 import shutil
 import sys
@@ -27,6 +26,7 @@ from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
 from tsuiseki.tracking.formats.okutama import check_frames
 from tsuiseki.tracking.types import BoolArray, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import ActionLabels
+from tsuiseki.tracking.video.source import open_source
 
 
 @dataclass(frozen=True)
@@ -101,16 +101,15 @@ def frame_reader(sequence: ActionSequence) -> ReadFrame:
 
 def _forward(path: Path) -> ReadFrame:
     """Frames of a video file; what lies between those that are asked for is passed over."""
-    capture, numbers = cv2.VideoCapture(str(path)), itertools.count()
+    frames = open_source(path).frames()
 
     def read(number: int) -> ImageArray:
-        reached = any(next(numbers) == number for _ in iter(capture.grab, False))
-        decoded, image = capture.retrieve() if reached else (False, np.empty(0))
-        if not decoded:
+        image = next((frame.image for frame in frames if frame.index == number), None)
+        if image is None:
             raise RequestError(
                 f"{path}: expected at least {number + 1} frames, got fewer; are its labels another video's?"
             )
-        return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+        return image
 
     return read
 

@@ -114,7 +114,7 @@ def read_given_tracks(path: Path, source: Source) -> list[Track]:
     if not path.is_file() or not is_okutama_file(path):
         tracks = read_tracks(path)
         boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
-        compare_with_picture(path, boxes, source.picture_size)
+        compare_with_picture(path, boxes, source.size)
         # The header of a video file only estimates its length.
         length, slack = (source.promised, source.slack) if isinstance(source, VideoFile) else (source.length, 0)
         last = max((int(track.frames[-1]) for track in tracks), default=0)

@@ -59,7 +59,7 @@ def given_detections(
         rows, what = GivenRows(read_detections(detections, source.length, score_range), BadBoxes()), detections
     else:
         rows, what = _checked_entries(detections, source.length), "`detections`"
-    compare_with_picture(what, np.concatenate([np.empty((0, 4)), *(row.boxes for row in rows)]), source.picture_size)
+    compare_with_picture(what, np.concatenate([np.empty((0, 4)), *(row.boxes for row in rows)]), source.size)
     numbers = {int(number) for row in rows for number in np.unique(row.origin[:, 1])} - {-1}
     if choice is None:
         if isinstance(detections, str | Path) and len(numbers) > 1:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
-import cv2
 import numpy as np
 
 from tsuiseki.tracking.types import FloatArray, Frame, IntArray
@@ -22,12 +23,8 @@ TimedBy = Literal["container", "frame rate", "arrival"]
 ROUNDING = 0.0015
 # From this share of the usual step on two frames are not as far apart as the others.
 UNEVEN = 0.25
-
-
-def stated_rate(capture: cv2.VideoCapture) -> float | None:
-    """Frames a second, as an open capture says; None where that is none."""
-    rate = float(capture.get(cv2.CAP_PROP_FPS))
-    return rate if math.isfinite(rate) and 0 < rate <= 1000 else None
+# Bytes at both ends of a file that a fingerprint reads.
+FINGERTIP = 65_536
 
 
 def container_time(stated: float, before: Sequence[float], frame_rate: float) -> float:
@@ -58,7 +55,7 @@ class Source(ABC):
         times: seconds of the frames that it gave so far, by 0-based frame number.
         rate_missing: what should say the rate, such as ``seqinfo.ini``, does not, and 25 are taken.
         size: width and height of all images, pixels; None where it does not tell them.
-        first_size: that of the first frame of a video file, to check what is given with it.
+        first_time: seconds of the first frame by the container's own clock; `times` count from it.
         length: number of frames of the whole video; None where only playing it tells.
         promised: number of frames by the header of a video file; 0 where there is none.
         live: it cannot be played again, and ends when the user says so.
@@ -74,7 +71,7 @@ class Source(ABC):
     times: dict[int, float] = field(default_factory=dict, compare=False)
     rate_missing: bool = False
     size: Size | None = None
-    first_size: Size | None = None
+    first_time: float = 0.0
     length: int | None = None
     promised: int = 0
     live: bool = False
@@ -100,9 +97,9 @@ class Source(ABC):
         return np.array([self.times.get(n, n / self.frame_rate) for n in numbers], dtype=np.float64)
 
     @property
-    def picture_size(self) -> Size | None:
-        """`size`, or where that is not known `first_size`."""
-        return self.size or self.first_size
+    def fingerprint(self) -> str:
+        """32 hexadecimal digits that tell recordings from each other; empty for what cannot be played again."""
+        return ""
 
     @property
     def likely_length(self) -> int | None:
@@ -120,6 +117,19 @@ class Source(ABC):
     def endless(self) -> bool:
         """Whether it does not end by itself."""
         return self.live and self.frames_wanted.last is None and not self.ends
+
+
+def fingerprint_of(files: Sequence[Path]) -> str:
+    """32 hexadecimal digits of the sizes of ``files``, and of the ends of the first and the last."""
+    digest = hashlib.sha256()
+    for path in files:
+        digest.update(path.stat().st_size.to_bytes(8, "little"))
+    for path in dict.fromkeys((files[0], files[-1])):
+        with path.open("rb") as file:
+            digest.update(file.read(FINGERTIP))
+            file.seek(max(0, path.stat().st_size - FINGERTIP))
+            digest.update(file.read(FINGERTIP))
+    return digest.hexdigest()[:32]
 
 
 def uneven(times: Sequence[float] | FloatArray) -> dict[str, Any]:

@@ -17,7 +17,8 @@ from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES, is_sequence, 
 from tsuiseki.tracking.formats.single import IMAGE_FOLDERS, LABEL_NAMES
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
-from tsuiseki.tracking.video.frame_source import DEFAULT_FRAME_RATE, Size, Source
+from tsuiseki.tracking.video.frame_source import DEFAULT_FRAME_RATE, Size, Source, fingerprint_of
+from tsuiseki.tracking.video.levels import BYTE, SAMPLES, Levels, depth_of, eight_bits
 
 # Kinds of images that may hold several, of which only the first would be read.
 PAGED = ("TIFF", "WEBP", "PNG")
@@ -47,6 +48,16 @@ class ImageFolder(Source):
     """A video as one image file a frame; a text-only sequence has none."""
 
     images: tuple[Path, ...]
+    depth: int = BYTE
+
+    @classmethod
+    def of_image(cls, path: Path, wanted: FrameRange) -> ImageFolder:
+        """The image at ``path`` as a video of one frame; raises RequestError where it is none."""
+        size, depth = one_image(path), _depth((path,))
+        wanted = wanted.within(1)
+        return cls(
+            name=path.name, address=str(path), frames_wanted=wanted, size=size, length=1, images=(path,), depth=depth
+        )
 
     @classmethod
     def open(cls, folder: Path, wanted: FrameRange) -> ImageFolder:
@@ -70,10 +81,14 @@ class ImageFolder(Source):
             length=length,
             has_images=bool(images),
             images=images,
+            depth=_depth(images),
         )
 
+    @property
+    def fingerprint(self) -> str:
+        return fingerprint_of(self.images) if self.images else ""
+
     def frames(self) -> Iterator[Frame]:
-        """See `Source.frames`."""
         if not self.images:
             raise RequestError(f"{self.name} has no images; expected them in its folder img1/")
         wanted = self.frames_wanted.within(len(self.images))
@@ -83,24 +98,53 @@ class ImageFolder(Source):
     def at(self, numbers: Iterable[int]) -> Iterator[Frame]:
         """The frames of these 0-based numbers; raises RunError, see `read_image`."""
         for number in numbers:
-            yield Frame(number, number / self.frame_rate, read_image(self.images[number], self.size))
+            yield Frame(number, number / self.frame_rate, read_image(self.images[number], self.size, self.depth))
 
 
-def read_image(path: Path, size: Size | None = None) -> ImageArray:
+def read_image(path: Path, size: Size | None = None, depth: int | None = None) -> ImageArray:
     """``(H, W, 3)`` uint8 RGB of an image file, turned as its camera says.
 
+    Args:
+        path: of the file.
+        size: width and height that it must have, pixels.
+        depth: how many bits a colour are in use, where it has 16; by default as many as it needs.
+
     Raises:
-        RunError: it cannot be decoded or has another ``size`` than it must have.
+        RunError: it cannot be decoded or has another size.
     """
+    levels = _levels(path)
+    if size is not None and levels.shape[1::-1] != size:
+        raise RunError(f"{path}: expected {size[0]}x{size[1]} pixels, got {levels.shape[1]}x{levels.shape[0]}")
+    if levels.dtype == np.uint8:
+        return np.asarray(levels, dtype=np.uint8)
+    return eight_bits(levels, depth_of([levels], path.name) if depth is None else depth)
+
+
+def _levels(path: Path) -> Levels:
+    """``(H, W, 3)`` uint8 or uint16 RGB; raises RunError where the file cannot be decoded."""
     try:
-        decoded = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR)
-    except (OSError, cv2.error):
+        decoded = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
+    except (OSError, cv2.error) as error:
+        if isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem:
+            raise MemoryError(f"{path}") from error
         decoded = None
     if decoded is None:
         raise RunError(not_an_image(path))
-    if size is not None and decoded.shape[1::-1] != size:
-        raise RunError(f"{path}: expected {size[0]}x{size[1]} pixels, got {decoded.shape[1]}x{decoded.shape[0]}")
-    return np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+    if decoded.dtype not in (np.uint8, np.uint16):
+        raise RunError(f"{path}: expected 8 or 16 bits a colour, got {decoded.dtype}; write it as PNG")
+    levels: Levels = np.asarray(cv2.cvtColor(decoded, cv2.COLOR_BGR2RGB))
+    return levels
+
+
+def _depth(images: tuple[Path, ...]) -> int:
+    """How many bits a colour ``images`` use, of which only some that are spread are read, where they have 16."""
+    if not images or not _is_deep(images[0]):
+        return BYTE
+    samples = images[:: max(1, len(images) // SAMPLES)]
+    try:
+        return depth_of(map(_levels, samples), images[0].parent.name)
+    except RunError as error:
+        raise RequestError(str(error)) from error
 
 
 def not_an_image(path: Path) -> str:
@@ -149,6 +193,12 @@ def _common_size(images: tuple[Path, ...]) -> Size:
     return first
 
 
+def _is_deep(path: Path) -> bool:
+    """Whether an image has 16 bits a colour, by its header."""
+    with Image.open(path) as image:
+        return ";16" in str(image.tile)
+
+
 def one_image(path: Path) -> Size:
     """Width and height of the image at ``path``; raises RequestError where it is none, or several in one file."""
     try:
@@ -156,6 +206,8 @@ def one_image(path: Path) -> Size:
             pages = getattr(image, "n_frames", 1) if image.format in PAGED else 1
             if pages > 1:
                 raise RequestError(f"{path}: expected one image in a file, got {pages}; write each to its own file")
+            if image.mode == "F" or (image.mode == "I" and ";16" not in str(image.tile)):
+                raise RequestError(f"{path}: expected 8 or 16 bits a colour, got 32; write it as PNG of 16")
             # Asking a PNG for tags that it does not have would decode it all.
             turned = "exif" in image.info and image.getexif().get(ORIENTATION_TAG) in TURNED_ORIENTATIONS
             return (image.height, image.width) if turned else (image.width, image.height)

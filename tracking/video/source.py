@@ -1,7 +1,5 @@
 """Video in: files, folders of images, sequence folders, webcams and streams, one frame at a time.
 
-OpenCV's BGR order stops here: a `Frame` is RGB.
-
 Frames of a file from any number on: packets tell where they lie, and one is decoded from a key frame on. A file's own
 counting is not relied on: every frame is known by its time, which its packet has, too. What is decoded is the same as
 if the whole file were, or it is refused.
@@ -9,39 +7,43 @@ if the whole file were, or it is refused.
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
-from typing import TypeAlias
+from typing import TYPE_CHECKING, TypeAlias
 
-import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
-from tsuiseki.tracking.video.coded_size import CodedFrames
+from tsuiseki.tracking.video.decoding import Decoder
 from tsuiseki.tracking.video.frame_source import (
     DEFAULT_FRAME_RATE,
-    Size,
     TimedBy,
     container_time,
-    stated_rate,
+    fingerprint_of,
     uneven,
 )
 from tsuiseki.tracking.video.frame_source import Source as Source
-from tsuiseki.tracking.video.image_folder import GivenFrames, ImageFolder, one_image
+from tsuiseki.tracking.video.image_folder import GivenFrames, ImageFolder
+from tsuiseki.tracking.video.levels import BYTE, depth_of, eight_bits
 from tsuiseki.tracking.video.live import LiveSource
 
+if TYPE_CHECKING:
+    from av.video.frame import VideoFrame
+
 SourceLike: TypeAlias = str | Path | int | Iterable[ImageArray | Frame]
-# FFmpeg draws the letters of a text file.
-DRAWN_TEXT = cv2.VideoWriter.fourcc(*"ansi")
 PLAYLIST_HEADERS = (b"#EXTM3U", b"ffconcat")
 
 
-def open_source(source: SourceLike, frames: FrameRange | None = None, frame_rate: float | None = None) -> Source:
+def open_source(
+    source: SourceLike, frames: FrameRange | None = None, frame_rate: float | None = None, stream: int | None = None
+) -> Source:
     """What ``source`` names, checked before anything is read in full.
 
     Args:
@@ -49,6 +51,7 @@ def open_source(source: SourceLike, frames: FrameRange | None = None, frame_rate
             webcam, the address of a stream, or images, see `GivenFrames`.
         frames: to read; by default all.
         frame_rate: frames a second, instead of what the source says; a file's frames are then timed by it.
+        stream: which of several video streams in a file or at an address, from 1; by default the first.
 
     Raises:
         RequestError: there is no such thing, it cannot be read, it has no frame, its images differ in size, or
@@ -56,7 +59,7 @@ def open_source(source: SourceLike, frames: FrameRange | None = None, frame_rate
     """
     wanted = frames or FrameRange()
     if isinstance(source, str | Path | int):
-        opened = _opened(str(source), wanted)
+        opened = _opened(str(source), wanted, stream)
     elif isinstance(source, Iterable) and not isinstance(source, Mapping):
         opened = GivenFrames.open(source, wanted)
     else:
@@ -70,16 +73,18 @@ def open_source(source: SourceLike, frames: FrameRange | None = None, frame_rate
     return replace(opened, frame_rate=frame_rate, rate_missing=False, timed_by=timed_by)
 
 
-def _opened(text: str, wanted: FrameRange) -> Source:
+def _opened(text: str, wanted: FrameRange, stream: int | None) -> Source:
     path = Path(text)
     if path.is_dir():
         return ImageFolder.open(path, wanted)
     if path.is_file():
-        return VideoFile.open(path, wanted)
+        if path.suffix.lower() in IMAGE_SUFFIXES:
+            return ImageFolder.of_image(path, wanted)
+        return VideoFile.open(path, wanted, stream)
     if text.isdecimal() and len(text) < 10:
         return LiveSource.open(text, f"webcam {text}", wanted)
     if "://" in text:
-        return LiveSource.open(text, text.split("?")[0], wanted)
+        return LiveSource.open(text, text.split("?")[0], wanted, stream)
     raise RequestError(f"expected a video file, a folder of images, a webcam number or an address, found no {text}")
 
 
@@ -114,54 +119,53 @@ def some_frames(source: Source, numbers: Sequence[int]) -> Iterator[Frame]:
 
 @dataclass(frozen=True, kw_only=True)
 class VideoFile(Source):
-    """A video file that OpenCV can decode.
+    """A video file that FFmpeg can decode.
 
     Attributes:
         path: of the file.
+        stream: number of its video stream, from 1.
         duration: seconds by its header.
+        depth: how many bits a colour are in use, where a file has 16.
     """
 
     path: Path
+    stream: int
     duration: float
+    depth: int
 
     @classmethod
-    def open(cls, path: Path, wanted: FrameRange) -> VideoFile:
+    def open(cls, path: Path, wanted: FrameRange, stream: int | None = None) -> VideoFile:
         """The file at ``path``; raises RequestError where its first frame cannot be decoded."""
         with path.open("rb") as file:
             if file.read(16).startswith(PLAYLIST_HEADERS):
                 raise RequestError(f"{path} is a playlist, which may lead anywhere; give the video itself")
-        if path.suffix.lower() in IMAGE_SUFFIXES:
-            one_image(path)
-        capture = cv2.VideoCapture(str(path))
-        try:
-            readable = capture.isOpened() and int(capture.get(cv2.CAP_PROP_FOURCC)) != DRAWN_TEXT
-            rate = stated_rate(capture)
-            promised = int(max(0, capture.get(cv2.CAP_PROP_FRAME_COUNT))) if readable else 0
-            if not readable or not capture.grab():
-                found = "no frame in it" if readable else "something else"
-                raise RequestError(f"{path}: expected a video that OpenCV can decode, found {found}")
-            first, (sound, image) = capture.get(cv2.CAP_PROP_POS_MSEC), capture.retrieve()
-            size = image.shape[1::-1] if sound else None
-            # A raw stream has no times: all are 0.
-            timed_by: TimedBy = "frame rate"
-            if capture.grab() and capture.get(cv2.CAP_PROP_POS_MSEC) > first:
-                timed_by = "container"
-        finally:
-            capture.release()
+        with Decoder(path, stream) as decoder:
+            frames = decoder.frames()
+            first, second = next(frames, None), next(frames, None)
+            if first is None:
+                raise RequestError(f"{path}: expected a video that FFmpeg can decode, found no frame in it")
+            levels, start = decoder.levels(first), decoder.stamp(first)
+            follower = None if second is None else decoder.stamp(second)
+            depth = BYTE if levels.dtype == np.uint8 else depth_of([levels, *decoder.samples()], path.name)
+        # A raw stream has no times.
+        timed = start is not None and follower is not None and follower > start
+        promised, taken = decoder.promised, decoder.rate or DEFAULT_FRAME_RATE
         if promised and max(wanted.first, wanted.last or 0) >= promised + _slack(promised):
             wanted.within(promised)
-        taken = rate or DEFAULT_FRAME_RATE
         return cls(
             name=path.name,
             path=path,
+            stream=1 if stream is None else stream,
             address=str(path),
             duration=promised / taken,
+            depth=depth,
             frame_rate=taken,
-            rate_missing=rate is None,
-            timed_by=timed_by,
+            rate_missing=decoder.rate is None,
+            timed_by="container" if timed else "frame rate",
             promised=promised,
             frames_wanted=wanted,
-            first_size=size,
+            first_time=start or 0.0,
+            size=(levels.shape[1], levels.shape[0]),
         )
 
     @property
@@ -169,59 +173,58 @@ class VideoFile(Source):
         """By how many frames the header of a sound file may be wrong."""
         return _slack(self.promised)
 
+    @property
+    def fingerprint(self) -> str:
+        return fingerprint_of((self.path,))
+
     def frames(self) -> Iterator[Frame]:
-        """See `Source.frames`."""
-        capture, coded = cv2.VideoCapture(str(self.path)), CodedFrames(self.path)
-        times: list[float] = []
-        stamp, first, size = 0.0, 0.0, None
-        try:
+        times, stamp = list[float](), None
+        with Decoder(self.path, self.stream) as decoder:
+            frames = decoder.frames()
             while self.frames_wanted.last is None or len(times) <= self.frames_wanted.last:
-                index = len(times)
-                if not capture.grab():
-                    self.refuse_early_end(index, stamp)
+                decoded, index = next(frames, None), len(times)
+                if decoded is None:
+                    self.refuse_early_end(index, (stamp or 0.0) - self.first_time)
                     break
-                size = self.same_size(index, size, coded.next_size())
-                stamp = capture.get(cv2.CAP_PROP_POS_MSEC) / 1000
-                first = first if times else stamp
-                times.append(self.time_of(stamp - first, times))
+                stamp = decoder.stamp(decoded)
+                times.append(self.time_of(stamp, times))
                 if index in self.frames_wanted:
-                    image = retrieved(capture, f"{self.path}: frame {index + 1}")
-                    yield self.noted(Frame(index, times[-1], image))
-        finally:
-            capture.release()
-            coded.capture.release()
+                    yield self.noted(Frame(index, times[-1], self.image(decoder, decoded, index)))
         self.warn_uneven(times)
+
+    def image(self, decoder: Decoder, decoded: VideoFrame, index: int) -> ImageArray:
+        """``(H, W, 3)`` uint8 RGB of a frame; raises RunError where it has another size than the first."""
+        image = eight_bits(decoder.levels(decoded), self.depth)
+        (height, width), size = image.shape[:2], self.size
+        if size is not None and (width, height) != size:
+            raise RunError(
+                f"{self.path}: expected {size[0]}x{size[1]} pixels throughout, got {width}x{height} from "
+                f"frame {index + 1} on; cut the file there"
+            )
+        return image
 
     def warn_uneven(self, times: Sequence[float]) -> None:
         """Say that frames at ``times``, seconds, lie unevenly, where they do."""
-        if found := uneven(times) if self.timed_by == "container" else {}:
+        if steps := uneven(times) if self.timed_by == "container" else {}:
             warnings.warn(
-                f"{self.name}: its frames are {found['shortest_step']:g} to {found['longest_step']:g} s apart, about "
-                f"{found['missing']} are missing; their times are the container's",
+                f"{self.name}: its frames are {steps['shortest_step']:g} to {steps['longest_step']:g} s apart, about "
+                f"{steps['missing']} are missing; their times are the container's",
                 InputWarning,
                 stacklevel=3,
             )
 
-    def time_of(self, stated: float, before: Sequence[float]) -> float:
-        """Of the frame after those ``before``."""
+    def time_of(self, stamp: float | None, before: Sequence[float]) -> float:
+        """Seconds since the first frame of the frame after those ``before``; ``stamp`` is its container's."""
         if self.timed_by == "frame rate":
             return len(before) / self.frame_rate
+        stated = math.nan if stamp is None else stamp - self.first_time
         return container_time(stated, before, self.frame_rate)
-
-    def same_size(self, index: int, size: Size | None, stated: Size | None) -> Size | None:
-        """The size of the pictures so far; raises RunError where a coded frame states another one."""
-        if size is not None and stated is not None and stated != size:
-            raise RunError(
-                f"{self.path}: expected {size[0]}x{size[1]} pixels throughout, got {stated[0]}x{stated[1]} from about "
-                f"frame {index + 1} on; cut the file there"
-            )
-        return stated or size
 
     def refuse_early_end(self, frames: int, seconds: float) -> None:
         """Tell a truncated file from one whose header only estimates its length.
 
-        Both the number of frames and the time of the last one have to fall short, since the first is an estimate where
-        the frame rate varies.
+        Both the number of frames and the time of the last one, since the first, have to fall short: the number is an
+        estimate where the frame rate varies.
         """
         wanted = self.frames_wanted
         if frames <= wanted.first or wanted.last is not None:
@@ -235,14 +238,6 @@ class VideoFile(Source):
 
 def _slack(promised: int) -> float:
     return max(3.0, 0.02 * promised)
-
-
-def retrieved(capture: cv2.VideoCapture, what: str) -> ImageArray:
-    """The frame that was grabbed, RGB; raises RunError where it cannot be decoded."""
-    decoded, image = capture.retrieve()
-    if not decoded:
-        raise RunError(f"{what} cannot be decoded")
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
 
 # Frames before the wanted one from which a file is first asked to begin; each further attempt four times as many.
@@ -259,7 +254,7 @@ class SeekableVideo:
 
     Attributes:
         video: the file, or images.
-        stamps: ``(F,)`` milliseconds of a file's frames; none of images.
+        stamps: ``(F,)`` seconds of a file's frames by its container's clock; none of images.
         times: ``(F,)`` seconds of the frames up to the end.
     """
 
@@ -269,23 +264,18 @@ class SeekableVideo:
 
     @classmethod
     def of(cls, video: object) -> SeekableVideo | None:
-        """None where it can only be read from the beginning; raises RunError where the coded size changes."""
+        """None where it can only be read from the beginning."""
         if isinstance(video, ImageFolder) and video.images:
             return cls(video, np.empty(0), np.arange(len(video.images)) / video.frame_rate)
         if not isinstance(video, VideoFile):
             return None
-        coded, stamped, size = CodedFrames(video.path), list[float](), None
-        try:
-            while coded.there and coded.capture.grab():
-                size = video.same_size(len(stamped), size, coded.size())
-                stamped.append(coded.capture.get(cv2.CAP_PROP_POS_MSEC))
-        finally:
-            coded.capture.release()
-        stamps, times = np.sort(np.array(stamped, dtype=np.float64)), list[float]()
+        with Decoder(video.path, video.stream) as decoder:
+            stamps = np.array(decoder.stamps() or [], dtype=np.float64)
         if len(stamps) < 2 or not (np.diff(stamps) > 0).all():
             return None
-        for stamp in (stamps / 1000).tolist():
-            times.append(video.time_of(stamp - float(stamps[0]) / 1000, times))
+        times = list[float]()
+        for stamp in stamps.tolist():
+            times.append(video.time_of(stamp, times))
         return cls(video, stamps, np.array(times))
 
     @property
@@ -303,33 +293,25 @@ class SeekableVideo:
         if isinstance(self.video, ImageFolder):
             yield from self.video.at(range(first, last + 1))
             return
-        capture = self._at(first)
-        try:
+        with Decoder(self.video.path, self.video.stream) as decoder:
+            frames = self._from(decoder, first)
             for number in range(first, last + 1):
-                if not capture.grab() or capture.get(cv2.CAP_PROP_POS_MSEC) != self.stamps[number]:
+                decoded = next(frames, None)
+                if decoded is None or decoder.stamp(decoded) != self.stamps[number]:
                     raise UnfitIndexError(f"{self.video.path}: frame {number + 1} does not come as its packets say")
-                image = retrieved(capture, f"{self.video.path}: frame {number + 1}")
-                yield Frame(number, float(self.times[number]), image)
-        finally:
-            capture.release()
+                yield Frame(number, float(self.times[number]), self.video.image(decoder, decoded, number))
 
-    def _at(self, first: int) -> cv2.VideoCapture:
-        """A capture whose next frame is ``first``; the one before was decoded, too."""
-        assert isinstance(self.video, VideoFile)
-        path, back = str(self.video.path), LEAD
-        while first - back > 0:
-            capture = cv2.VideoCapture(path)
-            capture.set(cv2.CAP_PROP_POS_FRAMES, first - back)
-            while capture.grab() and capture.get(cv2.CAP_PROP_POS_MSEC) < self.stamps[first - 1]:
-                pass
-            if capture.get(cv2.CAP_PROP_POS_MSEC) == self.stamps[first - 1]:
-                return capture
-            capture.release()
+    def _from(self, decoder: Decoder, first: int) -> Iterator[VideoFrame]:
+        """Decoded frames from number ``first`` on; the one before was decoded, too."""
+        back = LEAD
+        while first - back > 0 and decoder.seek(self.stamps[first - back]):
+            frames = decoder.frames()
+            stamp = next((t for t in map(decoder.stamp, frames) if t is None or t >= self.stamps[first - 1]), None)
+            if stamp == self.stamps[first - 1]:
+                return frames
             back *= 4
-        capture = cv2.VideoCapture(path)
-        for _ in range(first):
-            capture.grab()
-        return capture
+        decoder.seek(self.stamps[0])
+        return islice(decoder.frames(), first, None)
 
     def check_end(self, last: int) -> None:
         """Say after the last frame what `VideoFile.frames` says there: it breaks off early, or its frames lie unevenly.
@@ -341,5 +323,5 @@ class SeekableVideo:
             return
         wanted = self.video.frames_wanted
         if wanted.last is None or last < wanted.last:
-            self.video.refuse_early_end(last + 1, float(self.stamps[-1]) / 1000)
+            self.video.refuse_early_end(last + 1, float(self.stamps[-1] - self.stamps[0]))
         self.video.warn_uneven(self.times[: last + 1].tolist())

@@ -212,7 +212,7 @@ def test_a_broken_video_fails_alone(
     assert rows == [["broken", "failed"], ["cut", "failed"], ["fine", "done"]]
     page = (out / "index.html").read_text()
     assert 'href="fine/report.html"' in page
-    assert "expected a video that OpenCV can decode" in page
+    assert "expected a video that FFmpeg can decode" in page
     assert "breaks off after frame" in page
     # What was there before the break is kept, as by `track people`.
     assert json.loads((out / "cut/run.json").read_text())["partial"] is True

@@ -86,9 +86,9 @@ def broken_later(folder: Path, inputs: Any) -> Path:
 Make = Callable[[Path, Any], Path]
 SOURCES: dict[str, tuple[Make, int, str]] = {
     "missing video": (lambda folder, _: folder / "missing.mp4", 2, "found no"),
-    "text as video": (text_video, 2, "expected a video that OpenCV can decode"),
-    "zero frames": (zero_frames, 2, "expected a video that OpenCV can decode"),
-    "header only": (header_only, 2, "expected a video that OpenCV can decode"),
+    "text as video": (text_video, 2, "expected a video that FFmpeg can decode"),
+    "zero frames": (zero_frames, 2, "expected a video that FFmpeg can decode"),
+    "header only": (header_only, 2, "expected a video that FFmpeg can decode"),
     "mixed sizes": (mixed_sizes, 2, "000005.png: expected 64x48 pixels as in 000001.png, got 32x32"),
     "text as image": (image_of_text, 2, "000005.png: expected an image"),
     "not only images": (not_only_images, 2, "expected only images, found notes.txt"),

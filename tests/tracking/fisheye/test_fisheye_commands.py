@@ -15,7 +15,7 @@ from tests.tracking.features.tiny_onnx import save_constant
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.fisheye.view import CeilingSource
 from tsuiseki.tracking.report import overlay
-from tsuiseki.tracking.video import source as video
+from tsuiseki.tracking.video import live as video
 
 LENS = "2 -100 0\n2 150 60\n120 160\n1 0 0\n240 320\n"
 ROOM = ["--room", "small", "--people", "3", "--frames", "4", "--frame-rate", "2", "--width", "320", "--height", "240"]

@@ -13,7 +13,7 @@ from tsuiseki.tracking.cameras.camera_files import PlacedCamera, read_projective
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.evaluation.space import distance_to_position
 from tsuiseki.tracking.formats.world_tables import read_path3d
-from tsuiseki.tracking.video import source as video
+from tsuiseki.tracking.video import live as video
 
 FRAMES = 8
 
