@@ -21,7 +21,6 @@ from typing import Any
 
 from tsuiseki.tracking.batch.tasks import BatchTask, TaskOutcome, do
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.video.webm import silent_stderr
 
 LOST = "its process was ended from outside, perhaps for want of memory"
 THREADS = "OMP_NUM_THREADS"
@@ -36,7 +35,6 @@ AHEAD = 2
 def _do(task: BatchTask) -> TaskOutcome:
     """Do a task with one thread for OpenCV, which prints no lines of its own."""
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     import cv2
 
     cv2.setNumThreads(1)
@@ -228,9 +226,19 @@ class _Muted:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Nothing is printed: parts of Ray write to the terminal themselves."""
-    with silent_stderr(), redirect_stdout(StringIO()), redirect_stderr(StringIO()):
-        yield
+    """Nothing is printed: parts of Ray that are not Python write to the terminal themselves."""
+    with suppress(OSError, ValueError):
+        sys.stderr.flush()
+    before = os.dup(2)
+    nothing = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nothing, 2)
+        with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
+            yield
+    finally:
+        os.dup2(before, 2)
+        os.close(before)
+        os.close(nothing)
 
 
 def _check_answer(address: str) -> None:
