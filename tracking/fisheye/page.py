@@ -24,21 +24,25 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-# Side of a cell of the dwell map and standard deviation of its blur, metres.
-CELL, BLUR = 0.1, 0.2
+# Side of a cell of the dwell map, metres.
+CELL = 0.1
+# Standard deviation of the dwell map's blur, metres.
+BLUR = 0.2
+# How far back a drawn way goes.
 TRAIL_SECONDS = 3.0
+# Longer side of a plan of the floor, inches.
 SIDE = 5.0
 
 
 def floor_figure(tracks: Sequence[FloorTrack], floor: FloatArray, cameras: FloatArray, ink: str = "black") -> Figure:
     """The floor x1, y1, x2, y2 ``(4,)``, everybody's path with an id at its end, and cameras ``(C, 2)``; in metres."""
     figure, axes = _plan(floor, "Paths on the floor", ink)
-    for each in tracks:
-        colour = tuple(c / 255 for c in track_colour(each.track.id))
-        axes.plot(*each.places.T, color=colour, linewidth=1.4, alpha=0.9)
-        axes.plot(*each.places[-1], "o", color=colour, markersize=5)
+    for person in tracks:
+        colour = tuple(c / 255 for c in track_colour(person.track.id))
+        axes.plot(*person.places.T, color=colour, linewidth=1.4, alpha=0.9)
+        axes.plot(*person.places[-1], "o", color=colour, markersize=5)
         axes.annotate(
-            str(each.track.id), each.places[-1], xytext=(4, 3), textcoords="offset points", color=ink, fontsize=8
+            str(person.track.id), person.places[-1], xytext=(4, 3), textcoords="offset points", color=ink, fontsize=8
         )
     axes.plot(*cameras.T, "^", color=ink, markersize=8, fillstyle="none")
     return figure
@@ -60,10 +64,10 @@ def dwell_figure(tracks: Sequence[FloorTrack], floor: FloatArray, frame_rate: fl
     if not seconds.any():
         axes.text(0.5, 0.5, "no person was here", transform=axes.transAxes, ha="center", color=ink)
         return figure
-    shown = axes.imshow(
+    dwell = axes.imshow(
         seconds, origin="lower", extent=(floor[0], floor[2], floor[1], floor[3]), cmap="magma", aspect="equal"
     )
-    bar = figure.colorbar(shown, ax=axes, shrink=0.7)
+    bar = figure.colorbar(dwell, ax=axes, shrink=0.7)
     bar.set_label("seconds a square metre", color=ink)
     bar.ax.tick_params(colors=ink)
     return figure
@@ -87,19 +91,19 @@ def _plan(floor: FloatArray, title: str, ink: str) -> tuple[Figure, Axes]:
 def draw_floor_tracks(image: ImageArray, tracks: Sequence[FloorTrack], frame: int, trail: int) -> ImageArray:
     """``image`` with the rotated boxes of ``frame``, their feet ends thick, ids, and the way of the last frames."""
     drawn = image.copy()
-    for each in tracks:
-        row = int(np.searchsorted(each.track.frames, frame))
-        if row >= len(each.track) or each.track.frames[row] != frame:
+    for person in tracks:
+        row = int(np.searchsorted(person.track.frames, frame))
+        if row >= len(person.track) or person.track.frames[row] != frame:
             continue
-        colour = track_colour(each.track.id)
-        recent = slice(int(np.searchsorted(each.track.frames, frame - trail)), row + 1)
-        feet = corners(each.rotated[recent])[:, 2:].mean(axis=1)
+        colour = track_colour(person.track.id)
+        recent = slice(int(np.searchsorted(person.track.frames, frame - trail)), row + 1)
+        feet = corners(person.rotated[recent])[:, 2:].mean(axis=1)
         cv2.polylines(drawn, [np.round(feet).astype(np.int32)], isClosed=False, color=colour, lineType=cv2.LINE_AA)
-        box = np.round(corners(each.rotated[row : row + 1])[0]).astype(np.int32)
+        box = np.round(corners(person.rotated[row : row + 1])[0]).astype(np.int32)
         cv2.polylines(drawn, [box], isClosed=True, color=colour, thickness=2, lineType=cv2.LINE_AA)
         cv2.line(drawn, tuple(box[2].tolist()), tuple(box[3].tolist()), colour, 4, cv2.LINE_AA)
         top = box[int(box[:, 1].argmin())]
-        draw_label(drawn, str(each.track.id), (int(top[0]), int(top[1]) - 3), colour)
+        draw_label(drawn, str(person.track.id), (int(top[0]), int(top[1]) - 3), colour)
     draw_label(drawn, f"{frame + 1}", (4, image.shape[0] - 4), (60, 60, 60))
     return drawn
 
@@ -162,7 +166,7 @@ def camera_floor(ceiling: CeilingSource, tracks: Sequence[FloorTrack], folder: P
     )
 
 
-def floor_page(cameras: Sequence[CameraFloor], seconds: Mapping[str, float], made: Mapping[str, object]) -> str:
+def floor_page(cameras: Sequence[CameraFloor], seconds: Mapping[str, float], run_settings: Mapping[str, object]) -> str:
     """`report.html` as text: each camera, and how it was made."""
     return render(
         "ceiling.html.j2",
@@ -171,5 +175,5 @@ def floor_page(cameras: Sequence[CameraFloor], seconds: Mapping[str, float], mad
         "Triangles are cameras.",
         cameras=cameras,
         seconds={name: f"{1000 * spent:.0f} ms" for name, spent in seconds.items()},
-        made=made,
+        made=run_settings,
     )

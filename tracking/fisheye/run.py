@@ -96,22 +96,22 @@ def track_fisheye(
     """
     from tsuiseki.tracking.fisheye.page import camera_floor, floor_page
 
-    given: Any = {"detector": detector, "appearance": appearance, "threads": threads, "device": device}
+    networks: Any = {"detector": detector, "appearance": appearance, "threads": threads, "device": device}
     check_choice(method, get_args(FloorMethod), "method")
     files = None if detections is None else [a_path(detections, "detections")]
     options = as_settings(options, CeilingOptions, "options")
     hungarian = as_settings(hungarian, FisheyeSettings, "hungarian")
     cameras = a_path(cameras, "cameras")
-    (inputs,) = opened_ceiling([source], cameras, options, replace(DETECTING, **given), files, camera)
+    (inputs,) = opened_ceiling([source], cameras, options, replace(DETECTING, **networks), files, camera)
     video, times = inputs.ceiling.source, StageTimes()
     if video.live:
         raise RequestError(f"expected a video that ends, got {video.name}, which is live; record it, or give a list")
-    made = {"method": method, "source": named(source), "seed": seed}
-    result = floor_result(inputs, inputs.detections(video.frames(), times), method, hungarian, times, made)
+    run_settings = {"method": method, "source": named(source), "seed": seed}
+    result = floor_result(inputs, inputs.detections(video.frames(), times), method, hungarian, times, run_settings)
 
     def page(path: Path, folder: Path) -> None:
         cameras_shown = [camera_floor(inputs.ceiling, result.tracks, folder)]
-        path.write_text(floor_page(cameras_shown, times.seconds, made), encoding="utf-8")
+        path.write_text(floor_page(cameras_shown, times.seconds, run_settings), encoding="utf-8")
 
     return replace(result, files={**result.files, "report.html": page})
 
@@ -150,7 +150,7 @@ def fisheye(
     from tsuiseki.tracking.fisheye.page import CameraFloor, camera_floor, floor_page
 
     opened = opened_ceiling(source, cameras, ceiling, finding, detections)
-    shown, lines, made = list[CameraFloor](), list[str](), output.settings
+    floors, lines, run_settings = list[CameraFloor](), list[str](), output.settings
     with output.run() as run:
         run.facts |= report_models(opened[0].detector, opened[0].describe)
         for inputs in opened:
@@ -161,20 +161,22 @@ def fisheye(
             located = inputs.detections(run.frames(video, record=ceiling.overlay), run.times)
             steps = run.steps(located, f"tracking {name}")
             chosen = method or ("hungarian" if video.live else "flow")
-            result = floor_result(inputs, steps, chosen, hungarian, run.times, made)
+            result = floor_result(inputs, steps, chosen, hungarian, run.times, run_settings)
             run.save(result, partial(ceiling.draw, run, video, result, folder), folder)
-            shown.append(camera_floor(inputs.ceiling, result.tracks, run.work / folder, folder))
+            floors.append(camera_floor(inputs.ceiling, result.tracks, run.work / folder, folder))
             summary = inputs.summary(hungarian.start_score if chosen == "hungarian" else None)
             lines.append(f"{name}: {count(len(result), 'person', 'people')}{summary}")
         report_blank(opened[0].detector)
-        page = floor_page(shown, run.times.seconds, made)
+        page = floor_page(floors, run.times.seconds, run_settings)
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
         run.done("\n".join([*lines, f"results: {output.out}"]))
     return run.status
 
 
-# How far outside somebody may seem to stand, metres, and besides as a share of the distance: boxes are not exact.
-MARGIN, SHARE = 1.0, 0.15
+# How far outside the floor somebody may seem to stand, metres: boxes are not exact.
+MARGIN = 1.0
+# Likewise as a share of the distance from the camera, which comes on top.
+SHARE = 0.15
 
 
 @dataclass
@@ -217,8 +219,8 @@ class CeilingInputs:
     def _located(self, frames: Iterable[Frame], view: CeilingView, times: StageTimes) -> Iterator[FloorDetections]:
         """The people of each frame; no frame is read where boxes are given and no method needs images."""
 
-        def given_at(given: Sequence[Detections], index: int) -> Detections:
-            return self._keep(given[index]) if index < len(given) else Detections.empty()
+        def given_at(boxes: Sequence[Detections], index: int) -> Detections:
+            return self._keep(boxes[index]) if index < len(boxes) else Detections.empty()
 
         detect, length = self.detect, self.ceiling.source.length
         if isinstance(detect, Sequence) and view.appearance is None:
@@ -246,17 +248,17 @@ class CeilingInputs:
     def _noted(self, people: Iterable[FloorDetections]) -> Iterator[FloorDetections]:
         source = self.ceiling.source
         images = source.images if isinstance(source, ImageFolder) else ()
-        for index, each in enumerate(people):
-            scores = each.detections.scores
+        for index, located in enumerate(people):
+            scores = located.detections.scores
             self.frames += 1
             self.number += len(scores)
             self.best = max(self.best, float(np.nan_to_num(scores, nan=np.inf).max(initial=-np.inf)))
             if self.options.save_detections:
-                rows = each.rotated.copy()
+                rows = located.rotated.copy()
                 rows[:, 4] = half_turned(rows[:, 4])
                 name = images[index].stem if images else str(index + 1)
                 self.boxes[name] = RotatedBoxes(rows, np.full(len(rows), -1), scores)
-            yield each
+            yield located
 
     def summary(self, start_score: float | None) -> str:
         """What to tell of detections outside the floor, and where none starts a track from ``start_score`` on."""
@@ -288,8 +290,8 @@ def opened_ceiling(
     person = PersonModel(height=options.person_height, body_radius=options.body_radius)
     needs_images = detections is None or network is not None or options.overlay
     views = open_ceiling(source, cameras, options.resize, needs_images=needs_images, only=only)
-    for each in views:
-        check_height(each.placed.camera, person)
+    for ceiling in views:
+        check_height(ceiling.placed.camera, person)
     detects: list[Detect | list[Detections]] = []
     detector: Detect | None = None
     if detections is None:
@@ -297,14 +299,14 @@ def opened_ceiling(
         turned = options.view == "image"
         how = finding.threads, options.detector_options, finding.device
         detector = as_detector(path, finding.score_threshold, *how, turned=turned)
-        detects += [ceiling_detector(detector, each.placed.camera, options.view) for each in views]
+        detects += [ceiling_detector(detector, ceiling.placed.camera, options.view) for ceiling in views]
     else:
-        given = [given_detections(p, each, finding.score_range) for p, each in zip(detections, views, strict=True)]
-        detects += [[one.scoring(finding.score_threshold) for one in each] for each in given]
+        files = [given_detections(p, view, finding.score_range) for p, view in zip(detections, views, strict=True)]
+        detects += [[frame.scoring(finding.score_threshold) for frame in frames] for frames in files]
     describe = None if network is None else as_describer(network, finding.threads, device=finding.device)
     return [
-        CeilingInputs(each, options, detect, detector, describe, person)
-        for each, detect in zip(views, detects, strict=True)
+        CeilingInputs(ceiling, options, detect, detector, describe, person)
+        for ceiling, detect in zip(views, detects, strict=True)
     ]
 
 

@@ -39,17 +39,36 @@ from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
 
-# Seconds in which a track's velocity decays, and over which measured places are averaged; weight of the newest feature.
-MEMORY, NOISE, UPDATE = 1.0, 0.15, 0.3
+# Time in which a track's velocity decays, seconds.
+MEMORY = 1.0
+# Time over which measured places are averaged, seconds.
+NOISE = 0.15
+# Weight of the newest feature in a track's appearance.
+UPDATE = 0.3
 # Frames after which what came of no track is dropped.
 PRUNED = 200
 # A person is a square of 1 m on the floor's plan, so that distances in heights are in metres.
 SQUARE = 1.0
-# Of the flow: seconds between two linked detections at most; metres between them at most, at one time and more for each
-# second; cost of a track's start and of its end; seconds of detections that a track has at least, and one at least.
-WINDOW, REACH, SPEED, ENTRY, SHORTEST = 3.0, 0.8, 1.5, 2.0, 0.2
-# Scales of measured places of one person who stands still, metres, and of a person's velocity, m/s; see `HandSetCost`.
-PLACE_NOISE, PACE, APPEARANCE, NEUTRAL, BIAS = 0.25, 0.8, 10.0, 0.3, -4.0
+# Of the flow: time between two linked detections at most, seconds.
+WINDOW = 3.0
+# Of the flow: metres between two linked detections at most, at one time.
+REACH = 0.8
+# Of the flow: how much more for each second between them, m/s.
+SPEED = 1.5
+# Of the flow: cost of a track's start, and of its end.
+ENTRY = 2.0
+# Of the flow: seconds of detections that a track has at least; one detection at least.
+SHORTEST = 0.2
+# Of the flow: scale of measured places of one person who stands still, metres; see `HandSetCost`.
+PLACE_NOISE = 0.25
+# Of the flow: scale of a person's velocity, m/s.
+PACE = 0.8
+# Of the flow: weight of the cosine distance of two features.
+APPEARANCE = 10.0
+# Of the flow: cosine distance that speaks neither for nor against one person.
+NEUTRAL = 0.3
+# Of the flow: exponent q of two detections one frame apart that do not differ, of neutral appearance.
+BIAS = -4.0
 # At 1 frame a second a track has few detections, and they must outweigh the cost of its start and end.
 OBSERVATION = ObservationCost(alpha=2.0, beta=-6.0)
 FloorMethod: TypeAlias = Literal["hungarian", "flow"]
@@ -128,9 +147,9 @@ class FisheyeTracker:
         if live is None or (len(live.numbers) == 0 and live.appearance.shape[1] != width):
             none = np.empty((0, 2))
             return _Live(np.empty(0, np.int64), none, none, np.empty((0, width)), np.empty(0, np.int64), np.empty(0))
-        kept = float(np.exp(-self._step / MEMORY))
-        moved = live.places + live.velocities * MEMORY * (1 - kept)
-        return replace(live, places=moved, velocities=live.velocities * kept, undetected=live.undetected + self._step)
+        decay = float(np.exp(-self._step / MEMORY))
+        moved = live.places + live.velocities * MEMORY * (1 - decay)
+        return replace(live, places=moved, velocities=live.velocities * decay, undetected=live.undetected + self._step)
 
     def _match(self, live: _Live, located: FloorDetections, features: FloatArray) -> tuple[IntArray, IntArray]:
         """Rows of the matched tracks, and rows of their detections."""
@@ -148,9 +167,9 @@ class FisheyeTracker:
             matched, detected = assign(costs, settings.feature_gate)
         if not settings.by_place:
             return matched, detected
-        rest, free = np.setdiff1d(np.arange(len(away)), matched), np.setdiff1d(np.arange(len(located)), detected)
-        rows, columns = assign(shares[np.ix_(rest, free)], 1.0)
-        return np.concatenate([matched, rest[rows]]), np.concatenate([detected, free[columns]])
+        unmatched, free = np.setdiff1d(np.arange(len(away)), matched), np.setdiff1d(np.arange(len(located)), detected)
+        rows, columns = assign(shares[np.ix_(unmatched, free)], 1.0)
+        return np.concatenate([matched, unmatched[rows]]), np.concatenate([detected, free[columns]])
 
     def _advanced(
         self, live: _Live, located: FloorDetections, features: FloatArray, matched: IntArray, detected: IntArray
@@ -162,21 +181,21 @@ class FisheyeTracker:
         born = np.flatnonzero(free)
         waiting = (live.hits >= self._needed) & (live.undetected < settings.max_age + 1e-9)
         waiting[matched] = False
-        old, kept = live.select(matched), live.select(np.flatnonzero(waiting))
+        old, missed = live.select(matched), live.select(np.flatnonzero(waiting))
         new = self._record.start(len(born))
         away = located.places[detected] - old.places
         step = old.undetected[:, None]
         alpha = 1 - np.exp(-step / NOISE)
         beta = alpha**2 / (2 - alpha)
-        known = running_mean(old.appearance, features[detected], 1 - UPDATE, UPDATE)
+        appearance = running_mean(old.appearance, features[detected], 1 - UPDATE, UPDATE)
         zero = np.zeros(len(born))
         parts = (
-            (old.numbers, kept.numbers, new),
-            (old.places + alpha * away, kept.places, located.places[born]),
-            (old.velocities + beta * away / step, kept.velocities, np.zeros((len(born), 2))),
-            (known, kept.appearance, features[born]),
-            (old.hits + 1, kept.hits, np.ones(len(born), np.int64)),
-            (np.zeros(len(matched)), kept.undetected, zero),
+            (old.numbers, missed.numbers, new),
+            (old.places + alpha * away, missed.places, located.places[born]),
+            (old.velocities + beta * away / step, missed.velocities, np.zeros((len(born), 2))),
+            (appearance, missed.appearance, features[born]),
+            (old.hits + 1, missed.hits, np.ones(len(born), np.int64)),
+            (np.zeros(len(matched)), missed.undetected, zero),
         )
         result = _Live(*(np.concatenate(part) for part in parts))
         self._note(np.concatenate([old.numbers, new]), located, np.concatenate([detected, born]))
@@ -188,10 +207,10 @@ class FisheyeTracker:
     def _note(self, numbers: IntArray, located: FloorDetections, which: IntArray) -> None:
         """Record the tracks with these numbers at the detections ``which``."""
         if len(numbers):
-            given = located.detections
-            self._names |= given.names
-            rows = np.concatenate([given.boxes, located.rotated, located.places, given.origin], axis=1)[which]
-            self._record.append(self._frame, numbers, rows, given.scores[which])
+            detections = located.detections
+            self._names |= detections.names
+            rows = np.concatenate([detections.boxes, located.rotated, located.places, detections.origin], axis=1)[which]
+            self._record.append(self._frame, numbers, rows, detections.scores[which])
 
 
 def flow_on_floor(located: Sequence[FloorDetections], frame_rate: float) -> list[FloorTrack]:
@@ -199,7 +218,7 @@ def flow_on_floor(located: Sequence[FloorDetections], frame_rate: float) -> list
     step = 1.0 / frame_rate
     gate = GateSettings(max(1, round(WINDOW * frame_rate)), reach=REACH + SPEED * step, speed=SPEED * step)
     transition = HandSetCost(BIAS, PLACE_NOISE, speed=PACE * step, appearance=APPEARANCE, neutral=NEUTRAL)
-    squares = [np.concatenate([each.places - SQUARE / 2, each.places + SQUARE / 2], axis=1) for each in located]
+    squares = [np.concatenate([frame.places - SQUARE / 2, frame.places + SQUARE / 2], axis=1) for frame in located]
     rows = rows_of(
         [Detections(s, f.detections.scores, f.detections.features) for s, f in zip(squares, located, strict=True)], 0, 0
     )
@@ -207,10 +226,10 @@ def flow_on_floor(located: Sequence[FloorDetections], frame_rate: float) -> list
     pairs = pairs_with_costs(rows, gate, transition, miss)
     labels = track_labels(solve(build_graph(OBSERVATION(rows.scores), pairs, ENTRY, ENTRY)))
     boxes, scores, origin = (
-        np.concatenate([getattr(each.detections, name) for each in located]) for name in ("boxes", "scores", "origin")
+        np.concatenate([getattr(frame.detections, name) for frame in located]) for name in ("boxes", "scores", "origin")
     )
-    rotated, places = (np.concatenate([getattr(each, name) for each in located]) for name in ("rotated", "places"))
-    names = {kind: name for each in located for kind, name in each.detections.names.items()}
+    rotated, places = (np.concatenate([getattr(frame, name) for frame in located]) for name in ("rotated", "places"))
+    names = {kind: name for frame in located for kind, name in frame.detections.names.items()}
     matched, fewest = np.empty(0, np.bool_), max(1, round(SHORTEST * frame_rate))
     return [
         FloorTrack(
@@ -226,12 +245,12 @@ def link_on_floor(
     located: Iterable[FloorDetections], rate: float, method: FloorMethod, hungarian: FisheyeSettings, times: StageTimes
 ) -> list[FloorTrack]:
     """The tracks of one camera: ``hungarian`` decides frame by frame, ``flow`` links the whole video at the end."""
-    online, kept = FisheyeTracker(rate, hungarian), []
-    for each in located:
+    online, frames = FisheyeTracker(rate, hungarian), []
+    for frame in located:
         if method == "flow":
-            kept.append(each)
+            frames.append(frame)
             continue
         with times.measure("associate"):
-            online.update(each)
+            online.update(frame)
     with times.measure("associate"):
-        return flow_on_floor(kept, rate) if method == "flow" else online.tracks()
+        return flow_on_floor(frames, rate) if method == "flow" else online.tracks()

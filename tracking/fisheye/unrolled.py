@@ -28,10 +28,14 @@ Tile: TypeAlias = CylinderView | DownwardView
 # Tiles of each ring: more show people larger. With tiles of 4:3 a ring of n shows those whole who stand farther away
 # than n / 6 of the camera's height.
 RINGS = (1, 4)
-# Share of a tile that the next one shows again; row of a tile that is as high as the camera, share of the height.
-OVERLAP, HORIZON = 0.25, 0.03
-# Overlap from which two turned boxes are one person, and share of a box within one of another tile likewise.
-SAME, INSIDE = 0.4, 0.7
+# Share of a tile that the next one shows again.
+OVERLAP = 0.25
+# Row of a tile that is as high as the camera, as a share of the height.
+HORIZON = 0.03
+# Overlap from which two turned boxes are one person.
+SAME = 0.4
+# Share of a box within one of another tile, from which they are one person.
+INSIDE = 0.7
 # Least and greatest height over the floor that a person's box may reach, metres.
 HEIGHTS = (0.7, 2.4)
 # A box that ends within this share of a tile's side from its border is taken for cut off.
@@ -70,8 +74,10 @@ class UnrolledDetector:
         for _ in range(max(level for *_, level in self._maps)):
             finer.append(np.asarray(cv2.pyrDown(finer[-1]), dtype=np.uint8))
         return [
-            np.asarray(cv2.remap(finer[level], whole, part, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT))
-            for whole, part, level in self._maps
+            np.asarray(
+                cv2.remap(finer[level], coordinates, fractions, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+            )
+            for coordinates, fractions, level in self._maps
         ]
 
     def detect(self, images: Sequence[ImageArray]) -> list[Detections]:
@@ -86,12 +92,12 @@ class UnrolledDetector:
     def _rolled(self, detections: Sequence[Detections]) -> Detections:
         """The detections in the tiles of one image as detections of the image."""
         rotated, scores, owners = [np.empty((0, 5))], [np.empty(0)], [np.empty(0, dtype=np.int64)]
-        for number, (tile, each) in enumerate(zip(self.tiles, detections, strict=True)):
-            kept = each.select(_whole(tile, each.boxes) & _plausible(tile, each.boxes))
-            boxes = _in_image(tile, self.camera, kept.boxes)
+        for number, (tile, in_tile) in enumerate(zip(self.tiles, detections, strict=True)):
+            people = in_tile.select(_whole(tile, in_tile.boxes) & _plausible(tile, in_tile.boxes))
+            boxes = _in_image(tile, self.camera, people.boxes)
             usable = np.isfinite(boxes).all(axis=1) & (boxes[:, 2:4] >= 1).all(axis=1)
             rotated.append(boxes[usable])
-            scores.append(kept.scores[usable])
+            scores.append(people.scores[usable])
             owners.append(np.full(int(usable.sum()), number))
         boxes, score, owner = np.concatenate(rotated), np.concatenate(scores), np.concatenate(owners)
         chosen = _distinct(boxes, score, owner)
@@ -145,8 +151,8 @@ def _map(tile: Tile, camera: Camera) -> tuple[NDArray[Any], NDArray[Any], int]:
     step = float(np.nanmedian(steps)) if np.isfinite(steps).any() else 1.0
     level = max(int(np.log2(max(step, 1.0)) + 0.3), 0)
     places = np.nan_to_num(places / 2**level - 0.5, nan=-100.0).astype(np.float32)
-    whole, part = cv2.convertMaps(places[..., 0].copy(), places[..., 1].copy(), cv2.CV_16SC2)
-    return np.asarray(whole), np.asarray(part), level
+    coordinates, fractions = cv2.convertMaps(places[..., 0].copy(), places[..., 1].copy(), cv2.CV_16SC2)
+    return np.asarray(coordinates), np.asarray(fractions), level
 
 
 def _whole(tile: Tile, boxes: FloatArray) -> BoolArray:
@@ -174,15 +180,15 @@ def _distinct(boxes: FloatArray, scores: FloatArray, owner: np.ndarray) -> np.nd
     """Rows of the best boxes, from the best on; of two that are one person the worse goes."""
     order = np.argsort(-scores, kind="stable")
     size = boxes[:, 2] * boxes[:, 3]
-    kept: list[int] = []
+    best: list[int] = []
     for k in order.tolist():
-        shared = rotated_intersections(boxes[k : k + 1], boxes[kept])[0]
-        overlap = shared / np.maximum(size[k] + size[kept] - shared, 1e-9)
-        inside = shared / np.maximum(np.minimum(size[k], size[kept]), 1e-9)
-        same = (overlap > SAME) | ((inside > INSIDE) & (owner[k] != owner[kept]))
+        shared = rotated_intersections(boxes[k : k + 1], boxes[best])[0]
+        overlap = shared / np.maximum(size[k] + size[best] - shared, 1e-9)
+        inside = shared / np.maximum(np.minimum(size[k], size[best]), 1e-9)
+        same = (overlap > SAME) | ((inside > INSIDE) & (owner[k] != owner[best]))
         if not same.any():
-            kept.append(k)
-    return np.array(kept, dtype=np.int64)
+            best.append(k)
+    return np.array(best, dtype=np.int64)
 
 
 CeilingInput: TypeAlias = Literal["unrolled", "image"]

@@ -68,12 +68,12 @@ class CeilingView:
 
     def _turned(self, detections: Detections, angles: FloatArray) -> FloorDetections:
         """Boxes that a network has turned itself, with the feet's end and the place of the upright box about each."""
-        given = np.column_stack([as_unturned(detections.boxes)[:, :4], angles])
-        upright = about_bodies(given)
+        turned = np.column_stack([as_unturned(detections.boxes)[:, :4], angles])
+        upright = about_bodies(turned)
         looked_up, places = self.table.look_up(upright)
         # Labels and networks tell the body's line, not which of its ends is up: the model does.
         flipped = np.cos(looked_up[:, 4] - angles) < 0
-        rotated = given.copy()
+        rotated = turned.copy()
         rotated[:, 4] = (angles + np.pi * flipped + np.pi) % (2 * np.pi) - np.pi
         return FloorDetections(replace(detections, boxes=upright, angles=None), rotated, places)
 
@@ -99,8 +99,8 @@ def as_unturned(boxes: FloatArray) -> FloatArray:
     return np.concatenate([centre, size, np.zeros((len(boxes), 1))], axis=1)
 
 
+# Metres from the camera to the ends of a floor that the camera file does not tell.
 REACH = 10.0
-"""Metres from the camera to the ends of a floor that the camera file does not tell."""
 
 
 @dataclass(frozen=True)
@@ -203,9 +203,9 @@ def given_detections(
     else:
         detections = read_detections(path, view.source.length, score_range)
     size = np.array([view.placed.camera.width, view.placed.camera.height])
-    for index, each in enumerate(detections):
+    for index, in_frame in enumerate(detections):
         # A box outside would be looked up as the nearest one at the rim.
-        middle = centres(each.boxes)
+        middle = centres(in_frame.boxes)
         outside = middle[((middle < 0) | (middle > size)).any(axis=1)]
         if len(outside):
             raise RequestError(
@@ -234,11 +234,11 @@ def _given_rotated(path: Path, source: Source, score_range: tuple[float, float] 
         )
     low, high = score_range or (-np.inf, np.inf)
     result = [Detections.empty()] * len(images)
-    for name, each in rotated.items():
-        outside = each.scores[~((each.scores >= low) & (each.scores <= high))]
+    for name, labelled in rotated.items():
+        outside = labelled.scores[~((labelled.scores >= low) & (labelled.scores <= high))]
         if len(outside):
             raise RequestError(f"{path}: {name}: expected scores from {low:g} to {high:g}, got {outside[0]:g}")
-        result[frames[name]] = turned_detections(each)
+        result[frames[name]] = turned_detections(labelled)
     return result
 
 
