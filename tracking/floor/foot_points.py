@@ -16,15 +16,24 @@ from tsuiseki.tracking.cameras.multicamera import StandingPeople
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import BoolArray, FloatArray
 
-HEIGHT, HEIGHT_DEVIATION = 1.72, 0.12
-"""Mean and deviation of the height of people, metres."""
+# Mean height of people, metres.
+HEIGHT = 1.72
+# Standard deviation of the height of people, metres.
+HEIGHT_DEVIATION = 0.12
+# Of a person, in heights.
 WIDTH = 0.36
-"""Width of a person, heights."""
-BOX_NOISE, ANKLE_NOISE, FLOOR_NOISE = 0.05, 0.03, 0.05
-"""Deviations of an edge of a box and of the middle of both ankles, heights of the box; of the body from the foot point,
-and of the calibration, metres."""
-BORDER, STEP, ROUNDS = 2.0, 0.02, 3
-"""Width of the image's border, pixels; step of a numerical derivative, metres; rounds of Gauss and Newton."""
+# Standard deviation of an edge of a box, in heights of the box.
+BOX_NOISE = 0.05
+# Standard deviation of the middle of both ankles, in heights of the box.
+ANKLE_NOISE = 0.03
+# Standard deviation of the body from the foot point, and of the calibration, metres.
+FLOOR_NOISE = 0.05
+# Width of the image's border, pixels: a box that ends there is cut off.
+BORDER = 2.0
+# Of a numerical derivative, metres.
+STEP = 0.02
+# Of Gauss and Newton.
+ROUNDS = 3
 
 
 def on_floor(camera: AnyCamera, people: StandingPeople) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -41,18 +50,18 @@ def on_floor(camera: AnyCamera, people: StandingPeople) -> tuple[FloatArray, Flo
     boxes = people.detections.boxes
     if not len(boxes):
         return np.empty((0, 2)), np.empty((0, 2, 2)), np.empty(0)
-    pixels, deviations, levels, known = _measured(camera, people)
+    pixels, deviations, levels, measured = _measured(camera, people)
     # The middle of a box is that of both ends, which need not lie over each other.
     boxed = np.isnan(people.feet).any(axis=1) & isinstance(camera, PinholeCamera)
-    state = _start(camera, pixels, levels, known)
+    state = _start(camera, pixels, levels, measured)
     prior = np.zeros((3, 3))
     prior[2, 2] = HEIGHT_DEVIATION**-2
-    weight = np.where(known, deviations**-2, 0.0)
+    weight = np.where(measured, deviations**-2, 0.0)
     for _ in range(ROUNDS):
         expected, slope = _projected(camera, state, levels)
         for column in (expected[..., 0], slope[:, :, 0]):
             column[boxed] = column[boxed].mean(axis=1, keepdims=True)
-        residual = np.where(known[..., None], pixels - expected, 0.0)
+        residual = np.where(measured[..., None], pixels - expected, 0.0)
         information = np.einsum("nk,nkai,nkaj->nij", weight, slope, slope) + prior
         pull = np.einsum("nk,nkai,nka->ni", weight, slope, residual)
         pull[:, 2] += prior[2, 2] * (HEIGHT - state[:, 2])
@@ -68,7 +77,7 @@ def on_floor(camera: AnyCamera, people: StandingPeople) -> tuple[FloatArray, Flo
 
 
 def _measured(camera: AnyCamera, people: StandingPeople) -> tuple[FloatArray, FloatArray, FloatArray, BoolArray]:
-    """Up to two points of each person: pixels ``(N, 2, 2)``, deviations, levels as shares of h, and which are known."""
+    """Up to two points of each person: pixels ``(N, 2, 2)``, deviations, levels as shares of h, which are measured."""
     boxes, ankles = people.detections.boxes, np.isfinite(people.feet).all(axis=1)
     middle, height = (boxes[:, 0] + boxes[:, 2]) / 2, boxes[:, 3] - boxes[:, 1]
     levels = np.tile([0.0, 1.0], (len(boxes), 1))
@@ -76,26 +85,26 @@ def _measured(camera: AnyCamera, people: StandingPeople) -> tuple[FloatArray, Fl
         pixels = np.repeat(((boxes[:, :2] + boxes[:, 2:]) / 2)[:, None], 2, axis=1)
         levels[:, 0] = 0.5
         size = np.sqrt((boxes[:, 2] - boxes[:, 0]) * height)
-        known = np.column_stack([np.ones(len(boxes), np.bool_), np.zeros(len(boxes), np.bool_)])
+        measured = np.column_stack([np.ones(len(boxes), np.bool_), np.zeros(len(boxes), np.bool_)])
         deviations = np.repeat(BOX_NOISE * size[:, None], 2, axis=1)
     else:
         pixels = np.stack([np.column_stack([middle, boxes[:, 3]]), np.column_stack([middle, boxes[:, 1]])], axis=1)
         # Only a box cut off at the border has its edge there; one that reaches beyond was completed.
         cut = np.abs(boxes[:, [3, 1]] - [camera.height, 0.0]) <= BORDER
-        known, deviations = ~cut, np.repeat(BOX_NOISE * height[:, None], 2, axis=1)
+        measured, deviations = ~cut, np.repeat(BOX_NOISE * height[:, None], 2, axis=1)
         sides = (np.abs(boxes[:, [0, 2]] - [0.0, camera.width]) <= BORDER).any(axis=1)
         deviations[sides] = np.maximum(deviations[sides], 0.3 * (boxes[sides, 2:3] - boxes[sides, :1]))
     pixels[ankles, 0], levels[ankles, 0] = people.feet[ankles], 0.0
-    deviations[ankles, 0], known[ankles, 0] = ANKLE_NOISE * height[ankles], True
-    return pixels, np.maximum(deviations, 0.5), levels, known
+    deviations[ankles, 0], measured[ankles, 0] = ANKLE_NOISE * height[ankles], True
+    return pixels, np.maximum(deviations, 0.5), levels, measured
 
 
-def _start(camera: AnyCamera, pixels: FloatArray, levels: FloatArray, known: BoolArray) -> FloatArray:
-    """``(N, 3)`` where the ray of the first known point meets its level."""
+def _start(camera: AnyCamera, pixels: FloatArray, levels: FloatArray, measured: BoolArray) -> FloatArray:
+    """``(N, 3)`` where the ray of the first measured point meets its level."""
     state = np.full((len(pixels), 3), np.nan)
     for k in (1, 0):
         for level in np.unique(levels[:, k]):
-            which = known[:, k] & (levels[:, k] == level)
+            which = measured[:, k] & (levels[:, k] == level)
             ground = camera.ground(pixels[which, k], level * HEIGHT)
             there = np.flatnonzero(which)[np.isfinite(ground).all(axis=1)]
             state[there] = np.column_stack([ground[np.isfinite(ground).all(axis=1), :2], np.full(len(there), HEIGHT)])

@@ -22,9 +22,15 @@ import scipy
 
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
+# Logarithm of 2π, of the density of a Gaussian in the plane.
 LOG_TWO_PI = float(np.log(2 * np.pi))
-SWEEPS, GATHERING = 4, 1
+# Times that all sensors are assigned anew, at most.
+SWEEPS = 4
+# The first of these sweeps, in which all detections count as people.
+GATHERING = 1
+# Squared Mahalanobis distance up to which a detection may join a group while gathering: three deviations.
 GATE = 9.0
+# Weight of a detection in a group of another certain name, nats: below any sum of others.
 BARRED = -1e9
 
 
@@ -40,7 +46,7 @@ class MomentPoints:
         gain: ``(N,)`` log p_D - log κ.
         missed: ``(N, S)`` log(1 - p_D v) of each sensor there.
         names: ``(N,)`` who it is for certain, or -1.
-        alike: of each moment the ``(n, n)`` log ratios by which appearance makes two of its points one person; or None.
+        affinities: of each moment ``(n, n)`` log ratios by which appearance makes two points one person; or None.
     """
 
     moment: IntArray
@@ -50,7 +56,7 @@ class MomentPoints:
     gain: FloatArray
     missed: FloatArray
     names: IntArray
-    alike: Sequence[FloatArray] | None = None
+    affinities: Sequence[FloatArray] | None = None
 
 
 @dataclass(frozen=True)
@@ -84,11 +90,11 @@ def group(points: MomentPoints, density: float, expected: ExpectedTracks | None 
     label = climb.tracks + np.arange(len(points.sensor))
     going = np.ones(int(climb.moment.max(initial=-1)) + 1, dtype=np.bool_)
     for sweep in range(SWEEPS):
-        before = label
+        previous = label
         for sensor in np.unique(points.sensor).tolist():
             label = climb.reassigned(label, sensor, going, sweep < GATHERING)
         if sweep >= GATHERING:
-            going = np.isin(np.arange(len(going)), points.moment[label != before])
+            going = np.isin(np.arange(len(going)), points.moment[label != previous])
     return label
 
 
@@ -106,25 +112,33 @@ class _Climb:
             missed = np.concatenate([expected.missed, missed])
         information, determinant = inverted(covariances)
         vector = np.matmul(information, places[..., None])[..., 0]
-        rest = -LOG_TWO_PI - 0.5 * np.log(determinant) - 0.5 * (vector * places).sum(axis=1)
+        constant = -LOG_TWO_PI - 0.5 * np.log(determinant) - 0.5 * (vector * places).sum(axis=1)
         gain = np.concatenate([np.zeros(self.tracks), points.gain])
         # What adds up over the members of a group, a row each.
         self.sums = np.stack(
-            [information[:, 0, 0], information[:, 0, 1], information[:, 1, 1], vector[:, 0], vector[:, 1], rest, gain]
+            [
+                information[:, 0, 0],
+                information[:, 0, 1],
+                information[:, 1, 1],
+                vector[:, 0],
+                vector[:, 1],
+                constant,
+                gain,
+            ]
         )
         self.missed, self.gain, self.precise = missed, gain, 1.0 / determinant
         # The most that joining a group may bring, but for its misses.
         self.trace = _trace(points.covariances)
-        self.most = points.gain - LOG_TWO_PI - 0.5 * np.log(determinant[self.tracks :])
+        self.bound = points.gain - LOG_TWO_PI - 0.5 * np.log(determinant[self.tracks :])
         self.named = bool((points.names >= 0).any())
-        if points.alike is not None:
+        if points.affinities is not None:
             first = np.searchsorted(points.moment, points.moment)
             self.within = np.arange(len(first)) - first
-            self.blocks = np.cumsum([0, *(block.size for block in points.alike)])[:-1]
-            self.alike = np.concatenate([np.empty(0), *(block.ravel() for block in points.alike)])
+            self.blocks = np.cumsum([0, *(block.size for block in points.affinities)])[:-1]
+            self.affinities = np.concatenate([np.empty(0), *(block.ravel() for block in points.affinities)])
             self.block = np.unique(points.moment, return_inverse=True)[1]
-            self.width = np.array([len(block) for block in points.alike], dtype=np.int64)
-            self.most = self.most + self.alike.max(initial=0.0)
+            self.width = np.array([len(block) for block in points.affinities], dtype=np.int64)
+            self.bound = self.bound + self.affinities.max(initial=0.0)
 
     def reassigned(self, label: IntArray, sensor: int, going: BoolArray, gathering: bool) -> IntArray:
         """The labels after the points of one sensor, in the moments still ``going``, chose their groups anew.
@@ -133,9 +147,9 @@ class _Climb:
         and would never become one of five.
         """
         points, tracks = self.points, self.tracks
-        own = points.sensor == sensor
-        here = going & np.isin(np.arange(len(going)), points.moment[own])
-        mine, others = (np.flatnonzero(of & here[points.moment]) for of in (own, ~own))
+        of_sensor = points.sensor == sensor
+        here = going & np.isin(np.arange(len(going)), points.moment[of_sensor])
+        mine, others = (np.flatnonzero(of & here[points.moment]) for of in (of_sensor, ~of_sensor))
         expected = np.flatnonzero(here[self.moment[:tracks]])
         who = np.concatenate([expected, tracks + others])
         if not len(mine) or not len(who):
@@ -145,17 +159,17 @@ class _Climb:
         numbers = who[first]
         value, missed, mean, covariance = self.values(who, member, len(numbers))
         alone = points.gain[mine] + self.density + points.missed[mine].sum(axis=1) - points.missed[mine, sensor]
-        every, columns, sizes = _within_moments(points.moment[mine], self.moment[numbers])
+        pair_rows, columns, sizes = _within_moments(points.moment[mine], self.moment[numbers])
         # The others are too far apart to be joined, whatever their shapes.
-        apart = ((points.places[mine][every] - mean[columns]) ** 2).sum(axis=1)
-        reach = self.trace[mine][every] + _trace(covariance)[columns]
-        most = GATE if gathering else 2 * (self.most[mine][every] - missed[:, sensor][columns])
-        near = np.flatnonzero(apart <= most * reach)
-        i, g = every[near], columns[near]
+        apart = ((points.places[mine][pair_rows] - mean[columns]) ** 2).sum(axis=1)
+        reach = self.trace[mine][pair_rows] + _trace(covariance)[columns]
+        limit = GATE if gathering else 2 * (self.bound[mine][pair_rows] - missed[:, sensor][columns])
+        near = np.flatnonzero(apart <= limit * reach)
+        i, g = pair_rows[near], columns[near]
         fit, square = log_normal(points.places[mine][i] - mean[g], points.covariances[mine][i] + covariance[g])
         joined = value[g] + points.gain[mine][i] - missed[g, sensor] + fit
-        if points.alike is not None:
-            joined += self._alike(mine, i, g, who, member, len(numbers))
+        if points.affinities is not None:
+            joined += self._affinity(mine, i, g, who, member, len(numbers))
         if self.named:
             joined[self._barred(mine, i, g, who, member, len(numbers))] = BARRED
         # A group or point of negative weight is a false alarm, and weighs nothing.
@@ -166,9 +180,9 @@ class _Climb:
         result = label.copy()
         result[others] = numbers[member[len(expected) :]]
         result[mine] = tracks + mine
-        whole = np.zeros(len(every))
-        whole[near] = np.maximum(profit, 0.0)
-        rows, chosen = _assigned(whole, points.moment[mine], columns, sizes)
+        profits = np.zeros(len(pair_rows))
+        profits[near] = np.maximum(profit, 0.0)
+        rows, chosen = _assigned(profits, points.moment[mine], columns, sizes)
         result[mine[rows]] = numbers[chosen]
         return result
 
@@ -177,11 +191,11 @@ class _Climb:
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
         """Weights V of the groups, their misses ``(G, S)``, means and covariances."""
         # Gaussians multiplied by group: information and its vector give the mean, the rest the integral.
-        a, b, c, x, y, rest, gain = (np.bincount(member, weights=row, minlength=count) for row in self.sums[:, who])
+        a, b, c, x, y, constant, gain = (np.bincount(member, weights=row, minlength=count) for row in self.sums[:, who])
         determinant = a * c - b * b
         covariance = np.stack([c, -b, -b, a], axis=1).reshape(-1, 2, 2) / determinant[:, None, None]
         mean = np.stack([c * x - b * y, a * y - b * x], axis=1) / determinant[:, None]
-        integral = rest + LOG_TWO_PI - 0.5 * np.log(determinant) + 0.5 * (mean[:, 0] * x + mean[:, 1] * y)
+        integral = constant + LOG_TWO_PI - 0.5 * np.log(determinant) + 0.5 * (mean[:, 0] * x + mean[:, 1] * y)
         missed = self.missed[self.most_precise(who, member, count)].copy()
         real = who >= self.tracks
         missed[member[real], self.points.sensor[who[real] - self.tracks]] = 0.0
@@ -196,7 +210,7 @@ class _Climb:
         first[member[order]] = who[order]
         return first
 
-    def _alike(
+    def _affinity(
         self, mine: IntArray, i: IntArray, g: IntArray, who: IntArray, member: IntArray, count: int
     ) -> FloatArray:
         """``(P,)`` what appearance adds to pairs, the mean over the members in view from a like side."""
@@ -204,9 +218,9 @@ class _Climb:
         others, groups = who[held] - self.tracks, member[held]
         # All pairs of a point of the sensor and another point of its moment, added up by group.
         row, of, _ = _within_moments(self.points.moment[mine], self.points.moment[others])
-        point, other = mine[row], others[of]
+        point, partner = mine[row], others[of]
         block = self.block[point]
-        ratio = self.alike[self.blocks[block] + self.within[point] * self.width[block] + self.within[other]]
+        ratio = self.affinities[self.blocks[block] + self.within[point] * self.width[block] + self.within[partner]]
         total = np.bincount(row * count + groups[of], weights=ratio, minlength=len(mine) * count)
         return np.asarray(total[i * count + g] / np.maximum(np.bincount(groups, minlength=count), 1)[g])
 
@@ -218,8 +232,8 @@ class _Climb:
         held = who >= self.tracks
         names = self.points.names[who[held] - self.tracks]
         named[member[held][names >= 0]] = names[names >= 0]
-        own = self.points.names[mine][i]
-        return np.asarray((own >= 0) & (named[g] >= 0) & (own != named[g]))
+        point_names = self.points.names[mine][i]
+        return np.asarray((point_names >= 0) & (named[g] >= 0) & (point_names != named[g]))
 
 
 def _within_moments(rows: IntArray, columns: IntArray) -> tuple[IntArray, IntArray, IntArray]:
@@ -232,9 +246,9 @@ def _within_moments(rows: IntArray, columns: IntArray) -> tuple[IntArray, IntArr
     order = np.argsort(columns, kind="stable")
     sizes = np.bincount(columns, minlength=int(rows.max(initial=-1)) + 1)
     ends = np.cumsum(sizes)
-    own = sizes[rows]
-    i = np.repeat(np.arange(len(rows)), own)
-    return i, order[np.arange(len(i)) + np.repeat(ends[rows] - np.cumsum(own), own)], own
+    partners = sizes[rows]
+    i = np.repeat(np.arange(len(rows)), partners)
+    return i, order[np.arange(len(i)) + np.repeat(ends[rows] - np.cumsum(partners), partners)], partners
 
 
 def _assigned(profit: FloatArray, moment: IntArray, columns: IntArray, sizes: IntArray) -> tuple[IntArray, IntArray]:
@@ -247,9 +261,9 @@ def _assigned(profit: FloatArray, moment: IntArray, columns: IntArray, sizes: In
         block = profit[start : ends[last]].reshape(last - first, width)
         if width and (block > 0).any():
             row, column = scipy.optimize.linear_sum_assignment(block, maximize=True)
-            taken = block[row, column] > 0
-            rows.append(first + row[taken])
-            chosen.append(columns[start + column[taken]])
+            profitable = block[row, column] > 0
+            rows.append(first + row[profitable])
+            chosen.append(columns[start + column[profitable]])
     return np.concatenate(rows), np.concatenate(chosen)
 
 
@@ -305,14 +319,14 @@ class PersonNodes:
 
 def weighed(points: MomentPoints, label: IntArray) -> tuple[PersonNodes, IntArray]:
     """The groups as nodes, by moment and then by label, and the label of each."""
-    climb, every = _Climb(points, 0.0, None), np.arange(len(label))
+    climb, indices = _Climb(points, 0.0, None), np.arange(len(label))
     numbers, first, member = np.unique(label, return_index=True, return_inverse=True)
     order = np.argsort(points.moment[first], kind="stable")
     place = np.empty_like(order)
     place[order] = np.arange(len(order))
     member = place[member]
-    value, _, mean, covariance = climb.values(every, member, len(numbers))
-    missed = climb.missed[climb.most_precise(every, member, len(numbers))].sum(axis=1)
+    value, _, mean, covariance = climb.values(indices, member, len(numbers))
+    missed = climb.missed[climb.most_precise(indices, member, len(numbers))].sum(axis=1)
     return PersonNodes(points.moment[first[order]], mean, covariance, value, missed, member), numbers[order]
 
 

@@ -18,15 +18,24 @@ from tsuiseki.tracking.geometry import intersections
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.video.synchronise import Moment, align, default_tolerance
 
+# Around the plan, in which people are still followed, metres.
 MARGIN = 1.0
-"""Margin around the plan in which people are still followed, metres."""
+# Share of the longest recording for which all cameras must run at one time.
 APART = 0.5
-STEPS, LEAST_VISIBLE = 5, 0.05
-"""Steps of the visible share of a person, each with a probability of detection; least visible share of a detection."""
-PRIOR, LEAST_FALSE = 10.0, 0.02
+# Of the visible share of a person, each with a probability of detection.
+STEPS = 5
+# Visible share of a person from which they may be detected.
+LEAST_VISIBLE = 0.05
+# Weight of a sensor's former probabilities of detection, in people of each step.
+PRIOR = 10.0
+# Added to the false positives a moment, which are never none.
+LEAST_FALSE = 0.02
+# People whose visible share is computed at a time, so that memory stays small.
 CHUNK = 4_000
-HIDDEN_BY, NEARER = 0.95, 0.5
-"""Largest share of a person that others hide; least difference in distance of a person who hides another, metres."""
+# Largest share of a person that others hide.
+HIDDEN_BY = 0.95
+# Least difference in distance of a person who hides another, metres.
+NEARER = 0.5
 
 
 @dataclass(frozen=True)
@@ -248,13 +257,13 @@ def measured_floor(
         RequestError: see `check_feeds` and `check_names`; or all that a sensor measured lies outside the plan.
     """
     check_feeds(feeds)
-    scans = [np.unique(one.times) for one in positions]
+    scans = [np.unique(reports.times) for reports in positions]
     stamps = [feed.times for feed in feeds] + scans
     slack = default_tolerance(stamps) if tolerance is None else tolerance
     check_names(list(positions), slack)
     moments = align(stamps, slack)
-    parts = [_of_camera(feed) for feed in feeds] + [_of_positions(one) for one in positions]
-    names = [feed.placed.name for feed in feeds] + [str(one.path) for one in positions]
+    parts = [_of_camera(feed) for feed in feeds] + [_of_positions(reports) for reports in positions]
+    names = [feed.placed.name for feed in feeds] + [str(reports.path) for reports in positions]
     plan = _spanned([part["places"] for part in parts]) if floor is None else floor
     low, high = plan[:2] - MARGIN, plan[2:] + MARGIN
     views, outside = list[SensorView](), dict[str, int]()
@@ -263,23 +272,23 @@ def measured_floor(
             inside = np.asarray((part["places"] >= low).all(axis=1) & (part["places"] <= high).all(axis=1))
         if not inside.all():
             outside[names[sensor]] = left = int((~inside).sum())
-            name, shown = names[sensor], ",".join(f"{value:g}" for value in plan)
+            name, bounds = names[sensor], ",".join(f"{value:g}" for value in plan)
             if left == len(inside):
                 raise RequestError(
-                    f"{name}: expected people on the plan {shown}, got all {left} outside; check `floor`"
+                    f"{name}: expected people on the plan {bounds}, got all {left} outside; check `floor`"
                 )
             if sensor >= len(feeds):
-                message = f"{name}: {left} of {len(inside)} positions lie outside the plan {shown} and are left out"
+                message = f"{name}: {left} of {len(inside)} positions lie outside the plan {bounds} and are left out"
                 warnings.warn(message, InputWarning, stacklevel=2)
         at, measured = np.full(len(stamps[sensor]), -1), np.zeros(len(moments), dtype=np.bool_)
         for number, moment in enumerate(moments):
             if (frame := moment.frames[sensor]) is not None:
                 at[frame], measured[number] = number, True
         part["moment"] = at[part["moment"]]
-        kept = np.flatnonzero(inside & (part["moment"] >= 0))
-        parts[sensor] = part = {name: column[kept] for name, column in part.items()}
+        rows = np.flatnonzero(inside & (part["moment"] >= 0))
+        parts[sensor] = part = {name: column[rows] for name, column in part.items()}
         part["spread"] = np.nan_to_num(part["spread"], nan=1.0 / float(np.prod(high - low)))
-        part["sensor"] = np.full(len(kept), sensor)
+        part["sensor"] = np.full(len(rows), sensor)
         camera = feeds[sensor].placed.camera if sensor < len(feeds) else None
         views.append(_view(camera, measured, part))
     return MeasuredFloor(moments, _joined(parts, views, feeds), views, names, feeds, plan, outside)
@@ -290,22 +299,22 @@ _Columns = dict[str, Any]
 
 
 def _of_camera(feed: CameraFeed) -> _Columns:
-    counts, camera = [len(each) for each in feed.people], feed.placed.camera
-    boxes = np.concatenate([np.empty((0, 4)), *(each.detections.boxes for each in feed.people)])
-    feet = np.concatenate([np.empty((0, 2)), *(each.feet for each in feed.people)])
+    counts, camera = [len(standing) for standing in feed.people], feed.placed.camera
+    boxes = np.concatenate([np.empty((0, 4)), *(standing.detections.boxes for standing in feed.people)])
+    feet = np.concatenate([np.empty((0, 2)), *(standing.feet for standing in feed.people)])
     places, covariances, density = on_floor(camera, StandingPeople(Detections(boxes, np.ones(len(boxes))), feet))
-    described = [each.detections.features for each in feed.people if len(each)]
-    known = [one for one in described if one is not None]
+    described = [standing.detections.features for standing in feed.people if len(standing)]
+    features = [matrix for matrix in described if matrix is not None]
     rows = np.concatenate([np.empty(0, np.int64), *map(np.arange, counts)])
     columns = _columns(np.repeat(np.arange(len(counts)), counts), rows, places, covariances)
     columns |= {"spread": density / (camera.width * camera.height), "boxes": boxes}
-    return columns | ({"features": np.concatenate(known)} if known and len(known) == len(described) else {})
+    return columns | ({"features": np.concatenate(features)} if features and len(features) == len(described) else {})
 
 
-def _of_positions(one: FloorPositions) -> _Columns:
-    frames = np.unique(one.times, return_inverse=True)[1]
-    covariances = np.square(one.deviations)[:, None, None] * np.eye(2)
-    return _columns(frames, np.arange(len(frames)), one.places, covariances) | {"names": one.names}
+def _of_positions(positions: FloorPositions) -> _Columns:
+    frames = np.unique(positions.times, return_inverse=True)[1]
+    covariances = np.square(positions.deviations)[:, None, None] * np.eye(2)
+    return _columns(frames, np.arange(len(frames)), positions.places, covariances) | {"names": positions.names}
 
 
 def _columns(frames: IntArray, rows: IntArray, places: FloatArray, covariances: FloatArray) -> _Columns:
@@ -316,11 +325,13 @@ def _columns(frames: IntArray, rows: IntArray, places: FloatArray, covariances: 
 
 def _spanned(places: Sequence[FloatArray]) -> FloatArray:
     """``(4,)`` about all but the farthest measurements."""
-    every = np.concatenate(list(places))
-    every = every[np.isfinite(every).all(axis=1)]
-    if not len(every):
+    measured = np.concatenate(list(places))
+    measured = measured[np.isfinite(measured).all(axis=1)]
+    if not len(measured):
         raise RequestError("expected somebody on the floor, got no detection that lies on it; check the camera file")
-    return np.concatenate([np.quantile(every, 0.005, axis=0) - MARGIN, np.quantile(every, 0.995, axis=0) + MARGIN])
+    return np.concatenate(
+        [np.quantile(measured, 0.005, axis=0) - MARGIN, np.quantile(measured, 0.995, axis=0) + MARGIN]
+    )
 
 
 def _view(camera: AnyCamera | None, measured: BoolArray, part: _Columns) -> SensorView:
@@ -339,16 +350,16 @@ def _view(camera: AnyCamera | None, measured: BoolArray, part: _Columns) -> Sens
 def _joined(parts: Sequence[_Columns], views: Sequence[SensorView], feeds: Sequence[CameraFeed]) -> FloorPoints:
     """The measurements of all sensors, by moment."""
     order = np.argsort(np.concatenate([part["moment"] for part in parts]), kind="stable")
-    wanted = ("moment", "sensor", "row", "places", "covariances", "spread", "names")
-    columns = {name: np.concatenate([part[name] for part in parts])[order] for name in wanted}
+    names = ("moment", "sensor", "row", "places", "covariances", "spread", "names")
+    columns = {name: np.concatenate([part[name] for part in parts])[order] for name in names}
     moment, places = columns["moment"], columns["places"]
     width = {part["features"].shape[1] for part in parts if "features" in part}
     if len(width) == 1:
         blank = np.zeros((1, width.pop()))
-        own = [part.get("features", np.repeat(blank, len(part["row"]), axis=0)) for part in parts]
+        features = [part.get("features", np.repeat(blank, len(part["row"]), axis=0)) for part in parts]
         unseen = [[np.nan] * 2] * (len(parts) - len(feeds))
         stands = np.array([feed.placed.camera.position[:2] for feed in feeds] + unseen)
         away = places - stands[columns["sensor"]]
         facing = np.nan_to_num(away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-9))
-        columns |= {"features": np.concatenate(own)[order], "facing": facing}
+        columns |= {"features": np.concatenate(features)[order], "facing": facing}
     return FloorPoints(visible=shares(views, moment, places), **columns)

@@ -21,14 +21,24 @@ from tsuiseki.tracking.floor.walking import BIRTHS, LIVES, SPEED
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.measurements import PersonOnFloor
 
-DETECTION, FALSE = 0.75, 1.5
-"""Of each sensor: probability of detecting a person in full view, and false positives a moment."""
+# Probability that a sensor detects a person in full view.
+DETECTION = 0.75
+# False positives of a sensor, a moment.
+FALSE = 1.5
+# Of people, m/s².
 ACCELERATION = 0.8
-"""Of people, m/s²."""
-PARTICLES, NEAR = 300, 9.0
-REPORT, CONFIRM, KERNEL = 0.5, 0.8, 0.3
+# Of each person.
+PARTICLES = 300
+# Squared Mahalanobis distance within which a detection counts as a person's: three deviations.
+NEAR = 9.0
+# Existence from which a person is reported.
+REPORT = 0.5
+# Existence from which a person is reported for the first time.
+CONFIRM = 0.8
+# Relative width of the kernel that spreads particles.
+KERNEL = 0.3
+# Moments that a track has at least.
 SHORTEST = 3
-"""Existence from which a person is reported, and for the first time; width of the kernel that spreads particles."""
 
 
 def people_online(measured: MeasuredFloor, seed: int = 0) -> list[PersonOnFloor]:
@@ -47,10 +57,10 @@ def people_online(measured: MeasuredFloor, seed: int = 0) -> list[PersonOnFloor]
         active = [k for k, view in enumerate(views) if view.measured[moment] and not view.names]
         ids = np.empty(0, np.int64)
         for number, sensor in enumerate(active):
-            own = scan[points.sensor[scan] == sensor]
-            one = _corrector(views[sensor], moment, seconds if number == 0 else None, seconds / len(active),
-                             points.covariances[own], FALSE * points.spread[own])  # fmt: skip
-            state, info = one.step(state or one.init(np.empty((0, 4))), points.places[own], rng)
+            of_sensor = scan[points.sensor[scan] == sensor]
+            corrector = _corrector(views[sensor], moment, seconds if number == 0 else None, seconds / len(active),
+                             points.covariances[of_sensor], FALSE * points.spread[of_sensor])  # fmt: skip
+            state, info = corrector.step(state or corrector.init(np.empty((0, 4))), points.places[of_sensor], rng)
             ids = info.estimates.ids
         if state is None or not len(ids):
             continue
@@ -64,12 +74,12 @@ def people_online(measured: MeasuredFloor, seed: int = 0) -> list[PersonOnFloor]
             held.setdefault(int(ids[k]), []).append(
                 (moment, mean[k], covariance[k], state.existence[rows[k]], detected[k])
             )
-    kept = [own for _, own in sorted(held.items()) if len(own) >= SHORTEST]
+    tracks = [states for _, states in sorted(held.items()) if len(states) >= SHORTEST]
     people = []
-    for number, own in enumerate(kept, start=1):
-        at, mean, covariance, existence, detected = (np.array(column) for column in zip(*own, strict=True))
+    for number, states in enumerate(tracks, start=1):
+        at, mean, covariance, existence, detected = (np.array(column) for column in zip(*states, strict=True))
         state_of = mean[:, [0, 2]], mean[:, [1, 3]], covariance
-        people.append(PersonOnFloor(number, at, times[at], *state_of, existence, np.empty((len(own), 0)), detected))
+        people.append(PersonOnFloor(number, at, times[at], *state_of, existence, np.empty((len(states), 0)), detected))
     return people
 
 

@@ -23,6 +23,7 @@ from tsuiseki.tracking.types import BoolArray, Track
 from tsuiseki.tracking.types.measurements import PersonOnFloor
 from tsuiseki.tracking.types.tracks import FloorTrack
 
+# People on the page at most, those followed longest.
 MOST_PEOPLE = 200
 
 
@@ -31,7 +32,7 @@ def floor_files(
     people: Sequence[PersonOnFloor],
     tracks: Sequence[Sequence[Track]],
     seconds: Mapping[str, float],
-    made: Mapping[str, Any],
+    run_settings: Mapping[str, Any],
 ) -> dict[str, Writer]:
     """What a run writes, by name.
 
@@ -40,9 +41,9 @@ def floor_files(
         people: that were followed.
         tracks: the same people in each camera.
         seconds: of each stage.
-        made: settings of the run.
+        run_settings: kept with the result.
     """
-    walked, plan = [_as_floor_track(one) for one in people], measured.floor
+    walked, plan = [_as_floor_track(person) for person in people], measured.floor
     stands = np.array([feed.placed.camera.position[:2] for feed in measured.feeds]).reshape(-1, 2)
     steps = np.diff(measured.times)
     rate = float(1.0 / np.median(steps)) if len(steps) else 1.0
@@ -51,8 +52,8 @@ def floor_files(
         "floor.png": lambda path, _: floor_figure(walked, plan, stands).savefig(path, dpi=120, facecolor="white"),
         "dwell.png": lambda path, _: dwell_figure(walked, plan, rate).savefig(path, dpi=120, facecolor="white"),
     }
-    for feed, own in zip(measured.feeds, tracks, strict=True):
-        files[f"{feed.placed.name}/tracks.txt"] = partial(_write_tracks, own)
+    for feed, camera_tracks in zip(measured.feeds, tracks, strict=True):
+        files[f"{feed.placed.name}/tracks.txt"] = partial(_write_tracks, camera_tracks)
 
     def page(path: Path, folder: Path) -> None:
         names = [feed.placed.name for feed in measured.feeds]
@@ -67,7 +68,7 @@ def floor_files(
             left_out=len(people) - len(longest),
             overlays={name: overlay for name in names if (overlay := overlay_in(folder / name))},
             seconds={name: f"{1000 * spent:.0f} ms" for name, spent in seconds.items()},
-            made=made,
+            made=run_settings,
         )
         path.write_text(text, encoding="utf-8")
 
@@ -77,14 +78,14 @@ def floor_files(
 def write_places(path: Path, people: Sequence[PersonOnFloor], names: Sequence[str]) -> None:
     """Write a row for each person and moment, with the names of the sensors that detected them."""
     table = table_of(people)
-    shown = {"frame": table["frame"] + 1, **{name: table[name] for name in table if name != "frame"}} if people else {}
-    heads = [*(shown or ("frame", "time", "id", "x", "y")), "cameras"]
-    order = sorted((int(scan), one.id, k) for one in people for k, scan in enumerate(one.scans))
-    by_id = {one.id: one for one in people}
+    fields = {"frame": table["frame"] + 1, **{name: table[name] for name in table if name != "frame"}} if people else {}
+    heads = [*(fields or ("frame", "time", "id", "x", "y")), "cameras"]
+    order = sorted((int(scan), person.id, k) for person in people for k, scan in enumerate(person.scans))
+    by_id = {person.id: person for person in people}
     cameras = [" ".join(n for n, s in zip(names, by_id[i].detected[k], strict=True) if s) for _, i, k in order]
     columns = [
         column.tolist() if column.dtype.kind != "f" else [f"{v:.9g}" for v in column.tolist()]
-        for column in shown.values()
+        for column in fields.values()
     ]
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
@@ -96,9 +97,11 @@ def _write_tracks(tracks: Sequence[Track], path: Path, _: Path) -> None:
     write_tracks(path, tracks)
 
 
-def _as_floor_track(one: PersonOnFloor) -> FloorTrack:
-    boxes = np.tile([0.0, 0.0, 1.0, 1.0], (len(one), 1))
-    return FloorTrack(Track(one.id, one.scans, boxes, one.existence), np.zeros((len(one), 5)), one.positions)
+def _as_floor_track(person: PersonOnFloor) -> FloorTrack:
+    boxes = np.tile([0.0, 0.0, 1.0, 1.0], (len(person), 1))
+    return FloorTrack(
+        Track(person.id, person.scans, boxes, person.existence), np.zeros((len(person), 5)), person.positions
+    )
 
 
 @dataclass(frozen=True)
@@ -127,8 +130,8 @@ def _followed(person: PersonOnFloor, measured: MeasuredFloor) -> FollowedPerson:
     )
 
 
-def _bars(one: PersonOnFloor, cameras: BoolArray) -> list[Bar]:
+def _bars(person: PersonOnFloor, cameras: BoolArray) -> list[Bar]:
     """Segments of moments at which a sensor detected a person."""
-    moments = one.scans[cameras]
+    moments = person.scans[cameras]
     runs = np.split(moments, np.flatnonzero(np.diff(moments) > 1) + 1)
-    return [Bar(int(run[0]), int(run[-1]), f"person {one.id}", one.id) for run in runs if len(run)]
+    return [Bar(int(run[0]), int(run[-1]), f"person {person.id}", person.id) for run in runs if len(run)]

@@ -65,7 +65,10 @@ class OneFloorSettings(Options):
         return self
 
 
-ONE_FLOOR, TIMES, DETECTING, DRAWING = OneFloorSettings(), FrameTimes(), Detecting(), Drawing()
+ONE_FLOOR = OneFloorSettings()
+TIMES = FrameTimes()
+DETECTING = Detecting()
+DRAWING = Drawing()
 NO_SOURCES: list[str] = []
 Watch = Callable[[Iterable[Any], str, int | None], Iterable[Any]]
 
@@ -77,7 +80,7 @@ class FloorRun:
     Attributes:
         placed: the cameras.
         sources: one of each camera, or none where there are only detections.
-        given: detections in each frame of each camera, where they are given.
+        people: in each frame of each camera, where there is a file of them.
         detecting: detector and appearance network otherwise.
         positions: of other sensors.
         settings: of the tracker.
@@ -86,7 +89,7 @@ class FloorRun:
 
     placed: Sequence[CameraOverFloor]
     sources: Sequence[Source]
-    given: Sequence[Sequence[StandingPeople]] | None
+    people: Sequence[Sequence[StandingPeople]] | None
     detecting: Detecting
     positions: Sequence[FloorPositions]
     settings: OneFloorSettings
@@ -97,25 +100,27 @@ class FloorRun:
         if self.sources:
             stamps = self.times.of_videos(self.sources, self.placed)
         else:
-            stamps = self.times.of_pixels([np.zeros((len(each), 2)) for each in self.given or ()], self.placed)
-        people = self._inferred(stages, watch) if self.given is None else self.given
-        feeds = [CameraFeed(c, s[: len(each)], each) for c, s, each in zip(self.placed, stamps, people, strict=True)]
-        floor = next((one.floor for one in self.placed if one.floor is not None), None)
+            stamps = self.times.of_pixels([np.zeros((len(frames), 2)) for frames in self.people or ()], self.placed)
+        people = self._inferred(stages, watch) if self.people is None else self.people
+        feeds = [
+            CameraFeed(c, s[: len(frames)], frames) for c, s, frames in zip(self.placed, stamps, people, strict=True)
+        ]
+        floor = next((placed.floor for placed in self.placed if placed.floor is not None), None)
         floor = floor if self.settings.floor is None else np.array(self.settings.floor)
         with stages.measure("locate"):
             return measured_floor(feeds, self.positions, floor, self.settings.tolerance)
 
     def _inferred(self, stages: StageTimes, watch: Watch | None) -> list[list[StandingPeople]]:
         """What the networks detect in each frame of each video."""
-        wanted, describe = self.detecting, None
-        if str(wanted.appearance) != NONE:
-            network = wanted.appearance or shipped("appearance_people")
-            describe = as_describer(network, wanted.threads, device=wanted.device)
-        file = wanted.detector or shipped("detector_people")
+        detecting, describe = self.detecting, None
+        if str(detecting.appearance) != NONE:
+            network = detecting.appearance or shipped("appearance_people")
+            describe = as_describer(network, detecting.threads, device=detecting.device)
+        file = detecting.detector or shipped("detector_people")
         people = []
         for source, placed in zip(self.sources, self.placed, strict=True):
-            camera, threads = placed.camera, wanted.threads
-            detect = as_detector(file, wanted.score_threshold, threads, device=wanted.device)
+            camera, threads = placed.camera, detecting.threads
+            detect = as_detector(file, detecting.score_threshold, threads, device=detecting.device)
             if not isinstance(camera, PinholeCamera):
                 detect = ceiling_detector(detect, camera, "unrolled")
             inputs = PeopleInputs(source, detect, describe, threads=threads)
@@ -125,13 +130,13 @@ class FloorRun:
         return people
 
     def result(
-        self, stages: StageTimes, made: Mapping[str, Any], watch: Watch | None = None
+        self, stages: StageTimes, run_settings: Mapping[str, Any], watch: Watch | None = None
     ) -> tuple[Result[PersonOnFloor], list[list[Track]]]:
         """The people with the files that show them, and the same people in each camera."""
         measured = self.measured(stages, watch)
         with stages.measure("associate"):
             if self.settings.method == "lmb":
-                people = people_online(measured, int(made.get("seed", 0)))
+                people = people_online(measured, int(run_settings.get("seed", 0)))
             else:
                 people = flow_on_one_floor(measured)
         steps = np.diff(measured.times)
@@ -145,12 +150,12 @@ class FloorRun:
             people,
             self.sources[0].address if self.sources else "",
             float(1.0 / np.median(steps)) if len(steps) else 0.0,
-            settings=made,
+            settings=run_settings,
             facts=facts,
             seconds=stages.seconds,
             frames={"frame": list(range(len(measured.moments))), "time": measured.times.round(6).tolist(),
                     "frame_of_each_video": [list(m.frames) for m in measured.moments]},
-            files=floor_files(measured, people, tracks, stages.seconds, made),
+            files=floor_files(measured, people, tracks, stages.seconds, run_settings),
         )  # fmt: skip
         return result, tracks
 
@@ -173,11 +178,11 @@ def open_floor(
     files = [read_floor_positions(a_path(path, "positions")) for path in positions]
     folder = sources[0] if len(sources) == 1 and cameras is None else None
     if isinstance(folder, str | Path) and is_floor_folder(Path(folder)):
-        known = read_floor_folder(Path(folder))
-        return FloorRun(known.cameras, [], known.people, detecting, files, settings, times)
+        data_set = read_floor_folder(Path(folder))
+        return FloorRun(data_set.cameras, [], data_set.people, detecting, files, settings, times)
     if cameras is None:
         if not files or sources or detections:
-            if missing := [one for one in sources if isinstance(one, str) and not Path(one).exists()]:
+            if missing := [source for source in sources if isinstance(source, str) and not Path(source).exists()]:
                 raise RequestError(f"expected videos, or a folder of WILDTRACK or Shelf, found no {missing[0]}")
             raise RequestError("`cameras`: expected cameras.yaml with the videos or detections, got none")
         return FloorRun([], [], [], detecting, files, settings, times)
@@ -188,31 +193,31 @@ def open_floor(
             f"expected one source for each camera, got {number} and {len(placed)} cameras in {cameras}; give them in "
             "the order of its entries"
         )
-    opened = [open_source(one) for one in sources]
-    if live := [one.name for one in opened if one.live]:
+    opened = [open_source(source) for source in sources]
+    if live := [video.name for video in opened if video.live]:
         raise RequestError(f"expected videos that end, got {live[0]}, which is live; record it")
     if detections is None:
-        if blind := [one.name for one in opened if not one.has_images]:
+        if blind := [video.name for video in opened if not video.has_images]:
             raise RequestError(f"{blind[0]} has no images to find people in; give `detections`")
         return FloorRun(placed, opened, None, detecting, files, settings, times)
     if len(detections) != len(placed):
         raise RequestError(f"`detections`: expected {len(placed)} files, one a camera, got {len(detections)}")
-    lengths = [one.length for one in opened] or [None] * len(placed)
-    given = [_read(a_path(path, "detections"), length) for path, length in zip(detections, lengths, strict=True)]
-    for path, people, one in zip(detections, given, placed, strict=True):
-        boxes = np.concatenate([np.empty((0, 4)), *(each.detections.boxes for each in people)])
-        compare_with_picture(path, boxes, (one.camera.width, one.camera.height))
+    lengths = [video.length for video in opened] or [None] * len(placed)
+    standing = [_read(a_path(path, "detections"), length) for path, length in zip(detections, lengths, strict=True)]
+    for path, people, entry in zip(detections, standing, placed, strict=True):
+        boxes = np.concatenate([np.empty((0, 4)), *(in_frame.detections.boxes for in_frame in people)])
+        compare_with_picture(path, boxes, (entry.camera.width, entry.camera.height))
     if not opened:
-        longest = max(map(len, given))
+        longest = max(map(len, standing))
         empty = [StandingPeople.of(Detections.empty())]
-        given = [each + empty * (longest - len(each)) if each else each for each in given]
-    return FloorRun(placed, opened, given, detecting, files, settings, times)
+        standing = [frames + empty * (longest - len(frames)) if frames else frames for frames in standing]
+    return FloorRun(placed, opened, standing, detecting, files, settings, times)
 
 
 def _read(path: Path, length: int | None) -> list[StandingPeople]:
     if is_point_file(path):
         return read_standing(path, length)
-    people = [StandingPeople.of(each) for each in read_detections(path, length)]
+    people = [StandingPeople.of(detections) for detections in read_detections(path, length)]
     return people + [StandingPeople.of(Detections.empty())] * ((length or 0) - len(people))
 
 
@@ -245,10 +250,10 @@ def track_floor(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: a video breaks off.
     """
-    wanted: Any = {"detector": detector, "appearance": appearance}
-    opened = open_floor(sources, cameras, detections, positions, replace(DETECTING, **wanted), settings, times)
-    made = {"source": [named(one) for one in sources], "seed": seed}
-    return opened.result(StageTimes(), made)[0]
+    networks: Any = {"detector": detector, "appearance": appearance}
+    opened = open_floor(sources, cameras, detections, positions, replace(DETECTING, **networks), settings, times)
+    run_settings = {"source": [named(source) for source in sources], "seed": seed}
+    return opened.result(StageTimes(), run_settings)[0]
 
 
 def floor(
@@ -281,14 +286,17 @@ def floor(
         raise RequestError("expected videos with images for `overlay`, got none of some cameras; leave it out")
     with output.run() as run:
         run.sources += opened.sources
-        result, tracks = opened.result(run.times, output.settings, run.steps if opened.given is None else None)
+        result, tracks = opened.result(run.times, output.settings, run.steps if opened.people is None else None)
 
         def draw() -> None:
             if drawing.overlay:
-                for video, placed, own in zip(opened.sources, opened.placed, tracks, strict=True):
+                for video, placed, camera_tracks in zip(opened.sources, opened.placed, tracks, strict=True):
                     rate = placed.frame_rate or video.frame_rate
                     drawing.draw(
-                        run, video, replace(result, painter=Overlay(own, rate).draw, frame_rate=rate), placed.name
+                        run,
+                        video,
+                        replace(result, painter=Overlay(camera_tracks, rate).draw, frame_rate=rate),
+                        placed.name,
                     )
 
         run.save(result, draw)

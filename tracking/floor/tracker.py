@@ -37,23 +37,41 @@ from tsuiseki.tracking.floor.walking import (
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.measurements import PersonOnFloor
 
-# Rounds of grouping and linking; tracks of fewer moments are left out.
-ROUNDS, SHORTEST = 3, 2
-LEAST_CHANCE, CERTAIN = 0.05, 50.0
-CHUNK, MOMENTS = 20_000, 200
-# Longest time between two linked groups, seconds; speed of a link, m/s, and its length beside the noise, metres.
-WINDOW, FASTEST, FARTHEST = 3.0, 4.0, 4.0
+# Of grouping and linking.
+ROUNDS = 3
+# Moments that a track has at least.
+SHORTEST = 2
+# Least probability of detection where somebody was detected: a visible share may be wrong.
+LEAST_CHANCE = 0.05
+# What a certain name brings, nats: more than any other cost of a link.
+CERTAIN = 50.0
+# Links whose likelihood is computed at a time, so that memory stays small.
+CHUNK = 20_000
+# Moments that are grouped at a time, so that memory stays small.
+MOMENTS = 200
+# Longest time between two linked groups, seconds.
+WINDOW = 3.0
+# Speed of a link at most, m/s.
+FASTEST = 4.0
+# Length of a link beside the noise at most, metres.
+FARTHEST = 4.0
 # Expected people per square metre where no track is expected.
 DENSITY = 0.015
-# Log probability of being hidden from all sensors for one moment, and for each further one.
-HIDDEN, HIDDEN_FURTHER = -5.0, -1.0
+# Log probability of being hidden from all sensors for one moment.
+HIDDEN = -5.0
+# Log probability of being hidden for each further moment.
+HIDDEN_FURTHER = -1.0
 # Moments for which a track is expected beyond its ends.
 BEYOND = 1
-# Cost of a cosine distance of 1 between two features, nats, and the distance that costs nothing, in [0, 2].
-APPEARANCE, NEUTRAL = 2.0, 0.35
-# As `SensedTrack` orders a state: x, vx, y, vy.
+# Cost of a cosine distance of 1 between two features, nats.
+APPEARANCE = 2.0
+# Cosine distance that costs nothing, in [0, 2].
+NEUTRAL = 0.35
+# Order of a state in `SensedTrack`: x, vx, y, vy.
 AXES = np.array([0, 2, 1, 3])
+# Existence of a person at a moment at which no sensor detects them.
 UNSEEN = 0.5
+# Visible share from which a person without a detection has a box in a camera's image.
 IN_VIEW = 0.3
 
 
@@ -70,37 +88,39 @@ def flow_on_one_floor(measured: MeasuredFloor) -> list[PersonOnFloor]:
     names = nodes.highest(measured.points.names)
     parts = []
     for track in np.unique(label[label >= 0]):
-        own = np.flatnonzero(label == track)
-        name = int(names[own].max())
-        if len(own) >= SHORTEST or name >= 0:
-            parts.append((int(nodes.moment[own].min()), name, own, expected.chosen(expected.track == track)))
+        members = np.flatnonzero(label == track)
+        name = int(names[members].max())
+        if len(members) >= SHORTEST or name >= 0:
+            parts.append((int(nodes.moment[members].min()), name, members, expected.chosen(expected.track == track)))
     parts.sort(key=lambda part: part[0])
-    taken = {name for _, name, *_ in parts if name >= 0}
-    free = iter(number for number in range(1, len(parts) + len(taken) + 1) if number not in taken)
+    certain_ids = {name for _, name, *_ in parts if name >= 0}
+    free = iter(number for number in range(1, len(parts) + len(certain_ids) + 1) if number not in certain_ids)
     people = []
-    for _, name, own, around in parts:
-        at, moments, states = nodes.moment[own], *_states(nodes, own, around)
+    for _, name, members, around in parts:
+        at, moments, states = nodes.moment[members], *_states(nodes, members, around)
         detected = np.zeros((len(moments), sensed.shape[1]), dtype=np.bool_)
-        detected[np.searchsorted(moments, at)] = sensed[own]
+        detected[np.searchsorted(moments, at)] = sensed[members]
         inside = measured.inside(states.mean[:, :2])
         mean, covariance, detected = states.mean[inside], states.covariance[inside], detected[inside]
-        one = PersonOnFloor(
+        person = PersonOnFloor(
             name if name >= 0 else next(free), moments[inside], measured.times[moments[inside]], mean[:, :2],
             mean[:, 2:], covariance[:, AXES][:, :, AXES], np.where(detected.any(axis=1), 1.0, UNSEEN),
             np.empty((len(mean), 0)), detected,
         )  # fmt: skip
-        people += [one] if len(one) else []
+        people += [person] if len(person) else []
     return people
 
 
-def _states(nodes: PersonNodes, own: IntArray, around: Expectations) -> tuple[IntArray, Gaussians]:
-    """The moments of a track and its state at each, from its ``own`` nodes and where it is expected."""
-    at = nodes.moment[own]
+def _states(nodes: PersonNodes, members: IntArray, around: Expectations) -> tuple[IntArray, Gaussians]:
+    """The moments of a track and its state at each, from its nodes, the ``members``, and where it is expected."""
+    at = nodes.moment[members]
     around = around.chosen((around.moment >= at.min()) & (around.moment <= at.max()))
     if not len(around.moment):
-        return at, start(nodes.places[own], nodes.covariances[own])
+        return at, start(nodes.places[members], nodes.covariances[members])
     states, row = around.states, np.searchsorted(around.moment, at)
-    met = update(Gaussians(states.mean[row], states.covariance[row]), nodes.places[own], PLACE, nodes.covariances[own])
+    met = update(
+        Gaussians(states.mean[row], states.covariance[row]), nodes.places[members], PLACE, nodes.covariances[members]
+    )
     states.mean[row], states.covariance[row] = met.mean, met.covariance
     return around.moment, states
 
@@ -133,7 +153,7 @@ def _grouped(
     own_chance = np.maximum(chance[np.arange(len(points)), points.sensor], LEAST_CHANCE)
     gain = np.log(own_chance) - np.log(rates.false[points.sensor] * points.spread)
     edges = np.searchsorted(points.moment, np.arange(moments + 1))
-    known, numbers, ends = None, np.empty(0, np.int64), np.zeros(moments + 1, np.int64)
+    expected_tracks, numbers, ends = None, np.empty(0, np.int64), np.zeros(moments + 1, np.int64)
     if expected is not None:
         mean, covariance = expected.states.mean[:, :2], expected.states.covariance[:, :2, :2]
         away = np.log(1.0 - rates.detected(visible))
@@ -143,17 +163,17 @@ def _grouped(
     total = 0
     for first in range(0, moments, MOMENTS):
         last = min(first + MOMENTS, moments)
-        own, there = slice(edges[first], edges[last]), slice(ends[first], ends[last])
-        if own.start == own.stop:
+        here, there = slice(edges[first], edges[last]), slice(ends[first], ends[last])
+        if here.start == here.stop:
             continue
         chunk = MomentPoints(
-            points.moment[own], points.sensor[own], points.places[own], points.covariances[own], gain[own], missed[own],
-            points.names[own], _alike(points, edges[first : last + 1]),
+            points.moment[here], points.sensor[here], points.places[here], points.covariances[here], gain[here],
+            missed[here], points.names[here], _affinities(points, edges[first : last + 1]),
         )  # fmt: skip
         if expected is not None:
-            known = ExpectedTracks(expected.moment[there], mean[there], covariance[there], away[there])
+            expected_tracks = ExpectedTracks(expected.moment[there], mean[there], covariance[there], away[there])
             numbers = expected.track[there]
-        nodes, label = weighed(chunk, group(chunk, DENSITY, known))
+        nodes, label = weighed(chunk, group(chunk, DENSITY, expected_tracks))
         parts.append(replace(nodes, node=nodes.node + total))
         total += len(nodes.moment)
         # Groups of new people go on with no track.
@@ -161,15 +181,15 @@ def _grouped(
     return joined_nodes(parts), np.concatenate(tracks)
 
 
-def _alike(points: FloorPoints, edges: IntArray) -> list[FloatArray] | None:
+def _affinities(points: FloorPoints, edges: IntArray) -> list[FloatArray] | None:
     """``(n, n)`` of each moment: what appearance says for one person, of pairs in view from a like side."""
     if points.features is None or points.facing is None:
         return None
     blocks = []
     for first, last in pairwise(edges.tolist()):
         features, facing = points.features[first:last], points.facing[first:last]
-        known = (features != 0).any(axis=1)
-        side = np.maximum(facing @ facing.T, 0.0) * (known[:, None] & known[None])
+        described = (features != 0).any(axis=1)
+        side = np.maximum(facing @ facing.T, 0.0) * (described[:, None] & described[None])
         if last > first:
             blocks.append(np.asarray(APPEARANCE * side * (NEUTRAL - 1.0 + features @ features.T)))
     return blocks
@@ -194,10 +214,10 @@ def _passes(
     (tracks, count), groups = table.shape, len(nodes.moment)
     # Both ways at once: from behind, nodes and tracks have numbers of their own.
     turned = np.where(table >= 0, table + groups, -1)[:, ::-1]
-    steps = np.stack([np.diff(one, prepend=one[:1]) for one in (times, times[::-1])])
+    steps = np.stack([np.diff(stamps, prepend=stamps[:1]) for stamps in (times, times[::-1])])
     places, covariances = np.tile(nodes.places, (2, 1)), np.tile(nodes.covariances, (2, 1, 1))
-    every = np.concatenate([table, turned])
-    states, expected = filtered(steps.repeat(tracks, axis=0), every, places, covariances, beyond)
+    both_ways = np.concatenate([table, turned])
+    states, expected = filtered(steps.repeat(tracks, axis=0), both_ways, places, covariances, beyond)
     ahead, behind = (Gaussians(states.mean[k], states.covariance[k]) for k in (np.s_[:groups], np.s_[groups:]))
     past, back = (expected.chosen(expected.track // max(tracks, 1) == way) for way in (0, 1))
     back = replace(back, track=back.track - tracks, moment=count - 1 - back.moment)
@@ -214,7 +234,8 @@ def _linked(
     for k in range(0, len(tail), CHUNK):
         part = slice(k, k + CHUNK)
         past, future = (
-            Gaussians(one.mean[at[part]], one.covariance[at[part]]) for one, at in ((ahead, tail), (behind, head))
+            Gaussians(states.mean[at[part]], states.covariance[at[part]])
+            for states, at in ((ahead, tail), (behind, head))
         )
         cost[part] = -link_likelihood(past, future, seconds[part])
     gap = nodes.moment[head] - nodes.moment[tail] - 1
@@ -244,18 +265,18 @@ def _by_name(label: IntArray, moment: IntArray, names: IntArray) -> IntArray:
     fresh = int(label.max(initial=-1)) + 1
     held: dict[int, int] = {}
     for track in np.unique(label[(names >= 0) & (label >= 0)]):
-        own = np.flatnonzero(label == track)
-        own = own[np.argsort(moment[own])]
-        known = np.flatnonzero(names[own] >= 0)
-        who = names[own[known]]
+        members = np.flatnonzero(label == track)
+        members = members[np.argsort(moment[members])]
+        named = np.flatnonzero(names[members] >= 0)
+        who = names[members[named]]
         part = np.concatenate([[0], np.cumsum(np.diff(who) != 0)])
         # Nodes before the first name go with it, those between two go with the earlier.
-        segment = part[np.clip(np.searchsorted(known, np.arange(len(own)), side="right") - 1, 0, None)]
+        segment = part[np.clip(np.searchsorted(named, np.arange(len(members)), side="right") - 1, 0, None)]
         for number in np.unique(part):
             name = int(who[np.argmax(part == number)])
             if name not in held:
                 held[name], fresh = fresh, fresh + 1
-            result[own[segment == number]] = held[name]
+            result[members[segment == number]] = held[name]
     return _without_twins(result, moment, names)
 
 
@@ -275,15 +296,17 @@ def _candidates(nodes: PersonNodes, times: FloatArray) -> tuple[IntArray, IntArr
     spread = 3 * np.sqrt(np.maximum(nodes.covariances[:, 0, 0], nodes.covariances[:, 1, 1]))
     for moment in range(len(times)):
         last = int(np.searchsorted(times, times[moment] + WINDOW, side="right"))
-        own = np.arange(edges[moment], edges[moment + 1])
+        present = np.arange(edges[moment], edges[moment + 1])
         later = np.arange(edges[moment + 1], edges[last])
-        if not len(own) or not len(later):
+        if not len(present) or not len(later):
             continue
-        apart = np.linalg.norm(nodes.places[own][:, None] - nodes.places[later][None], axis=2)
+        apart = np.linalg.norm(nodes.places[present][:, None] - nodes.places[later][None], axis=2)
         seconds = times[nodes.moment[later]] - times[moment]
-        reach = np.minimum(spread[own][:, None] + spread[later][None], 1.5) + np.minimum(FASTEST * seconds, FARTHEST)
+        reach = np.minimum(spread[present][:, None] + spread[later][None], 1.5) + np.minimum(
+            FASTEST * seconds, FARTHEST
+        )
         i, j = np.nonzero(apart < reach)
-        tails.append(own[i])
+        tails.append(present[i])
         heads.append(later[j])
     none = np.empty(0, dtype=np.int64)
     return np.concatenate([none, *tails]), np.concatenate([none, *heads])
@@ -304,12 +327,12 @@ def _learnt(
     covered = np.array([max(int(view.measured.sum()), 1) for view in views])
     spurious = np.bincount(points.sensor[~used], minlength=len(views)) / covered
     width = int(label.max(initial=0)) + 1
-    key, wanted = expected.moment * width + expected.track, points.moment[used] * width + track[used]
+    key, point_keys = expected.moment * width + expected.track, points.moment[used] * width + track[used]
     order = np.argsort(key)
-    at = order[np.searchsorted(key[order], wanted).clip(max=len(key) - 1)] if len(key) else wanted[:0]
-    known = key[at] == wanted[: len(at)]
+    at = order[np.searchsorted(key[order], point_keys).clip(max=len(key) - 1)] if len(key) else point_keys[:0]
+    matching = key[at] == point_keys[: len(at)]
     hit = np.zeros((len(key), len(views)), dtype=np.bool_)
-    hit[at[known], points.sensor[used][: len(at)][known]] = True
+    hit[at[matching], points.sensor[used][: len(at)][matching]] = True
     return rates.learnt(visible, hit, spurious)
 
 
@@ -323,20 +346,26 @@ def tracks_in(measured: MeasuredFloor, people: Sequence[PersonOnFloor], camera: 
     """
     frames = np.array([-1 if m.frames[camera] is None else m.frames[camera] for m in measured.moments], dtype=np.int64)
     points, feed, view = measured.points, measured.feeds[camera], measured.views[camera]
-    own = np.flatnonzero(points.sensor == camera)
+    of_camera = np.flatnonzero(points.sensor == camera)
     tracks = []
-    for one in people:
-        boxes = expected_boxes(feed.placed.camera, one.positions)
-        visible = view.share(one.scans, one.positions) > IN_VIEW
-        observed = one.detected[:, camera]
+    for person in people:
+        boxes = expected_boxes(feed.placed.camera, person.positions)
+        visible = view.share(person.scans, person.positions) > IN_VIEW
+        observed = person.detected[:, camera]
         for row in np.flatnonzero(observed):
-            detected = feed.people[frames[one.scans[row]]].detections.boxes
-            near = own[points.moment[own] == one.scans[row]]
-            nearest = near[np.linalg.norm(points.places[near] - one.positions[row], axis=1).argmin()]
+            detected = feed.people[frames[person.scans[row]]].detections.boxes
+            near = of_camera[points.moment[of_camera] == person.scans[row]]
+            nearest = near[np.linalg.norm(points.places[near] - person.positions[row], axis=1).argmin()]
             boxes[row] = detected[points.row[nearest]]
-        keep = (observed | visible) & (frames[one.scans] >= 0) & np.isfinite(boxes).all(axis=1)
+        keep = (observed | visible) & (frames[person.scans] >= 0) & np.isfinite(boxes).all(axis=1)
         if keep.any():
             tracks.append(
-                Track(one.id, frames[one.scans[keep]], boxes[keep], observed[keep].astype(np.float64), observed[keep])
+                Track(
+                    person.id,
+                    frames[person.scans[keep]],
+                    boxes[keep],
+                    observed[keep].astype(np.float64),
+                    observed[keep],
+                )
             )
     return tracks

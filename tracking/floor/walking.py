@@ -18,15 +18,22 @@ from tsuiseki.tracking.filters.kalman import Gaussians
 from tsuiseki.tracking.floor.grouping import inverted, log_normal
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
+# ``(2, 4)`` takes the place of a state.
 PLACE = np.eye(2, 4)
+# Squared Mahalanobis distance from which a measured place begins a track anew: four deviations.
 SURPRISE = 16.0
-# Deviation of a velocity along each axis, m/s, and strength q of its change, m/s over the root of a second.
-SPEED, RESTLESS = 0.9, 0.4
-# Links with a sudden turn or a measurement that is far off: their share, and the deviation of their mean velocity along
-# each axis, m/s.
-TURNS, TURNING = 0.03, 2.0
-# New people per square metre and second, and mean time for which a person is there, seconds.
-BIRTHS, LIVES = 0.004, 20.0
+# Standard deviation of a velocity along each axis, m/s.
+SPEED = 0.9
+# Strength q of the change of a velocity, m/s over the root of a second.
+RESTLESS = 0.4
+# Share of the links with a sudden turn or a measurement that is far off.
+TURNS = 0.03
+# Standard deviation of their mean velocity along each axis, m/s.
+TURNING = 2.0
+# New people per square metre and second.
+BIRTHS = 0.004
+# Mean time for which a person is there, seconds.
+LIVES = 20.0
 
 
 def start(places: FloatArray, covariances: FloatArray) -> Gaussians:
@@ -94,26 +101,29 @@ def filtered(
     live = np.full((len(table), 4), np.nan)
     spread = np.full((len(table), 4, 4), np.nan)
     none, blank = np.empty(0, dtype=np.int64), (np.empty((0, 4)), np.empty((0, 4, 4)))
-    kept: list[tuple[IntArray, IntArray, FloatArray, FloatArray]] = [(none, none, *blank)]
+    expectations: list[tuple[IntArray, IntArray, FloatArray, FloatArray]] = [(none, none, *blank)]
     for moment in range(count):
         going = np.flatnonzero((first < moment) & (moment <= last + beyond))
         if len(going):
             ahead = moved(Gaussians(live[going], spread[going]), steps[going, moment])
             live[going], spread[going] = ahead.mean, ahead.covariance
-            kept.append((going, np.full(len(going), moment), ahead.mean, ahead.covariance))
+            expectations.append((going, np.full(len(going), moment), ahead.mean, ahead.covariance))
             node = table[going, moment]
             here = node >= 0
             met, node = going[here], node[here]
             if len(met):
-                after, square = _updated(live[met], spread[met], places[node], covariances[node])
+                posterior, square = _updated(live[met], spread[met], places[node], covariances[node])
                 # Who turned at once begins anew: the state stays that of the node alone.
                 calm = square <= SURPRISE
-                states.mean[node[calm]], states.covariance[node[calm]] = after.mean[calm], after.covariance[calm]
+                states.mean[node[calm]], states.covariance[node[calm]] = (
+                    posterior.mean[calm],
+                    posterior.covariance[calm],
+                )
                 live[met], spread[met] = states.mean[node], states.covariance[node]
         new = np.flatnonzero(first == moment)
         new = new[filled[new, moment]]
         live[new], spread[new] = states.mean[table[new, moment]], states.covariance[table[new, moment]]
-    track, at, mean, covariance = (np.concatenate(column) for column in zip(*kept, strict=True))
+    track, at, mean, covariance = (np.concatenate(column) for column in zip(*expectations, strict=True))
     return states, Expectations(track, at, Gaussians(mean, covariance))
 
 
@@ -125,30 +135,32 @@ def _updated(
     inverse, _ = inverted(covariance[:, :2, :2] + noise)
     solved = np.matmul(inverse, residual[..., None])
     gain = np.matmul(covariance[:, :, :2], inverse)
-    after = mean + np.matmul(covariance[:, :, :2], solved)[..., 0]
-    return Gaussians(after, covariance - np.matmul(gain, covariance[:, :2])), (residual * solved[..., 0]).sum(axis=1)
+    posterior = mean + np.matmul(covariance[:, :, :2], solved)[..., 0]
+    return Gaussians(posterior, covariance - np.matmul(gain, covariance[:, :2])), (residual * solved[..., 0]).sum(
+        axis=1
+    )
 
 
 def from_both_sides(ahead: Expectations, behind: Expectations, moments: int) -> Expectations:
     """Two passes as one: the product of both states, over the prior of the velocity that both of them hold."""
-    key = [one.track * moments + one.moment for one in (ahead, behind)]
-    every = np.unique(np.concatenate(key))
-    information, vector = np.zeros((len(every), 4, 4)), np.zeros((len(every), 4))
-    times = np.zeros(len(every), dtype=np.int64)
-    for own, one in zip(key, (ahead, behind), strict=True):
-        at = np.searchsorted(every, own)
-        inverse = np.linalg.inv(one.states.covariance)
+    codes_by_pass = [expected.track * moments + expected.moment for expected in (ahead, behind)]
+    codes = np.unique(np.concatenate(codes_by_pass))
+    information, vector = np.zeros((len(codes), 4, 4)), np.zeros((len(codes), 4))
+    times = np.zeros(len(codes), dtype=np.int64)
+    for pass_codes, expected in zip(codes_by_pass, (ahead, behind), strict=True):
+        at = np.searchsorted(codes, pass_codes)
+        inverse = np.linalg.inv(expected.states.covariance)
         information[at] += inverse
-        vector[at] += np.einsum("nij,nj->ni", inverse, one.states.mean)
+        vector[at] += np.einsum("nij,nj->ni", inverse, expected.states.mean)
         times[at] += 1
     twice = times == 2
     for axis in (2, 3):
         information[twice, axis, axis] -= SPEED**-2
     covariance = np.asarray(np.linalg.inv(information), dtype=np.float64)
     mean = np.einsum("nij,nj->ni", covariance, vector)
-    order = np.lexsort([every // moments, every % moments])
-    every = every[order]
-    return Expectations(every // moments, every % moments, Gaussians(mean[order], covariance[order]))
+    order = np.lexsort([codes // moments, codes % moments])
+    codes = codes[order]
+    return Expectations(codes // moments, codes % moments, Gaussians(mean[order], covariance[order]))
 
 
 def link_likelihood(past: Gaussians, future: Gaussians, seconds: FloatArray) -> FloatArray:
@@ -159,8 +171,8 @@ def link_likelihood(past: Gaussians, future: Gaussians, seconds: FloatArray) -> 
     inverse, _ = inverted(spread[:, :2, :2])
     gain = np.matmul(spread[:, 2:, :2], inverse)
     place, _ = log_normal(apart[:, :2], spread[:, :2, :2])
-    rest = apart[:, 2:] - np.matmul(gain, apart[:, :2, None])[..., 0]
-    velocity, _ = log_normal(rest, spread[:, 2:, 2:] - np.matmul(gain, spread[:, :2, 2:]))
+    velocity_gap = apart[:, 2:] - np.matmul(gain, apart[:, :2, None])[..., 0]
+    velocity, _ = log_normal(velocity_gap, spread[:, 2:, 2:] - np.matmul(gain, spread[:, :2, 2:]))
     free, _ = log_normal(ahead.mean[:, 2:], ahead.covariance[:, 2:, 2:] + SPEED**2 * np.eye(2))
     wide = (TURNING * seconds) ** 2
     anyhow = past.covariance[:, :2, :2] + future.covariance[:, :2, :2] + wide[:, None, None] * np.eye(2)

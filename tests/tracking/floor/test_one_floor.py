@@ -139,13 +139,13 @@ def test_moments_are_grouped_together_as_each_alone():
     due = ExpectedTracks(
         np.array([0, 0, 1, 2, 2, 3]), places, np.tile(0.04 * np.eye(2), (6, 1, 1)), np.log(np.full((6, 3), 0.2))
     )
-    label = group(replace(points, alike=blocks), 0.05, due)
+    label = group(replace(points, affinities=blocks), 0.05, due)
     assert (label < 6).any()
     assert len(set(label[label >= 6])) < (label >= 6).sum()
     for number, block in zip((0, 2, 3), blocks, strict=True):
         own, tracks = np.flatnonzero(moment == number), np.flatnonzero(due.moment == number)
         rows = {name: getattr(points, name)[own] for name in ("moment", "sensor", "places", "covariances", "gain")}
-        here = replace(points, **rows, missed=points.missed[own], names=points.names[own], alike=[block])
+        here = replace(points, **rows, missed=points.missed[own], names=points.names[own], affinities=[block])
         there = ExpectedTracks(due.moment[tracks], places[tracks], due.covariances[tracks], due.missed[tracks])
         numbers = np.concatenate([tracks, 6 + own])
         assert label[own].tolist() == numbers[group(here, 0.05, there)].tolist()
