@@ -292,12 +292,8 @@ def floor(
             if drawing.overlay:
                 for video, placed, camera_tracks in zip(opened.sources, opened.placed, tracks, strict=True):
                     rate = placed.frame_rate or video.frame_rate
-                    drawing.draw(
-                        run,
-                        video,
-                        replace(result, painter=Overlay(camera_tracks, rate).draw, frame_rate=rate),
-                        placed.name,
-                    )
+                    painted = replace(result, painter=Overlay(camera_tracks, rate).draw, frame_rate=rate)
+                    drawing.draw(run, video, painted, placed.name)
 
         run.save(result, draw)
         run.done(f"{count(len(result), 'person', 'people')} on the floor: {output.out / 'world.csv'}")
