@@ -18,10 +18,10 @@ from tsuiseki.tracking.review.session import Session
 from tsuiseki.tracking.review.track_rows import rows_of
 from tsuiseki.tracking.types import Track
 
+# Frames whose rows the page gets at once.
 CHUNK = 500
-"""Frames whose rows the page gets at once."""
+# Questions that the page gets at once.
 SHOWN = 50
-"""Questions that the page gets at once."""
 
 
 class Reviewed:
@@ -40,7 +40,7 @@ class Reviewed:
         self._take_over()
         threading.Thread(target=self._keep_saved, daemon=True).start()
 
-    def change(self, what: str, given: Mapping[str, Any]) -> dict[str, Any]:
+    def change(self, what: str, request: Mapping[str, Any]) -> dict[str, Any]:
         """Do what a person says: ``answer``, ``correct``, ``undo`` or ``redo``.
 
         Returns:
@@ -50,7 +50,7 @@ class Reviewed:
             RequestError: it says nothing that can be done.
         """
         with self._lock:
-            message, changed = self._done(what, given)
+            message, changed = self._done(what, request)
             self._take_over()
             self._changed.set()
             differ = {n for _, first, last in changed for n in range(first // CHUNK, last // CHUNK + 1)}
@@ -70,14 +70,14 @@ class Reviewed:
             except (RequestError, OSError) as error:
                 self.state = {**self.state, "note": f"The tracks are not written: {error}", "version": _version()}
 
-    def _done(self, what: str, given: Mapping[str, Any]) -> tuple[str, list[tuple[int, int, int]]]:
+    def _done(self, what: str, request: Mapping[str, Any]) -> tuple[str, list[tuple[int, int, int]]]:
         """Do it; what was done, for the person, and what changed."""
         session = self._session
-        if what == "answer" and isinstance(given.get("key"), str) and isinstance(given.get("yes"), bool):
-            done, message = session.answer(given["key"], given["yes"]), "yes" if given["yes"] else "no"
+        if what == "answer" and isinstance(request.get("key"), str) and isinstance(request.get("yes"), bool):
+            done, message = session.answer(request["key"], request["yes"]), "yes" if request["yes"] else "no"
         elif what == "correct":
             try:
-                correction = self._correction(**given)
+                correction = self._correction(**request)
             except RequestError:
                 raise
             except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
@@ -91,19 +91,19 @@ class Reviewed:
             raise RequestError("expected an answer, a correction, undo or redo")
         return _sentence(message, *done.notes), done.tracks
 
-    def _correction(self, kind: Any, frame: int = 0, of: int | None = None, **more: Any) -> Correction:
+    def _correction(self, kind: Any, frame: int = 0, of: int | None = None, **details: Any) -> Correction:
         """A correction of the page: as `Session.made` takes it; an added box may belong to the track ``of``.
 
         The kind ``target`` is a ``point`` at which the target ``of`` is, as large as where it was last.
         """
-        if not isinstance(more.get("name", ""), str) or not 0 <= frame < self._session.n_frames:
+        if not isinstance(details.get("name", ""), str) or not 0 <= frame < self._session.n_frames:
             raise ValueError
         if kind == "target":
-            (x, y), near = more["point"], self._session.made("real", [of or 1], frame).there[0]
-            kind, more = "box", {"box": (x - near.width / 2, y - near.height / 2, near.width, near.height)}
+            (x, y), near = details["point"], self._session.made("real", [of or 1], frame).there[0]
+            kind, details = "box", {"box": (x - near.width / 2, y - near.height / 2, near.width, near.height)}
             if near.frame == frame:
-                more["ids"], of = [of or 1], None
-        correction = self._session.made(kind, frame=frame, **more)
+                details["ids"], of = [of or 1], None
+        correction = self._session.made(kind, frame=frame, **details)
         if of is None:
             return correction
         pair = (*self._session.made("real", [of], frame).boxes, *correction.boxes)
@@ -152,7 +152,7 @@ def _shown(question: Question) -> dict[str, Any]:
         for side in (question.boxes_a, question.boxes_b)
     )
     about = dict.fromkeys(
-        box for one in (question.yes, question.no) for part in (one, *one.parts) for box in part.there
+        box for answer in (question.yes, question.no) for part in (answer, *answer.parts) for box in part.there
     )
     about_it = {name: getattr(question, name) for name in ("key", "sentence", "frame")}
     ids = [*dict.fromkeys([*question.boxes_a, *question.boxes_b])]

@@ -33,8 +33,12 @@ from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.video.image_folder import ImageFolder
 from tsuiseki.tracking.video.source import SeekableVideo, UnfitIndexError, VideoFile, open_source
 
-LARGEST, QUALITY, KEPT = 1280, 82, 400
-"""Pixels of the longer side of a picture, its quality from 0 to 100, and how many pictures are kept."""
+# Pixels of the longer side of a picture.
+LARGEST = 1280
+# Quality of its JPEG, from 0 to 100.
+QUALITY = 82
+# Pictures that stay in memory, about 100 kB each.
+CACHED = 400
 # Up to so many frames on a video is decoded on; farther away it begins anew.
 NEAR = 30
 
@@ -63,7 +67,7 @@ class JpegFrames:
         if self.length < frames:
             raise RequestError(f"{source}: expected {frames} frames as in the result, got {self.length}")
         self._next, self._frames = self.length, iter(list[Frame]())
-        self._lock, self.jpeg = threading.Lock(), lru_cache(KEPT)(self._jpeg)
+        self._lock, self.jpeg = threading.Lock(), lru_cache(CACHED)(self._jpeg)
         self._image(0)
 
     def _jpeg(self, frame: int) -> bytes:
@@ -79,10 +83,10 @@ class JpegFrames:
             film = self._seekable
             self._frames = self._video.frames() if film is None else film.frames(frame, self.length - 1)
         try:
-            for one in self._frames:
-                self._next = one.index + 1
-                if one.index == frame:
-                    return one.image
+            for decoded in self._frames:
+                self._next = decoded.index + 1
+                if decoded.index == frame:
+                    return decoded.image
         except UnfitIndexError:
             self._seekable, self._next = None, self.length
             return self._image(frame)
@@ -94,8 +98,8 @@ class JpegFrames:
 
 
 HOST = "127.0.0.1"
+# Bytes of a request.
 LONGEST = 100_000
-"""Bytes of a request."""
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
     "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
@@ -133,10 +137,10 @@ def application(reviewed: Reviewed, pictures: JpegFrames | None, token: str, por
         if request.headers.get("content-type") != "application/json" or not 0 < int(size or 0) <= LONGEST:
             raise RequestError("expected a short request in JSON")
         try:
-            given = dict(await request.json())
+            content = dict(await request.json())
         except (ValueError, TypeError, RecursionError) as error:
             raise RequestError("expected a JSON object") from error
-        return JSONResponse(await run_in_threadpool(reviewed.change, request.path_params["what"], given))
+        return JSONResponse(await run_in_threadpool(reviewed.change, request.path_params["what"], content))
 
     async def guarded(request: Request, go_on: Callable[[Request], Awaitable[Response]]) -> Response:
         refused = refusal(request, token, port)

@@ -120,34 +120,34 @@ class Session:
             self._open = stack.pop_all()
 
     def _solved_tracks(self) -> list[Track]:
-        kept, bodies = self.folder / SOLVED_FILE, self.folder / SOLVED_STATES
-        if kept.is_file() and not bodies.is_file():
-            return list(read_tracks(kept))
+        solved, bodies = self.folder / SOLVED_FILE, self.folder / SOLVED_STATES
+        if solved.is_file() and not bodies.is_file():
+            return list(read_tracks(solved))
         self._bodies = read_states(bodies) if bodies.is_file() else self._result
         return boxes_about(self._bodies, self._result.names)
 
     def _find_video(self, source: str | Path | None) -> None:
-        given = source if source is not None else self._result.source
+        video = source if source is not None else self._result.source
         self.source: str | None = None
-        if not given or (source is None and not Path(str(given)).exists()):
+        if not video or (source is None and not Path(str(video)).exists()):
             return
-        opened = open_source(str(given))
+        opened = open_source(str(video))
         size, length = opened.size, opened.length
         if size is not None and self.size is not None and size != self.size:
             raise RequestError(
-                f"{given}: expected frames of {self.size[0]}x{self.size[1]} pixels as in the result, got "
+                f"{video}: expected frames of {self.size[0]}x{self.size[1]} pixels as in the result, got "
                 f"{size[0]}x{size[1]}"
             )
         if length is not None and length < self.n_frames:
-            raise RequestError(f"{given}: expected {self.n_frames} frames as in the result, got {length}")
+            raise RequestError(f"{video}: expected {self.n_frames} frames as in the result, got {length}")
         self.size = self.size or size
-        self.source = str(given) if opened.has_images else None
+        self.source = str(video) if opened.has_images else None
 
     def tracks(self) -> Result[Track]:
         """The tracks as they are now."""
-        known = {name: getattr(self._result, name) for name in ("settings", "facts", "seconds", "frames")}
-        known["facts"] = {**known["facts"], "corrections": self.answered, "track_names": self.names}
-        return Result(self._tracks, self._result.source, self.frame_rate, self.size, **known)
+        attributes = {name: getattr(self._result, name) for name in ("settings", "facts", "seconds", "frames")}
+        attributes["facts"] = {**attributes["facts"], "corrections": self.answered, "track_names": self.names}
+        return Result(self._tracks, self._result.source, self.frame_rate, self.size, **attributes)
 
     @property
     def answered(self) -> int:
@@ -168,11 +168,11 @@ class Session:
         Raises:
             RequestError: there is no such question now; or see `correct`.
         """
-        found = [question for question in self._asked or [] if question.key == key]
-        if not found:
+        matches = [question for question in self._asked or [] if question.key == key]
+        if not matches:
             raise RequestError(f"expected the key of a question that was asked, got {key}; ask for the questions again")
-        answer_given = found[0].yes if yes else found[0].no
-        return self.correct(replace(answer_given, sentence=f"{found[0].sentence} {'Yes' if yes else 'No'}"))
+        answer_given = matches[0].yes if yes else matches[0].no
+        return self.correct(replace(answer_given, sentence=f"{matches[0].sentence} {'Yes' if yes else 'No'}"))
 
     def made(
         self,
@@ -199,11 +199,11 @@ class Session:
         """
         last = frame if last is None else last
         if kind == "switch" or (kind == "not_same" and len(ids) == 1):
-            before = [self._boxes(n, lambda frames: np.flatnonzero(frames < frame)[-1:]) for n in ids]
-            after = [self._boxes(n, lambda frames: np.flatnonzero(frames >= frame)[:1]) for n in ids]
-            if kind == "not_same" and not (before[0] and after[0]):
+            last_boxes = [self._boxes(n, lambda frames: np.flatnonzero(frames < frame)[-1:]) for n in ids]
+            first_boxes = [self._boxes(n, lambda frames: np.flatnonzero(frames >= frame)[:1]) for n in ids]
+            if kind == "not_same" and not (last_boxes[0] and first_boxes[0]):
                 raise RequestError(f"expected a frame within track {ids[0]} to part it, got {frame + 1}")
-            return Correction(kind, tuple(found[0] if found else None for found in (*before, *after)))
+            return Correction(kind, tuple(boxes[0] if boxes else None for boxes in (*last_boxes, *first_boxes)))
         if kind in ("delete", "right"):
             first, end = (0, self.n_frames) if kind == "delete" else (frame, last)
             boxes = self._boxes(ids[0], lambda frames: (frames >= first) & (frames <= end))
@@ -243,8 +243,8 @@ class Session:
             outside = min(box.x + box.width, box.y + box.height, width - box.x, height - box.y) <= 0
             if outside or box.frame >= self.n_frames:
                 raise RequestError(f"{correction}: expected a box in the picture of frame 1 to {self.n_frames}")
-        found = [b for p in parts if p.kind not in ("box", "real", "delete", "right") for b in p.there]
-        if any(b not in drawn and find(b) < 0 for b in found):
+        referenced = [b for p in parts if p.kind not in ("box", "real", "delete", "right") for b in p.there]
+        if any(b not in drawn and find(b) < 0 for b in referenced):
             raise RequestError(f"{correction}: no detection is there; add the box first")
         return self._recorded(correction)
 
@@ -276,9 +276,9 @@ class Session:
 
     def _refresh(self) -> Changes:
         """Report anew, and what is other than before."""
-        before, self._asked = self._tracks, None
+        previous, self._asked = self._tracks, None
         self._ids, self._tracks, self.names = self._reporter.reported(self._flow)
-        return Changes(changes(before, self._tracks), self._flow.notes)
+        return Changes(changes(previous, self._tracks), self._flow.notes)
 
     def save(self) -> None:
         """Write the tracks, and into ``run.json`` how many corrections and names they have; any thread may do it."""
@@ -308,17 +308,17 @@ class Session:
 
     def _write_acting(self, file: Path, tracks: Sequence[Track]) -> None:
         """Tracks with actions; what the tracker left is kept beside."""
-        kept = self.folder / SOLVED_ACTIONS
-        if not kept.is_file():
+        original = self.folder / SOLVED_ACTIONS
+        if not original.is_file():
             self._replaced(SOLVED_ACTIONS, lambda copy: copy.write_bytes((self.folder / ACTIONS_FILE).read_bytes()))
-        solved, names = read_acting_tracks(kept, needed=False)
+        solved, names = read_acting_tracks(original, needed=False)
         write_acting_tracks(file, acting(tracks, solved), names)
 
     def _write_states(self, file: Path, tracks: Sequence[Track]) -> None:
         """Animals under corrections; what the tracker left is kept beside."""
         solved, names = cast("Sequence[BodyTrack]", self._bodies), self._result.names
         if not (self.folder / SOLVED_STATES).is_file():
-            self._replaced(SOLVED_STATES, lambda kept: write_states(kept, solved, names))
+            self._replaced(SOLVED_STATES, lambda work: write_states(work, solved, names))
         write_states(file, corrected_bodies(tracks, solved, names), names)
 
     def _replaced(self, name: str, write: Callable[[Path], object]) -> None:
@@ -333,8 +333,8 @@ class Session:
     def _note_in_record(self, tracks: Sequence[Track]) -> None:
         path, record = self.folder / RUN_FILE, self._record()
         record.setdefault("facts", {}).update(corrections=self.answered, track_names=self.names)
-        kept = {SOLVED_ACTIONS: ACTIONS_FILE, SOLVED_STATES: STATES_FILE}
-        ours = [SOLVED_FILE, "tracks.txt", *(name for name, of in kept.items() if (self.folder / of).is_file())]
+        originals = {SOLVED_ACTIONS: ACTIONS_FILE, SOLVED_STATES: STATES_FILE}
+        ours = [SOLVED_FILE, "tracks.txt", *(name for name, of in originals.items() if (self.folder / of).is_file())]
         record["files"] = sorted({*record.get("files", []), *ours})
         record.setdefault("results", {}).setdefault(".", {})["filled"] = filled_frames(tracks)
         with whole_file(path) as file:
