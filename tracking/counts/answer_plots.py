@@ -29,8 +29,8 @@ def occupancy_figure(answers: Answers, ink: str = "black") -> Figure:
     table = answers.tables["occupancy"]
     lines = []
     for zone in answers.scene.zones:
-        own = [row for row, name in enumerate(table["zone"]) if name == zone.name]
-        times, people = ([table[name][row] for row in own] for name in ("time", "people"))
+        rows = [row for row, name in enumerate(table["zone"]) if name == zone.name]
+        times, people = ([table[name][row] for row in rows] for name in ("time", "people"))
         lines.append((zone.name, *_up_to_the_end(answers, times, people)))
     return _steps(ink, "in the zone", lines)
 
@@ -56,17 +56,11 @@ def ways_figure(name: str) -> Draw:
         figure.set_size_inches(1.5 + 0.9 * len(destinations), 1.2 + 0.6 * len(origins))
         if counts.size:
             axes.imshow(counts, cmap="Blues", vmin=0, aspect="auto")
-        axes.set_xticks(range(len(destinations)), [literal(one) for one in destinations])
-        axes.set_yticks(range(len(origins)), [literal(one) for one in origins])
+        axes.set_xticks(range(len(destinations)), [literal(label) for label in destinations])
+        axes.set_yticks(range(len(origins)), [literal(label) for label in origins])
         for (row, column), count in np.ndenumerate(counts):
-            axes.text(
-                column,
-                row,
-                str(count),
-                ha="center",
-                va="center",
-                color="white" if 2 * count > counts.max() else "black",
-            )
+            colour = "white" if 2 * count > counts.max() else "black"
+            axes.text(column, row, str(count), ha="center", va="center", color=colour)
         return figure
 
     return draw
@@ -117,10 +111,10 @@ def _axes(ink: str, across: str, up: str) -> tuple[Figure, Axes]:
     return figure, axes
 
 
+# Cells across the picture; they are square.
 COLUMNS = 48
-"""Cells across the picture; they are square."""
+# Rows of a path in a second.
 SAMPLES = 10
-"""Rows of a path in a second."""
 
 
 def seconds_in_cells(answers: Answers, pixels: FloatArray) -> FloatArray:
@@ -135,11 +129,11 @@ def square_metres(answers: Answers, shape: tuple[int, int]) -> FloatArray | None
     """``(R, C)`` floor in each cell, NaN where it shows none; None where metres are not known."""
     if not answers.scene.has_metres:
         return None
-    x, y = (np.linspace(0, most, count + 1) for most, count in zip(answers.size, shape[::-1], strict=True))
+    x, y = (np.linspace(0, extent, count + 1) for extent, count in zip(answers.size, shape[::-1], strict=True))
     corners = answers.scene.metres(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)).reshape(len(y), len(x), 2)
     down, across = corners[1:, 1:] - corners[:-1, :-1], corners[:-1, 1:] - corners[1:, :-1]
-    found = 0.5 * np.abs(down[..., 0] * across[..., 1] - down[..., 1] * across[..., 0])
-    return np.where(found > 0, found, np.nan)
+    areas = 0.5 * np.abs(down[..., 0] * across[..., 1] - down[..., 1] * across[..., 0])
+    return np.where(areas > 0, areas, np.nan)
 
 
 def heat_values(answers: Answers, pixels: FloatArray) -> tuple[FloatArray, str]:
@@ -168,8 +162,8 @@ def heat_table(answers: Answers, pixels: FloatArray) -> Table:
 def path_table(answers: Answers, pixels: FloatArray) -> Table:
     """Where each was, up to `SAMPLES` times a second: pixels, and metres where they are known."""
     paths, rate = answers.paths, answers.frame_rate
-    kept = paths.frames % max(1, round(rate / SAMPLES)) == 0
+    sampled = paths.frames % max(1, round(rate / SAMPLES)) == 0
     columns = {"time": paths.frames / rate, "id": paths.ids, "x": pixels[:, 0], "y": pixels[:, 1]}
     if paths.metres is not None:
         columns |= {"x_metres": paths.metres[:, 0], "y_metres": paths.metres[:, 1]}
-    return {name: column[kept].round(3).tolist() for name, column in columns.items()}
+    return {name: column[sampled].round(3).tolist() for name, column in columns.items()}

@@ -15,11 +15,16 @@ import numpy as np
 
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 
-# Shares of a box that the nearer person covers, of tracks that are joined and that are made longer: chosen on generated
-# streets of seeds below 50. Heights from the border of the picture within which a track comes in or leaves.
-COVERED, COVERED_ALONG, EDGE = 0.2, 0.4, 0.3
-# Heights in a second: by which who walks together changes places, at most, and goes on, at least.
-STEADY, WALKS = 0.3, 0.2
+# Least share of a box that the nearer person covers where tracks are joined, chosen on generated streets of seeds < 50.
+COVERED = 0.2
+# The same where a track is made longer.
+COVERED_ALONG = 0.4
+# Heights from the border of the picture within which a track comes in or leaves.
+EDGE = 0.3
+# Heights in a second by which people who walk together change places at most.
+STEADY = 0.3
+# Heights in a second by which they go on at least.
+WALKS = 0.2
 # Heights by which the feet of the nearer person may be higher.
 SLACK = 0.1
 
@@ -41,35 +46,35 @@ def with_hidden(tracks: Sequence[Track], size: tuple[int, int] | None, length: i
     boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)])
     order = np.argsort(frames, kind="stable")
     numbers = np.repeat(np.arange(len(tracks)), [len(track) for track in tracks])
-    every = _Boxes(frames[order], numbers[order], boxes[order])
+    by_frame = _Boxes(frames[order], numbers[order], boxes[order])
     ends, begins = (
         {
-            number: _hiding(every, number, track.boxes[row], int(track.frames[row]))
+            number: _hiding(by_frame, number, track.boxes[row], int(track.frames[row]))
             for number, track in enumerate(tracks)
             if _midst(track, row, size, length)
         }
         for row in (-1, 0)
     )
-    after = _joined(tracks, ends, begins)
-    chains, joined = list[list[Track]](), set(after.values())
+    successors = _joined(tracks, ends, begins)
+    chains, joined = list[list[Track]](), set(successors.values())
     for n in (number for number in range(len(tracks)) if number not in joined):
         chain = [n]
-        while chain[-1] in after:
-            chain.append(after[chain[-1]])
+        while chain[-1] in successors:
+            chain.append(successors[chain[-1]])
         parts = [tracks[number] for number in chain]
-        before = _company(tracks, begins.get(n, {}), n, False, rate)
-        chains.append([*before, *parts, *_company(tracks, ends.get(chain[-1], {}), chain[-1], True, rate)])
+        lead = _company(tracks, begins.get(n, {}), n, False, rate)
+        chains.append([*lead, *parts, *_company(tracks, ends.get(chain[-1], {}), chain[-1], True, rate)])
     return chains
 
 
-def _hiding(every: _Boxes, own: int, box: FloatArray, frame: int) -> dict[int, float]:
-    """Share of a box ``(4,)`` that each nearer person but its ``own`` covers in a frame, by number of the track."""
-    rows = slice(*np.searchsorted(every.frames, [frame, frame + 1]))
-    others, numbers, high = every.boxes[rows], every.tracks[rows], box[3] - box[1]
+def _hiding(by_frame: _Boxes, track: int, box: FloatArray, frame: int) -> dict[int, float]:
+    """Share of the box ``(4,)`` of a track that each nearer person covers in a frame, by number of their track."""
+    rows = slice(*np.searchsorted(by_frame.frames, [frame, frame + 1]))
+    others, numbers, high = by_frame.boxes[rows], by_frame.tracks[rows], box[3] - box[1]
     across = np.minimum(others[:, 2], box[2]) - np.maximum(others[:, 0], box[0])
     down = np.minimum(others[:, 3], box[3]) - np.maximum(others[:, 1], box[1])
     shares = np.maximum(across, 0) * np.maximum(down, 0) / max((box[2] - box[0]) * high, 1e-9)
-    near = (shares >= COVERED) & (numbers != own) & (others[:, 3] >= box[3] - SLACK * high)
+    near = (shares >= COVERED) & (numbers != track) & (others[:, 3] >= box[3] - SLACK * high)
     return dict(zip(numbers[near].tolist(), shares[near].tolist(), strict=True))
 
 
@@ -90,40 +95,40 @@ def _joined(
         for person in hiding:
             by_person.setdefault(person, []).append(number)
     pairs = sorted(
-        (int(tracks[later].frames[0] - tracks[one].frames[-1]), one, later)
-        for one, hiding in ends.items()
+        (int(tracks[later].frames[0] - tracks[earlier].frames[-1]), earlier, later)
+        for earlier, hiding in ends.items()
         for person in hiding
         for later in by_person.get(person, ())
-        if tracks[later].frames[0] > tracks[one].frames[-1]
+        if tracks[later].frames[0] > tracks[earlier].frames[-1]
     )
-    after, taken = dict[int, int](), set[int]()
-    for _, one, later in pairs:
-        if one not in after and later not in taken:
-            after[one] = later
-            taken.add(later)
-    return after
+    successors, followed = dict[int, int](), set[int]()
+    for _, earlier, later in pairs:
+        if earlier not in successors and later not in followed:
+            successors[earlier] = later
+            followed.add(later)
+    return successors
 
 
 def _company(tracks: Sequence[Track], hiding: dict[int, float], number: int, end: bool, rate: float) -> list[Track]:
     """The way of the person who hides an end of a track, from there on; nothing where no track goes along with it."""
-    own = tracks[number]
-    for person in sorted(hiding, key=lambda one: -hiding[one]):
-        other = tracks[person]
-        rows: BoolArray = other.frames > own.frames[-1] if end else other.frames < own.frames[0]
-        if hiding[person] >= COVERED_ALONG and rows.any() and _along(own, other, end, max(2, round(rate))):
-            count = int(rows.sum())
-            return [Track(own.id, other.frames[rows], other.boxes[rows], np.zeros(count), np.zeros(count, np.bool_))]
+    track = tracks[number]
+    for person in sorted(hiding, key=hiding.__getitem__, reverse=True):
+        companion = tracks[person]
+        rows: BoolArray = companion.frames > track.frames[-1] if end else companion.frames < track.frames[0]
+        if hiding[person] >= COVERED_ALONG and rows.any() and _along(track, companion, end, max(2, round(rate))):
+            frames, count = companion.frames[rows], int(rows.sum())
+            return [Track(track.id, frames, companion.boxes[rows], np.zeros(count), np.zeros(count, np.bool_))]
     return []
 
 
-def _along(own: Track, other: Track, end: bool, steps: int) -> bool:
+def _along(track: Track, companion: Track, end: bool, steps: int) -> bool:
     """Whether two people walk, and keep their places to each other, during the last or first steps of one."""
-    frames = own.frames[-steps:] if end else own.frames[:steps]
-    _, mine, theirs = np.intersect1d(frames, other.frames, return_indices=True)
+    frames = track.frames[-steps:] if end else track.frames[:steps]
+    _, mine, theirs = np.intersect1d(frames, companion.frames, return_indices=True)
     if len(mine) < 0.9 * steps:
         return False
-    boxes = (own.boxes[-steps:] if end else own.boxes[:steps])[mine], other.boxes[theirs]
-    ours, company = (np.column_stack([0.5 * (one[:, 0] + one[:, 2]), one[:, 3]]) for one in boxes)
+    boxes = (track.boxes[-steps:] if end else track.boxes[:steps])[mine], companion.boxes[theirs]
+    ours, company = (np.column_stack([0.5 * (corners[:, 0] + corners[:, 2]), corners[:, 3]]) for corners in boxes)
     high = float((boxes[0][:, 3] - boxes[0][:, 1]).mean())
     apart = company - ours
     return bool(

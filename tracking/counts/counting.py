@@ -73,8 +73,8 @@ class Answers:
 
     def _repr_html_(self) -> str:
         """For notebooks: what was counted at each line and in each zone."""
-        shown = [(name, self.tables[name]) for name in ("lines", "zones") if self.tables[name].keys()]
-        tables = [_html_of(name, table) for name, table in shown if len(next(iter(table.values())))]
+        counted = [(name, self.tables[name]) for name in ("lines", "zones") if self.tables[name].keys()]
+        tables = [_html_of(name, table) for name, table in counted if len(next(iter(table.values())))]
         return f"<p>{escape(repr(self)[1:-1])}</p>{''.join(tables)}"
 
     def count(self, line: str, direction: str) -> tuple[int, int, int]:
@@ -84,11 +84,11 @@ class Answers:
             RequestError: there is no such line or direction.
         """
         table = self.tables["lines"]
-        known = list(zip(table["line"], table["direction"], strict=True))
-        if (line, direction) not in known:
-            named = ", ".join(f"{one} {way}" for one, way in known)
+        ways = list(zip(table["line"], table["direction"], strict=True))
+        if (line, direction) not in ways:
+            named = ", ".join(f"{name} {way}" for name, way in ways)
             raise RequestError(f"expected a line and a direction of {named or 'none'}, got {line} {direction}")
-        row = known.index((line, direction))
+        row = ways.index((line, direction))
         return table["count"][row], table["low"][row], table["high"][row]
 
 
@@ -137,16 +137,16 @@ def count(
     paths = paths_of(tracks, scene, settings)
     frames = getattr(result, "frames", {}).get("frame", ())
     first, length = min(frames, default=0), max([-1, *frames, *(int(track.frames[-1]) for track in tracks)]) + 1
-    own = getattr(result, "size", None)
-    known = scene.size or own
-    if own is None and not bodies:  # one that knows its picture was tracked in it
-        compare_with_picture("the result", np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]), known)
+    result_size = getattr(result, "size", None)
+    picture_size = scene.size or result_size
+    if result_size is None and not bodies:  # one that knows its picture was tracked in it
+        compare_with_picture("the result", np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]), picture_size)
     # Who may have been hidden counts at lines and in zones. Animals are filmed from above: none hides another.
-    every = paths if bodies else paths_of(with_hidden(tracks, known, length, rate), scene, settings)
-    size = np.asarray(known or scene.pixels(paths.points).max(axis=0, initial=1.0), dtype=np.float64)
-    span, doubt = (first, length), Doubt(every, scene, rate, length)
-    lines, crossings = line_tables(every, scene, settings, doubt)
-    zones, occupancy = zone_tables(every, scene, settings, doubt, span)
+    extended = paths if bodies else paths_of(with_hidden(tracks, picture_size, length, rate), scene, settings)
+    size = np.asarray(picture_size or scene.pixels(paths.points).max(axis=0, initial=1.0), dtype=np.float64)
+    span, doubt = (first, length), Doubt(extended, scene, rate, length)
+    lines, crossings = line_tables(extended, scene, settings, doubt)
+    zones, occupancy = zone_tables(extended, scene, settings, doubt, span)
     tables = {
         "lines": lines,
         "crossings": crossings,

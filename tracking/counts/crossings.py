@@ -25,27 +25,28 @@ class Crossings:
     Attributes:
         rows: ``(C,)`` of `Paths`: the first behind the line.
         sides: ``(C,)`` 1 to the right of the line or into the zone, -1 back.
-        before: ``(C,)`` last row at which the side before was settled.
-        after: ``(C,)`` first row at which the side after was settled.
+        settled_before: ``(C,)`` last row at which the earlier side was settled.
+        settled_after: ``(C,)`` first row at which the new side was settled.
     """
 
     rows: IntArray
     sides: IntArray
-    before: IntArray
-    after: IntArray
+    settled_before: IntArray
+    settled_after: IntArray
 
 
 def line_crossings(paths: Paths, scene: Scene, line: SceneLine, band: float) -> Crossings:
     """Who crossed a line; ``band`` is in heights of the person, to each side."""
     distances, along = line_distances(paths.points, scene, line)
-    found = changes(distances, band * paths.heights, paths)
+    crossed = changes(distances, band * paths.heights, paths)
     met = np.zeros(len(paths), dtype=np.int64)
     steps = np.flatnonzero(_turned(distances, paths))
     between = steps[meets(distances[steps - 1], distances[steps], along[steps - 1], along[steps])]
     met[between] = np.where(distances[between] > 0, 1, -1)
     total, last = np.cumsum(met), _last(met != 0)
-    through = np.sign(total[found.after] - total[found.before]) == found.sides
-    return Crossings(last[found.after][through], found.sides[through], found.before[through], found.after[through])
+    start, end = crossed.settled_before, crossed.settled_after
+    through = np.sign(total[end] - total[start]) == crossed.sides
+    return Crossings(last[end][through], crossed.sides[through], start[through], end[through])
 
 
 def border_crossings(paths: Paths, zone: SceneZone, band: float) -> Crossings:
@@ -61,17 +62,17 @@ def line_distances(points: FloatArray, scene: Scene, line: SceneLine) -> tuple[F
     return scene.right_is * (way[0] * y - way[1] * x) / length, (way[0] * x + way[1] * y) / length**2
 
 
-def meets(before: FloatArray, after: FloatArray, along: FloatArray, further: FloatArray) -> BoolArray:
+def meets(start: FloatArray, end: FloatArray, along: FloatArray, further: FloatArray) -> BoolArray:
     """``(B,)`` which ways meet a line between its ends.
 
     Args:
-        before: ``(B,)`` signed distance from the line where each way begins.
-        after: where it ends.
+        start: ``(B,)`` signed distance from the line where each way begins.
+        end: where it ends.
         along: ``(B,)`` place along the line, see `line_distances`, where each way begins.
         further: where it ends.
     """
-    turned = (before > 0) != (after > 0)
-    place = along + before / np.where(turned, before - after, 1.0) * (further - along)
+    turned = (start > 0) != (end > 0)
+    place = along + start / np.where(turned, start - end, 1.0) * (further - along)
     return np.asarray(turned & (place >= 0) & (place <= 1))
 
 
@@ -88,9 +89,9 @@ def changes(distances: FloatArray, band: FloatArray, paths: Paths) -> Crossings:
     sides = np.where(distances[settled] > 0, 1, -1)
     first = paths.first_rows[settled]
     changed = np.flatnonzero((sides[1:] != sides[:-1]) & (first[1:] == first[:-1])) + 1
-    after = settled[changed]
+    arrivals = settled[changed]
     turns = _last(_turned(distances, paths))
-    return Crossings(turns[after], sides[changed], settled[changed - 1], after)
+    return Crossings(turns[arrivals], sides[changed], settled[changed - 1], arrivals)
 
 
 def _turned(distances: FloatArray, paths: Paths) -> BoolArray:

@@ -22,21 +22,35 @@ from tsuiseki.tracking.counts.polygons import inside
 from tsuiseki.tracking.counts.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# Fitted on generated streets of seeds from 1100 on, each with three simulated detectors: weights of a constant and of
-# what speaks against a crossing, see `Doubt.real`; the share of broken paths ahead of which a line was crossed; n
-# above, the shape of the gamma, and missed crossings of any line. The constant is chosen on real video (MOT15, TUD,
-# PETS, KITTI).
+# Up to `ENDS` fitted on generated streets of seeds from 1100 on, each with three simulated detectors.
+
+# Weights of a constant and of what speaks against a crossing, see `Doubt.real`. The constant is chosen on real video
+# (MOT15, TUD, PETS, KITTI).
 CROSSING_WEIGHTS = np.array([3.5, -4.2, -1.9])
-BROKEN, CHANCES, SHAPE, ANY = 0.1, 1.9, 0.9, 0.05
-# Likewise: of what is filled in, the share by which a stay errs and the share of people who are not there; seconds by
-# which it errs anyhow.
-FILLED, ABSENT, ENDS = 0.6, 0.25, 0.2
+# Share of broken paths ahead of which a line was crossed.
+BROKEN = 0.1
+# n of the head of this file: how often a person can get a track.
+CHANCES = 1.9
+# Shape of the gamma of the missed.
+SHAPE = 0.9
+# Crossings that are missed at any line, on average.
+ANY = 0.05
+# Share of what is filled in by which a stay errs.
+FILLED = 0.6
+# Share of people filled in who are not there.
+ABSENT = 0.25
+# Seconds by which a stay errs anyhow.
+ENDS = 0.2
 # Least share of frames with a detection.
 LEAST_OBSERVED = 0.02
-# Seconds that a broken path is thought on, and heights from the border of the picture within which it leaves.
-REACH, EDGE = 2.0, 0.3
-LEVEL, WIDTH = 0.9, 1.645
-"""Of the intervals; and of a normal one, to each side, in standard deviations."""
+# Seconds that a broken path is thought on.
+REACH = 2.0
+# Heights from the border of the picture within which a path leaves it.
+EDGE = 0.3
+# Probability of an interval.
+LEVEL = 0.9
+# Half the width of a normal interval of that probability, standard deviations.
+WIDTH = 1.645
 
 
 class Doubt:
@@ -55,40 +69,40 @@ class Doubt:
         tracked = 1 - (1 - np.clip(detected, LEAST_OBSERVED, 1)) ** CHANCES
         self.without: FloatArray = ((1 - tracked) / tracked)[whose]
 
-    def real(self, found: Crossings) -> FloatArray:
+    def real(self, crossings: Crossings) -> FloatArray:
         """``(C,)`` probability that each crossing is one.
 
         Against it speak the share of places within half a second that no detection supports, and the lack of path on
         the shorter side of the line (1 for none, 0 from a second on).
         """
-        if not len(found.rows):
+        if not len(crossings.rows):
             return np.empty(0)
         paths, half = self.paths, max(1, round(0.5 * self.rate))
-        pieces = np.searchsorted(paths.starts, found.rows, "right") - 1
+        pieces = np.searchsorted(paths.starts, crossings.rows, "right") - 1
         start, end = paths.starts[pieces], paths.ends[pieces]
-        low, high = np.maximum(found.rows - half, start), np.minimum(found.rows + half, end) + 1
+        low, high = np.maximum(crossings.rows - half, start), np.minimum(crossings.rows + half, end) + 1
         observed = np.append(0, np.cumsum(paths.observed))
         unsupported = 1 - (observed[high] - observed[low]) / (high - low)
-        shorter = np.minimum(found.rows - start, end - found.rows + 1)
+        shorter = np.minimum(crossings.rows - start, end - crossings.rows + 1)
         against = np.column_stack([unsupported, 1 - np.clip(shorter / self.rate, 0, 1)])
         return np.asarray(1 / (1 + np.exp(-(CROSSING_WEIGHTS[0] + against @ CROSSING_WEIGHTS[1:]))))
 
-    def missed(self, line: SceneLine, found: Crossings) -> dict[int, float]:
-        """Crossings of a line that are missed beside those ``found``, on average, by side."""
+    def missed(self, line: SceneLine, crossings: Crossings) -> dict[int, float]:
+        """Crossings of a line that are missed beside those that were detected, on average, by side."""
         points, ahead, _ = self._broken
         here, along = line_distances(points, self.scene, line)
         there, further = line_distances(ahead, self.scene, line)
-        return self._missed(meets(here, there, along, further), np.sign(there), found)
+        return self._missed(meets(here, there, along, further), np.sign(there), crossings)
 
-    def missed_at_border(self, zone: SceneZone, found: Crossings) -> dict[int, float]:
+    def missed_at_border(self, zone: SceneZone, crossings: Crossings) -> dict[int, float]:
         """Likewise, of the border of a zone."""
         here, there = (inside(points, zone.corners) for points in self._broken[:2])
-        return self._missed(here != there, np.where(there, 1, -1), found)
+        return self._missed(here != there, np.where(there, 1, -1), crossings)
 
-    def _missed(self, meets: BoolArray, sides: FloatArray | IntArray, found: Crossings) -> dict[int, float]:
-        sides, without = self._broken[2] * sides, self.without[found.rows]
+    def _missed(self, meets: BoolArray, sides: FloatArray | IntArray, crossings: Crossings) -> dict[int, float]:
+        sides, without = self._broken[2] * sides, self.without[crossings.rows]
         return {
-            side: float(BROKEN * (meets & (sides == side)).sum() + without[found.sides == side].sum() + ANY)
+            side: float(BROKEN * (meets & (sides == side)).sum() + without[crossings.sides == side].sum() + ANY)
             for side in (1, -1)
         }
 
@@ -105,12 +119,12 @@ class Doubt:
         errors = FILLED * (filled[last + 1] - filled[first]) / self.rate
         error = float((errors**2).sum() + len(first) * ENDS**2)
         # People without a track: mean and variance of the seconds that they stayed, and of their number.
-        missed, more = float(without @ seconds), float(without.sum())
+        missed, untracked = float(without @ seconds), float(without.sum())
         spread = float((without * (1 + without)) @ seconds**2) + missed**2 / SHAPE
         total, number, duration = seconds.sum(), max(len(first), 1), max(length / self.rate, 1e-9)
         mean = total / number
         people = total - WIDTH * np.sqrt(error), total + missed + WIDTH * np.sqrt(error + spread)
-        others = (more + more**2 / SHAPE) * (mean / (number + more)) ** 2
+        others = (untracked + untracked**2 / SHAPE) * (mean / (number + untracked)) ** 2
         width = WIDTH * np.sqrt(error / number**2 + others)
         return np.maximum(people, 0) / duration, np.maximum([mean - width, mean + width], 0)
 
@@ -143,7 +157,7 @@ def interval_of(count: int, false: float, missed: float) -> tuple[int, int]:
     """Ends of the interval: the likeliest numbers, as near to `LEVEL` together as can be, and the count.
 
     Args:
-        count: found.
+        count: of what was detected.
         false: crossings of it that are none, on average.
         missed: crossings beside it, on average; its gamma has the shape `SHAPE`.
 
@@ -166,9 +180,9 @@ def interval_of(count: int, false: float, missed: float) -> tuple[int, int]:
     held = total[low]
     while True:
         upwards = bool(total[high + 1] >= total[low - 1])
-        more = max(total[high + 1], total[low - 1])
-        if more == 0 or abs(held + more - LEVEL) >= abs(held - LEVEL):
+        gain = max(total[high + 1], total[low - 1])
+        if gain == 0 or abs(held + gain - LEVEL) >= abs(held - LEVEL):
             break
-        held, low, high = held + more, low - (not upwards), high + upwards
+        held, low, high = held + gain, low - (not upwards), high + upwards
     at = count - len(less)
     return max(0, min(count, at + low)), max(count, at + high)

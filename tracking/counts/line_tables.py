@@ -17,8 +17,8 @@ from tsuiseki.tracking.types import FloatArray
 
 Columns = dict[str, list[Any]]
 SIDES = ("left", "right", "top", "bottom")
+# How near to a side of the picture paths begin and end there, as a share of its width or height.
 SIDE = 0.1
-"""How near to a side of the picture paths begin and end there, as a share of its width or height."""
 
 
 def line_tables(paths: Paths, scene: Scene, settings: CountSettings, doubt: Doubt) -> tuple[Columns, Columns]:
@@ -26,21 +26,21 @@ def line_tables(paths: Paths, scene: Scene, settings: CountSettings, doubt: Doub
     lines = empty("line", "direction", "count", "low", "high")
     crossings = empty("time", "frame", "id", "line", "direction", "x", "y", "probability")
     for line in scene.lines:
-        found = line_crossings(paths, scene, line, settings.band)
-        real, missed = doubt.real(found), doubt.missed(line, found)
+        crossed = line_crossings(paths, scene, line, settings.band)
+        real, missed = doubt.real(crossed), doubt.missed(line, crossed)
         for side, direction in zip((1, -1), line.directions, strict=True):
-            own = found.sides == side
-            number = int(own.sum())
-            low, high = interval_of(number, float((1 - real[own]).sum()), missed[side])
+            one_way = crossed.sides == side
+            number = int(one_way.sum())
+            low, high = interval_of(number, float((1 - real[one_way]).sum()), missed[side])
             add(lines, line.name, direction, number, low, high)
-        frames, points = paths.frames[found.rows], np.round(paths.points[found.rows], 3)
+        frames, points = paths.frames[crossed.rows], np.round(paths.points[crossed.rows], 3)
         add_rows(
             crossings,
             np.round(frames / doubt.rate, 3),
             frames + 1,
-            paths.ids[found.rows],
+            paths.ids[crossed.rows],
             np.full(len(frames), line.name),
-            np.where(found.sides > 0, *line.directions),
+            np.where(crossed.sides > 0, *line.directions),
             points[:, 0],
             points[:, 1],
             np.round(real, 3),

@@ -33,8 +33,8 @@ class Crossing:
 
 
 @dataclass
-class _Known:
-    """What is kept of a person, one number a line and zone.
+class _Person:
+    """Where a person was last, and how they stand to each line and zone.
 
     Attributes:
         frame: when they were there last.
@@ -83,7 +83,7 @@ class Counter:
         scene = self.scene if isinstance(self.scene, Scene) else read_scene(self.scene)
         self._scene = scene.on_floor() if self.settings.anchor == "floor" else scene
         anchored(np.empty((0, 4)), self._scene, self.settings.anchor)
-        self._known: dict[int, _Known] = {}
+        self._people: dict[int, _Person] = {}
         ways = [(line.name, line.directions) for line in self._scene.lines]
         self._ways = [*ways, *((zone.name, ("entered", "left")) for zone in self._scene.zones)]
         self._lines = len(ways)
@@ -100,7 +100,7 @@ class Counter:
         points, heights, _ = anchored(targets.boxes, self._scene, self.settings.anchor)
         here = np.isfinite(points).all(axis=1) & counted(points, self._scene)
         for number in targets.ids[~here].tolist():
-            self._known.pop(number, None)
+            self._people.pop(number, None)
         distances, along = self._places(points)
         for column, zone in enumerate(self._scene.zones, start=self._lines):
             self.occupancy[zone.name] = int((here & (distances[:, column] > 0)).sum())
@@ -114,7 +114,7 @@ class Counter:
                 self.counts[name][direction] += 1
                 crossings.append(Crossing(targets.frame, number, name, direction))
         if targets.frame % 100 == 0:
-            self._known = {n: k for n, k in self._known.items() if targets.frame - k.frame <= self.patience}
+            self._people = {n: k for n, k in self._people.items() if targets.frame - k.frame <= self.patience}
         return crossings
 
     def _places(self, points: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -122,23 +122,23 @@ class Counter:
         lines = [line_distances(points, self._scene, line) for line in self._scene.lines]
         borders = [zone_distances(points, zone) for zone in self._scene.zones]
         none = np.zeros(len(points))
-        distances = np.column_stack([none, *(one for one, _ in lines), *borders])[:, 1:]
-        return distances, np.column_stack([none, *(one for _, one in lines), *(none for _ in borders)])[:, 1:]
+        distances = np.column_stack([none, *(distance for distance, _ in lines), *borders])[:, 1:]
+        return distances, np.column_stack([none, *(place for _, place in lines), *(none for _ in borders)])[:, 1:]
 
     def _step(
         self, number: int, frame: int, distances: FloatArray, along: FloatArray, band: float
     ) -> list[tuple[int, int]]:
         """Column and side of what one person crossed."""
         sides = np.where(distances > 0, 1, -1)
-        before = self._known.get(number)
-        if before is None:
+        person = self._people.get(number)
+        if person is None:
             sides[distances == 0] = 0
-            self._known[number] = _Known(frame, distances, along, sides, np.zeros(len(sides), dtype=np.int64))
+            self._people[number] = _Person(frame, distances, along, sides, np.zeros(len(sides), dtype=np.int64))
             return []
-        met = before.met + np.where(meets(before.distances, distances, before.along, along), sides, 0)
+        met = person.met + np.where(meets(person.distances, distances, person.along, along), sides, 0)
         settled = np.abs(distances) > band
-        changed = settled & (before.sides == -sides)
+        changed = settled & (person.sides == -sides)
         changed[: self._lines] &= np.sign(met[: self._lines]) == sides[: self._lines]
-        kept = np.where(settled, sides, before.sides)
-        self._known[number] = _Known(frame, distances, along, kept, np.where(settled, 0, met))
+        current = np.where(settled, sides, person.sides)
+        self._people[number] = _Person(frame, distances, along, current, np.where(settled, 0, met))
         return [(column, int(sides[column])) for column in np.flatnonzero(changed).tolist()]

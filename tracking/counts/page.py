@@ -37,8 +37,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 AnyResult = TypeVar("AnyResult", bound=Result[Any])
+# Rows of a table on the page, and tracks with crops; the files have all.
 MOST = 100
-"""Rows of a table on the page, and tracks with crops; the files have all."""
 UNITS = {"first": "first in view, s", "last": "last in view, s", "seconds": "in view, s", "path": "path, px",
          "metres": "path, m", "speed": "speed, m/s"}  # fmt: skip
 
@@ -203,11 +203,11 @@ class TrackedPage:
         for who, zone, seconds in zip(*(stays[name] for name in ("id", "zone", "seconds")), strict=True):
             within[who, zone] += seconds
         names = [name for name in table if name not in ("id", "class") or (name == "class" and any(table[name]))]
-        zones, shown = [zone.name for zone in self.answers.scene.zones], {track.id for track in self.tracks}
+        zones, ids = [zone.name for zone in self.answers.scene.zones], {track.id for track in self.tracks}
         rows = {
             who: [*(_cell(table[name][number]) for name in names), *(f"{within[who, zone]:.1f}" for zone in zones)]
             for number, who in enumerate(table["id"])
-            if who in shown
+            if who in ids
         }
         headings = [*(UNITS.get(name, name) for name in names), *(f"{zone}, s" for zone in zones)]
         return PeopleRows(headings, rows, len(table["id"]), self._file("people"))
@@ -240,8 +240,8 @@ def summary(answers: Answers) -> Sequence[str]:
     return [
         *head,
         *(
-            f"{zone}: {people:g} people on average ({low:g}-{high:g}), {most} at most, "
+            f"{zone}: {people:g} people on average ({low:g}-{high:g}), {peak} at most, "
             f"{stay:g} s ({least:g}-{longest:g})"
-            for zone, people, low, high, most, stay, least, longest in zip(*(zones[n] for n in names), strict=True)
+            for zone, people, low, high, peak, stay, least, longest in zip(*(zones[n] for n in names), strict=True)
         ),
     ]

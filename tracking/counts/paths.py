@@ -62,14 +62,14 @@ def paths_of(tracks: Iterable[Track | Sequence[Track]], scene: Scene, settings: 
     Raises:
         RequestError: the anchor does not fit the scene; see `anchored`.
     """
-    chains = [[one] if isinstance(one, Track) else [*one] for one in tracks]
-    own = [track for chain in chains for track in chain if len(track)]
-    lengths = np.array([len(track) for track in own], dtype=np.int64)
-    ids = np.repeat(np.array([track.id for track in own], dtype=np.int64), lengths)
-    frames = np.concatenate([np.empty(0, np.int64), *(track.frames for track in own)])
-    boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in own)])
-    scores = np.concatenate([np.empty(0), *(track.scores for track in own)])
-    observed = np.concatenate([np.empty(0, np.bool_), *(track.observed for track in own)])
+    chains = [[entry] if isinstance(entry, Track) else [*entry] for entry in tracks]
+    parts = [track for chain in chains for track in chain if len(track)]
+    lengths = np.array([len(track) for track in parts], dtype=np.int64)
+    ids = np.repeat(np.array([track.id for track in parts], dtype=np.int64), lengths)
+    frames = np.concatenate([np.empty(0, np.int64), *(track.frames for track in parts)])
+    boxes = np.concatenate([np.empty((0, 4)), *(track.boxes for track in parts)])
+    scores = np.concatenate([np.empty(0), *(track.scores for track in parts)])
+    observed = np.concatenate([np.empty(0, np.bool_), *(track.observed for track in parts)])
     points, heights, metres = anchored(boxes, scene, settings.anchor)
     new = np.zeros(len(ids), dtype=np.bool_)
     new[np.cumsum([0, *(sum(map(len, chain)) for chain in chains)])[:-1].clip(max=max(len(ids) - 1, 0))] = len(ids) > 0
@@ -79,16 +79,16 @@ def paths_of(tracks: Iterable[Track | Sequence[Track]], scene: Scene, settings: 
         """Values in every frame, those of gaps on straight lines."""
         if not len(gaps):
             return values
-        every, before = values[rows], rows[gaps]
+        filled, previous = values[rows], rows[gaps]
         share = shares if values.ndim == 1 else shares[:, None]
-        every[gaps] = values[before] + share * (values[before + 1] - values[before])
-        return every
+        filled[gaps] = values[previous] + share * (values[previous + 1] - values[previous])
+        return filled
 
     points, observed, new = bridged(points), observed[rows], new[rows]
     observed[gaps] = new[gaps] = False
-    kept = np.isfinite(points).all(axis=1) & counted(points, scene)
-    new[1:] |= ~kept[:-1]
-    keep = slice(None) if kept.all() else kept
+    valid = np.isfinite(points).all(axis=1) & counted(points, scene)
+    new[1:] |= ~valid[:-1]
+    keep = slice(None) if valid.all() else valid
     return Paths(
         ids[rows][keep],
         np.rint(bridged(frames.astype(np.float64))).astype(np.int64)[keep],
@@ -129,10 +129,10 @@ def anchored(
 
 def counted(points: FloatArray, scene: Scene) -> BoolArray:
     """``(N,)`` which points lie where people count."""
-    kept = np.ones(len(points), dtype=np.bool_) if scene.region is None else inside(points, scene.region)
+    valid = np.ones(len(points), dtype=np.bool_) if scene.region is None else inside(points, scene.region)
     for corners in scene.ignored:
-        kept &= ~inside(points, corners)
-    return kept
+        valid &= ~inside(points, corners)
+    return valid
 
 
 def _bridged(frames: IntArray, new: BoolArray) -> tuple[IntArray, IntArray, FloatArray]:

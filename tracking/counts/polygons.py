@@ -18,15 +18,15 @@ def crosses_itself(corners: FloatArray) -> bool:
     return bool(meet.any())
 
 
-def edges_cross(one: FloatArray, other: FloatArray) -> bool:
+def edges_cross(corners: FloatArray, other_corners: FloatArray) -> bool:
     """Whether the borders of two polygons cross; borders that only touch do not."""
-    return bool(_meetings(one, other, touching=False).any())
+    return bool(_meetings(corners, other_corners, touching=False).any())
 
 
 def area(corners: FloatArray) -> float:
     """Signed area of a polygon ``(N, 2)``."""
-    after = np.roll(corners, -1, axis=0)
-    return float(0.5 * np.sum(_cross(corners, after)))
+    following = np.roll(corners, -1, axis=0)
+    return float(0.5 * np.sum(_cross(corners, following)))
 
 
 def inside(points: FloatArray, corners: FloatArray) -> BoolArray:
@@ -53,10 +53,10 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0])
 
 
-def _meetings(one: FloatArray, other: FloatArray, touching: bool = True) -> BoolArray:
+def _meetings(corners: FloatArray, other_corners: FloatArray, touching: bool = True) -> BoolArray:
     """``(N, M)`` which edges of two polygons meet."""
-    a, b = one[:, None], np.roll(one, -1, axis=0)[:, None]
-    c, d = other[None], np.roll(other, -1, axis=0)[None]
+    a, b = corners[:, None], np.roll(corners, -1, axis=0)[:, None]
+    c, d = other_corners[None], np.roll(other_corners, -1, axis=0)[None]
     first, second = _cross(b - a, c - a) * _cross(b - a, d - a), _cross(d - c, a - c) * _cross(d - c, b - c)
     if not touching:
         return np.asarray((first < 0) & (second < 0))

@@ -37,7 +37,9 @@ from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.formats.rows import read_text
 from tsuiseki.tracking.types import FloatArray
 
+# Lines or zones of a scene, and corners of a polygon.
 MOST = 1000
+# Characters of a name, so that it fits into a plot.
 LONGEST_NAME = 60
 DIRECTIONS = ("in", "out")
 Unit = Literal["pixels", "metres"]
@@ -124,10 +126,10 @@ class Scene:
             raise RequestError("`anchor`: floor needs a scale or a camera in the scene, got neither; take feet")
 
         def moved(name: str, points: FloatArray) -> FloatArray:
-            found = self.metres(points)
-            if not np.isfinite(found).all():
+            floor = self.metres(points)
+            if not np.isfinite(floor).all():
                 raise RequestError(f"{name}: expected places on the floor, got some at or above the horizon")
-            return found
+            return floor
 
         return replace(
             self,
@@ -185,8 +187,7 @@ def read_scene(path: str | Path) -> Scene:
 
 def scene_of(content: Any, where: str, folder: Path) -> Scene:
     """As `read_scene`, of a mapping of YAML or JSON; ``where`` is for messages, camera files lie in ``folder``."""
-    known = ("size", "unit", "scale", "camera", "lines", "zones", "region", "ignored")
-    _fields(content, known, where)
+    _fields(content, ("size", "unit", "scale", "camera", "lines", "zones", "region", "ignored"), where)
     unit = content.get("unit", "pixels")
     if unit not in ("pixels", "metres"):
         raise RequestError(f"{where}: unit: expected pixels or metres, got {unit!r}")
@@ -223,11 +224,11 @@ def _check_together(scene: Scene, where: str) -> None:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise RequestError(f"{where}: expected a name of its own for each line and zone, got {twice} twice")
-    for one, other in combinations(scene.zones, 2):
-        if edges_cross(one.corners, other.corners):
+    for zone, neighbour in combinations(scene.zones, 2):
+        if edges_cross(zone.corners, neighbour.corners):
             raise RequestError(
-                f"{where}: expected zones beside or inside each other, but the borders of {one.name} and {other.name} "
-                "cross; move one"
+                f"{where}: expected zones beside or inside each other, but the borders of {zone.name} and "
+                f"{neighbour.name} cross; move one"
             )
     scene.check_video(scene.size, where)
 
@@ -238,13 +239,9 @@ def scene_text(scene: Scene) -> str:
     content |= {"unit": scene.unit}
     content |= {"scale": scene.scale} if scene.scale is not None else {}
     content["lines"] = [
-        {
-            "name": line.name,
-            "from": line.ends[0].tolist(),
-            "to": line.ends[1].tolist(),
-            "directions": [*line.directions],
-        }
+        {"name": line.name, "from": start, "to": end, "directions": [*line.directions]}
         for line in scene.lines
+        for start, end in (line.ends.tolist(),)
     ]
     content["zones"] = [{"name": zone.name, "corners": zone.corners.tolist()} for zone in scene.zones]
     content |= {"region": scene.region.tolist()} if scene.region is not None else {}
@@ -252,13 +249,13 @@ def scene_text(scene: Scene) -> str:
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=100)
 
 
-def _fields(entry: Any, known: Sequence[str], where: str, needed: Sequence[str] = ()) -> None:
-    """Refuse an entry that is no mapping, has a field that is not ``known``, or lacks one that is ``needed``."""
-    more = ", ".join(name for name in known if name not in needed)
-    takes = f"{', '.join(needed)}{' and, where wanted, ' if needed and more else ''}{more}"
+def _fields(entry: Any, allowed: Sequence[str], where: str, needed: Sequence[str] = ()) -> None:
+    """Refuse an entry that is no mapping, has a field that is not ``allowed``, or lacks one that is ``needed``."""
+    optional = ", ".join(name for name in allowed if name not in needed)
+    takes = f"{', '.join(needed)}{' and, where wanted, ' if needed and optional else ''}{optional}"
     if not isinstance(entry, dict):
         raise RequestError(f"{where}: expected the fields {takes}, got {str(entry)[:60]!r}")
-    unknown = [str(name) for name in entry if name not in known]
+    unknown = [str(name) for name in entry if name not in allowed]
     if unknown:
         raise RequestError(f"{where}: expected the fields {takes}, got {unknown[0][:60]!r}")
     missing = [name for name in needed if name not in entry]
@@ -282,10 +279,10 @@ def _line(entry: Any, where: str) -> SceneLine:
     ends = _points([entry["from"], entry["to"]], f"{where}, {name}: from, to")
     if np.array_equal(ends[0], ends[1]):
         raise RequestError(f"{where}, {name}: expected two ends, got one point {ends[0].tolist()} twice")
-    given = entry.get("directions", DIRECTIONS)
-    if not isinstance(given, list | tuple) or len(given) != 2:
-        raise RequestError(f"{where}, {name}: directions: expected two names, got {given!r}")
-    first, second = (_name(one, f"{where}, {name}: directions") for one in given)
+    directions = entry.get("directions", DIRECTIONS)
+    if not isinstance(directions, list | tuple) or len(directions) != 2:
+        raise RequestError(f"{where}, {name}: directions: expected two names, got {directions!r}")
+    first, second = (_name(direction, f"{where}, {name}: directions") for direction in directions)
     if first == second:
         raise RequestError(f"{where}, {name}: directions: expected two different names, got {first} twice")
     return SceneLine(name, ends, (first, second))
@@ -353,11 +350,11 @@ def _camera(value: Any, where: str, folder: Path, size: tuple[int, int] | None) 
     if file.is_absolute() or ".." in file.parts:
         raise RequestError(f"{where}: camera: expected a file beside the scene, got {file}; copy it there")
     cameras = read_cameras(folder / file)
-    found = [one for one in cameras if name is None or one.name == name]
-    if len(found) != 1:
-        named = ", ".join(one.name for one in cameras)
+    matches = [c for c in cameras if name is None or c.name == name]
+    if len(matches) != 1:
+        named = ", ".join(c.name for c in cameras)
         raise RequestError(f"{where}: camera: expected the name of one of {named}, got {name!r}")
-    camera = found[0].camera
+    camera = matches[0].camera
     if size is not None and size != (camera.width, camera.height):
         raise RequestError(
             f"{where}: camera: expected one of {size[0]}x{size[1]} as the scene, got {camera.width}x{camera.height}"

@@ -19,8 +19,10 @@ from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# So many gather. Who passes each other does so for fewer seconds.
-FEWEST, LEAST_SECONDS = 3, 3.0
+# People of the smallest gathering.
+FEWEST = 3
+# Seconds of the shortest gathering; who only passes each other does so for fewer.
+LEAST_SECONDS = 3.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,8 +46,8 @@ def stays_of(paths: Paths, within: BoolArray, crossed: Crossings) -> Stays:
     """The stays in a zone that rows ``within`` ``(N,)`` lie in; who goes to and fro on its border stays."""
     pieces = np.searchsorted(paths.starts, crossed.rows, "right") - 1
     # Before the first crossing of a piece its person was on the other side; without a crossing, where most rows are.
-    own = np.add.reduceat(within.astype(np.int64), paths.starts) if len(paths.starts) else np.empty(0, np.int64)
-    at_start = own > 0.5 * (paths.ends - paths.starts + 1)
+    inside_rows = np.add.reduceat(within.astype(np.int64), paths.starts) if len(paths.starts) else np.empty(0, np.int64)
+    at_start = inside_rows > 0.5 * (paths.ends - paths.starts + 1)
     at_end = at_start.copy()
     present, first = np.unique(pieces, return_index=True)
     last = np.searchsorted(pieces, present, "right") - 1
@@ -55,8 +57,8 @@ def stays_of(paths: Paths, within: BoolArray, crossed: Crossings) -> Stays:
     ends = np.concatenate([end, paths.ends[at_end]])
     entered = np.repeat([True, False], [len(begin), int(at_start.sum())])
     left = np.repeat([True, False], [len(end), int(at_end.sum())])
-    order, other = np.argsort(begins, kind="stable"), np.argsort(ends, kind="stable")
-    return Stays(begins[order], ends[other], entered[order], left[other])
+    begin_order, end_order = np.argsort(begins, kind="stable"), np.argsort(ends, kind="stable")
+    return Stays(begins[begin_order], ends[end_order], entered[begin_order], left[end_order])
 
 
 def speeds(paths: Paths, points: FloatArray, frame_rate: float) -> FloatArray:
@@ -75,10 +77,10 @@ def people_in(paths: Paths, which: BoolArray, length: int) -> IntArray:
     return np.bincount(paths.frames[which], minlength=length)[:length]
 
 
+# More people than can be false.
 MANY = 1_000_000
-"""More people than can be false."""
 ZONES = ("zone", "entries", "entries_low", "entries_high", "exits", "exits_low", "exits_high")
-MORE = ("people", "people_low", "people_high", "most", "stay", "stay_low", "stay_high", "longest", "density")
+STAYS = ("people", "people_low", "people_high", "most", "stay", "stay_low", "stay_high", "longest", "density")
 
 
 def zone_tables(
@@ -89,47 +91,47 @@ def zone_tables(
     ``span`` are the first processed frame and the number of frames up to the last.
     """
     first, length = span
-    zones, times = empty(*ZONES, *MORE), empty("time", "zone", "people", "low", "high", "most", "waiting")
+    zones, times = empty(*ZONES, *STAYS), empty("time", "zone", "people", "low", "high", "most", "waiting")
     stays = empty("zone", "id", "start", "end", "seconds", "waited", "entered", "left")
-    every = dict[str, IntArray]()
+    occupancy = dict[str, IntArray]()
     slow = settings.waiting * paths.heights
     waits = speeds(paths, paths.points, doubt.rate) < slow if scene.zones else paths.observed
     for zone in scene.zones:
         within = inside(paths.points, zone.corners)
         crossed = border_crossings(paths, zone, settings.band)
         real, missed = doubt.real(crossed), doubt.missed_at_border(zone, crossed)
-        found = stays_of(paths, within, crossed)
+        spans = stays_of(paths, within, crossed)
         here, waiting = people_in(paths, within, length), people_in(paths, within & waits, length)
-        every[zone.name] = here
+        occupancy[zone.name] = here
         cells = list[float | int | None]()
         for side in (1, -1):
-            own = crossed.sides == side
-            number = int(own.sum())
-            cells += [number, *interval_of(number, float((1 - real[own]).sum()), missed[side])]
-        seconds = (found.last - found.first + 1) / doubt.rate
+            one_way = crossed.sides == side
+            number = int(one_way.sum())
+            cells += [number, *interval_of(number, float((1 - real[one_way]).sum()), missed[side])]
+        seconds = (spans.last - spans.first + 1) / doubt.rate
         mean = round(float(here[first:].mean()), 3) if length > first else 0.0
         space = _square_metres(scene, zone)
-        people, stay = doubt.of_stays(found.first, found.last, length - first)
+        people, stay = doubt.of_stays(spans.first, spans.last, length - first)
         cells += [mean, *_ends(people, mean, 3), int(here.max(initial=0))]
         stayed = round(float(seconds.mean()), 2) if len(seconds) else 0.0
         cells += [stayed, *_ends(stay, stayed, 2)]
         cells += [round(float(seconds.max(initial=0)), 2), None if space is None else round(mean / space, 4)]
         add(zones, zone.name, *cells)
         waited = np.append(0, np.cumsum(within & waits))
-        start, end = paths.frames[found.first], paths.frames[found.last] + 1
+        start, end = paths.frames[spans.first], paths.frames[spans.last] + 1
         add_rows(
             stays,
             np.full(len(start), zone.name),
-            paths.ids[found.first],
+            paths.ids[spans.first],
             *(np.round(value / doubt.rate, 3) for value in (start, end, end - start)),
-            np.round((waited[found.last + 1] - waited[found.first]) / doubt.rate, 3),
-            found.entered,
-            found.left,
+            np.round((waited[spans.last + 1] - waited[spans.first]) / doubt.rate, 3),
+            spans.entered,
+            spans.left,
         )
         without = np.bincount(paths.frames[within], doubt.without[within], minlength=length)[:length]
         false = ABSENT * people_in(paths, within & ~paths.observed, length)
         _add_times(times, zone.name, here, waiting, doubt.rate, first, np.array([false, without]))
-    return {"zones": zones, "stays": stays, "occupancy": times}, every
+    return {"zones": zones, "stays": stays, "occupancy": times}, occupancy
 
 
 def _ends(interval: FloatArray, value: float, digits: int) -> list[float]:
@@ -142,7 +144,7 @@ def _square_metres(scene: Scene, zone: SceneZone) -> float | None:
     if not scene.has_metres:
         return None
     try:
-        (floor,) = [one for one in scene.on_floor().zones if one.name == zone.name]
+        (floor,) = [place for place in scene.on_floor().zones if place.name == zone.name]
     except RequestError:  # the zone reaches above the horizon
         return None
     return abs(area(floor.corners))
@@ -194,7 +196,7 @@ def people(paths: Paths, rate: float) -> Columns:
     np.maximum.at(last, whose, paths.frames)
     rows = np.bincount(whose)
     columns = [ids, *(np.round(value / rate, 3) for value in (first, last + 1, rows))]
-    for number, points in enumerate(one for one in (paths.points, paths.metres) if one is not None):
+    for number, points in enumerate(places for places in (paths.points, paths.metres) if places is not None):
         # A box jitters from frame to frame; over half a second it moves.
         way = speeds(paths, points, rate) / rate
         length = np.bincount(whose, np.nan_to_num(way))
@@ -207,23 +209,24 @@ def gathering_table(paths: Paths, reach: float, rate: float) -> Columns:
     """The table ``gatherings``, which are searched once a second."""
     table = empty("start", "end", "people", "most", "x", "y", "ids")
     step = max(1, round(rate))
-    open_ones, done = list[list[tuple[int, IntArray]]](), list[list[tuple[int, IntArray]]]()
+    open_groups, done = list[list[tuple[int, IntArray]]](), list[list[tuple[int, IntArray]]]()
     for frame, members in _groups(paths, np.flatnonzero(paths.frames % step == 0), reach):
-        done += [one for one in open_ones if one[-1][0] < frame - step]
-        open_ones = [one for one in open_ones if one[-1][0] >= frame - step]
+        done += [group for group in open_groups if group[-1][0] < frame - step]
+        open_groups = [group for group in open_groups if group[-1][0] >= frame - step]
         ids = paths.ids[members]
-        before = [o for o in open_ones if o[-1][0] < frame and len(np.intersect1d(paths.ids[o[-1][1]], ids)) > 1]
-        if before:
-            max(before, key=len).append((frame, members))
+        earlier = [o for o in open_groups if o[-1][0] < frame and len(np.intersect1d(paths.ids[o[-1][1]], ids)) > 1]
+        if earlier:
+            max(earlier, key=len).append((frame, members))
         else:
-            open_ones.append([(frame, members)])
-    for parts in sorted(done + open_ones, key=lambda one: one[0][0]):
+            open_groups.append([(frame, members)])
+    for parts in sorted(done + open_groups, key=lambda group: group[0][0]):
         first, last = parts[0][0], parts[-1][0]
         if last - first >= LEAST_SECONDS * rate:
             rows = np.concatenate([part for _, part in parts])
             ids, (x, y) = np.unique(paths.ids[rows]), paths.points[rows].mean(axis=0).tolist()
-            most, names = max(len(part) for _, part in parts), " ".join(map(str, ids))
-            add(table, round(first / rate, 3), round(last / rate, 3), len(ids), most, round(x, 2), round(y, 2), names)
+            largest, names = max(len(part) for _, part in parts), " ".join(map(str, ids))
+            start, end = round(first / rate, 3), round(last / rate, 3)
+            add(table, start, end, len(ids), largest, round(x, 2), round(y, 2), names)
     return table
 
 
@@ -243,7 +246,7 @@ def _groups(paths: Paths, rows: IntArray, reach: float) -> list[tuple[int, IntAr
     pairs = pairs[apart <= np.minimum(limit[pairs[:, 0]], limit[pairs[:, 1]])]
     joined = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(rows), len(rows)))
     _, labels = connected_components(joined, directed=False)
-    some = np.flatnonzero(np.bincount(labels)[labels] >= FEWEST)
-    order = some[np.argsort(labels[some], kind="stable")]
+    grouped = np.flatnonzero(np.bincount(labels)[labels] >= FEWEST)
+    order = grouped[np.argsort(labels[grouped], kind="stable")]
     large = np.split(rows[order], np.flatnonzero(np.diff(labels[order])) + 1) if len(order) else []
-    return sorted(((int(paths.frames[part[0]]), part) for part in large), key=lambda one: one[0])
+    return sorted(((int(paths.frames[part[0]]), part) for part in large), key=lambda group: group[0])
