@@ -219,5 +219,5 @@ def _recorded(keywords: Mapping[str, Any]) -> dict[str, Any]:
         if value != usual.get(name)
     }
     method = keywords["method"]
-    made = {"source": named(keywords["source"]), "seed": keywords["seed"]}
-    return {**made, **plain, "method": method if isinstance(method, str) else type(method).__name__}
+    method_name = method if isinstance(method, str) else type(method).__name__
+    return {"source": named(keywords["source"]), "seed": keywords["seed"], **plain, "method": method_name}

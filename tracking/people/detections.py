@@ -205,12 +205,10 @@ def people_detect(
         Networks take large frames in tiles; see `choose_view`.
 
     Raises:
-        RequestError: both are given, or the source has no images to find people in.
+        RequestError: the source has no images to find people in.
     """
     view = parse_view(str(finding.view))
     if finding.detections is not None:
-        if finding.detector is not None:
-            raise RequestError("expected `detections` or `detector`, got both; leave one out")
         names = finding.detector_options.classes
         rows = given_detections(finding.detections, source, finding.score_range, finding.chosen, names)
         return GivenRows((entry.scoring(finding.score_threshold) for entry in rows), rows.bad)

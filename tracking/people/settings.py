@@ -131,7 +131,6 @@ class PeopleFinding(FindingOptions):
 
     @property
     def chosen(self) -> ClassChoice | None:
-        """See `FindingOptions`."""
         return None if self.classes is None else ClassChoice(self.classes, self.across_classes)
 
 
