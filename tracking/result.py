@@ -45,9 +45,11 @@ if TYPE_CHECKING:
 T_co = TypeVar("T_co", covariant=True, default=Any)
 Writer = Callable[[Path, Path], object]
 """Writes one file: its path, and the folder in which the files before it lie."""
-# Endings of files that hold the tracks, and of videos.
+# Endings of files that hold the tracks.
 FILES = (".csv", ".json", ".parquet", ".txt")
+# Endings of videos that are written.
 VIDEOS = (".mp4", ".webm")
+# Rows of the table that a notebook shows.
 MOST_ROWS = 20
 
 
@@ -60,14 +62,14 @@ class PageContent:
         anchor: point of a box that stands for what is in it; None as for people.
         scale: metres a pixel; None where it is not known.
         hide: hides in frames who must not be recognised.
-        more: HTML of further sections.
+        sections: gives the HTML of further sections.
     """
 
     nouns: tuple[str, str] = ("person", "people")
     anchor: Literal["centre"] | None = None
     scale: float | None = None
     hide: Callable[[Iterable[Frame]], Iterable[Frame]] | None = None
-    more: Callable[[], Sequence[str]] = tuple
+    sections: Callable[[], Sequence[str]] = tuple
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -116,13 +118,13 @@ class Result(Collection[T_co]):
     network: Callable[[], SolvedNetwork] | None = None
 
     @classmethod
-    def of(cls, source: Source, tracks: Sequence[Any], **known: Any) -> Self:
-        """The tracks in a video, with what it says of itself; ``known`` are the other attributes."""
-        frames = known.get("frames", {})
+    def of(cls, source: Source, tracks: Sequence[Any], **attributes: Any) -> Self:
+        """The tracks in a video, with what it says of itself; ``attributes`` are the others."""
+        frames = attributes.get("frames", {})
         if "frame" in frames and "time" not in frames and not source.live and uneven(list(source.times.values())):
             at = source.times_of(frames["frame"]).round(4).tolist()
-            known["frames"] = {**frames, "time": at}
-        return cls(tracks, source.address, source.frame_rate, source.size, **known)
+            attributes["frames"] = {**frames, "time": at}
+        return cls(tracks, source.address, source.frame_rate, source.size, **attributes)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -134,47 +136,48 @@ class Result(Collection[T_co]):
         Raises:
             RequestError: there is nothing of this, or something else; Parquet needs pyarrow.
         """
-        path, known = Path(path), dict[str, Any]()
+        path, attributes = Path(path), dict[str, Any]()
         tracks: list[Any]
         if format_at(path):
             read = read_exported(path).in_pixels(path)
-            tracks, known = [*read.tracks], {"frame_rate": read.frame_rate, "size": read.size}
-            known["frames"] = {"frame": list(range(read.length))} if read.length else {}
+            tracks, attributes = [*read.tracks], {"frame_rate": read.frame_rate, "size": read.size}
+            attributes["frames"] = {"frame": list(range(read.length))} if read.length else {}
         elif path.is_dir():
-            tracks, known = read_folder(path)
+            tracks, attributes = read_folder(path)
             if (path / NETWORK_FILE).is_file():
-                known["network"] = partial(SolvedNetwork.read, path / NETWORK_FILE)
+                attributes["network"] = partial(SolvedNetwork.read, path / NETWORK_FILE)
         elif path.suffix.lower() == ".txt":
             tracks = list(read_tracks(path))
         elif path.suffix.lower() in FILES:
-            table, known = read_table(path)
-            tracks, known["frames"] = tracks_of(table), columns_shifted(known.get("frames", {}), -1)
-            known.setdefault("names", names_in(table))
+            table, attributes = read_table(path)
+            tracks, attributes["frames"] = tracks_of(table), columns_shifted(attributes.get("frames", {}), -1)
+            attributes.setdefault("names", names_in(table))
         else:
             got = f"got {path}" if path.exists() else f"found no {path}"
             raise RequestError(f"expected the folder of a result, or a file {', '.join(FILES)}, {got}")
-        known |= {name: tuple(known[name]) for name in ("size", "names") if known.get(name) is not None}
-        return cls(tracks, **{one.name: known[one.name] for one in fields(cls) if one.name in known})
+        attributes |= {name: tuple(attributes[name]) for name in ("size", "names") if attributes.get(name) is not None}
+        names = {attribute.name for attribute in fields(cls)}
+        return cls(tracks, **{name: value for name, value in attributes.items() if name in names})
 
     @classmethod
-    def from_supervision(cls, detections: Iterable[supervision.Detections], **known: Any) -> Result[Track]:
-        """Tracks out of what supervision holds of each frame in order; ``known`` are attributes, as ``frame_rate``.
+    def from_supervision(cls, detections: Iterable[supervision.Detections], **attributes: Any) -> Result[Track]:
+        """Tracks out of what supervision holds of each frame in order; ``attributes`` are others, as ``frame_rate``.
 
         Raises:
             RequestError: a detection has no ``tracker_id``.
         """
         parts, numbers, names = [], [], dict[int, str]()
-        for frame, one in enumerate(detections):
+        for frame, tracked in enumerate(detections):
             numbers.append(frame)
-            if len(one) and one.tracker_id is None:
+            if len(tracked) and tracked.tracker_id is None:
                 raise RequestError(f"expected detections with tracker_id, got none in frame {frame}; track them first")
-            if len(one):
-                scores = np.ones(len(one)) if one.confidence is None else one.confidence
-                usable = as_detections(one)
-                if len(usable) < len(one):
+            if len(tracked):
+                scores = np.ones(len(tracked)) if tracked.confidence is None else tracked.confidence
+                usable = as_detections(tracked)
+                if len(usable) < len(tracked):
                     raise RequestError(f"expected boxes that have an area, got others in frame {frame}")
                 names |= usable.names
-                columns = np.full(len(one), frame), one.tracker_id, one.xyxy, scores, usable.origin[:, 1]
+                columns = np.full(len(tracked), frame), tracked.tracker_id, tracked.xyxy, scores, usable.origin[:, 1]
                 parts.append(np.column_stack(columns))
         rows = np.concatenate(parts) if parts else np.empty((0, 8))
         # supervision counts ids from 0 or from 1, as its tracker does.
@@ -182,7 +185,7 @@ class Result(Collection[T_co]):
         table = dict(zip(("x1", "y1", "x2", "y2", "score", "detection_class"), rows[:, 2:].T, strict=True))
         table |= {"frame": rows[:, 0].astype(np.int64), "id": ids.astype(np.int64)}
         tracks = [replace(track, names=names) for track in tracks_of(table)]
-        return Result(tracks, **{"frames": {"frame": numbers}, **known})
+        return Result(tracks, **{"frames": {"frame": numbers}, **attributes})
 
     def __len__(self) -> int:
         return len(self.tracks)
@@ -213,7 +216,7 @@ class Result(Collection[T_co]):
         frames = table.get("frame", np.arange(len(ids)))
         numbers = np.unique(ids).tolist()
         moments = [(number, frames[ids == number]) for number in numbers[:MOST_ROWS]]
-        rows = [(number, own.min(), own.max(), len(own)) for number, own in moments]
+        rows = [(number, where.min(), where.max(), len(where)) for number, where in moments]
         return render("result.html.j2", text=repr(self)[1:-1], rows=rows, more=len(numbers) - MOST_ROWS)
 
     @property
@@ -225,14 +228,14 @@ class Result(Collection[T_co]):
     @cached_property
     def by_id(self) -> Mapping[int, T_co]:
         """The tracks by their ids."""
-        every: Sequence[Any] = self.tracks
-        return {track.id: track for track in every}
+        tracks: Sequence[Any] = self.tracks
+        return {track.id: track for track in tracks}
 
     @property
     def _boxed(self) -> list[Track] | None:
         """Each track as a `Track`; None where targets have no boxes."""
-        every: Sequence[Any] = self.tracks
-        boxes = [getattr(track, "track", track) for track in every]
+        tracks: Sequence[Any] = self.tracks
+        boxes = [getattr(track, "track", track) for track in tracks]
         return boxes if all(isinstance(track, Track) for track in boxes) else None
 
     def _table(self) -> dict[str, Any]:
@@ -286,7 +289,7 @@ class Result(Collection[T_co]):
         last = max([*self.frames.get("frame", ()), *table["frame"][-1:].tolist()], default=-1)
         edges = np.searchsorted(table["frame"], np.arange(last + 2))
         corners = np.column_stack([table[name] for name in ("x1", "y1", "x2", "y2")])
-        given = {"class_id": table["class_id"]} if "class_id" in table else {}
+        classes = {"class_id": table["class_id"]} if "class_id" in table else {}
         names = {"class_name": table["class_name"]} if "class_name" in table else {}
         return [
             make(
@@ -294,7 +297,7 @@ class Result(Collection[T_co]):
                 confidence=table["score"][a:b],
                 tracker_id=table["id"][a:b],
                 data={name: column[a:b] for name, column in names.items()},
-                **{name: column[a:b] for name, column in given.items()},
+                **{name: column[a:b] for name, column in classes.items()},
             )
             for a, b in zip(edges[:-1].tolist(), edges[1:].tolist(), strict=True)
         ]
@@ -303,11 +306,11 @@ class Result(Collection[T_co]):
     def _paint(self) -> Callable[[Frame], ImageArray]:
         if self.painter is not None:
             return self.painter
-        boxes, every = self._boxed, list[Any](self.tracks)
-        if boxes is None and self.names[:3] == ("a", "b", "theta") and isinstance(every[0], BodyTrack):
+        boxes, tracks = self._boxed, list[Any](self.tracks)
+        if boxes is None and self.names[:3] == ("a", "b", "theta") and isinstance(tracks[0], BodyTrack):
             from tsuiseki.tracking.report.overlay import draw_marks
 
-            return lambda frame: draw_marks(frame, every, self.names, self.points)
+            return lambda frame: draw_marks(frame, tracks, self.names, self.points)
         if boxes is None:
             raise RequestError("only the run that made these tracks can draw them; a file keeps no places in pictures")
         from tsuiseki.tracking.report.overlay import Overlay
@@ -368,12 +371,11 @@ class Result(Collection[T_co]):
             raise RequestError(f"expected the name of a video {' or '.join(VIDEOS)}, got {path}")
         if source is None and not self.source:
             raise RequestError("expected a `source` to draw on, for the tracks come from none")
-        numbers = self.frames.get("frame")
-        wanted = self.settings.get("frames")
-        wanted_frames = parse_frames(wanted if isinstance(wanted, str) else None)
-        opened = open_source(
-            self.source if source is None else source, FrameRange(numbers[0], numbers[-1]) if numbers else wanted_frames
+        numbers, text = self.frames.get("frame"), self.settings.get("frames")
+        tracked = (
+            FrameRange(numbers[0], numbers[-1]) if numbers else parse_frames(text if isinstance(text, str) else None)
         )
+        opened = open_source(self.source if source is None else source, tracked)
         if opened.endless or not opened.has_images:
             raise RequestError(f"{opened.name} has no pictures that can be played again; give a `source` that has")
         frames = opened.frames()
@@ -427,11 +429,18 @@ class Result(Collection[T_co]):
             files["tracks.txt"] = _writer(write_tracks, boxes)
         columns = people_in(self.frames["frame"], boxes) if "people" in self.frames else {}
         facts = {**self.facts, "corrections": len(again.done), "track_names": again.names}
-        known: dict[str, Any] = {"facts": facts, "files": {**self.files, **files}, "frames": {**self.frames, **columns}}
-        changed = replace(self, tracks=tracks, points=points, painter=None, **known)
+        changed = replace(
+            self,
+            tracks=tracks,
+            points=points,
+            painter=None,
+            facts=facts,
+            files={**self.files, **files},
+            frames={**self.frames, **columns},
+        )
         return replace(changed, painter=changed._paint)
 
-    def known(self) -> dict[str, Any]:
+    def video_record(self) -> dict[str, Any]:
         """What ``run.json`` keeps of the video beside the tracks, see `formats.result_folder`."""
         source = str(Path(self.source).resolve()) if self.source and Path(self.source).exists() else self.source
         filled = filled_frames(self.tracks)
@@ -484,7 +493,7 @@ class Result(Collection[T_co]):
         if sized and size is None:
             raise RequestError("expected the size of the frames, which this result does not tell; give its `video`")
         boxes, about = self._boxed or [], ("settings", "facts", "seconds", "names")
-        known = self.known() | {name: getattr(self, name) for name in about}
+        record = self.video_record() | {name: getattr(self, name) for name in about}
         return TrackedVideo(
             boxes,
             Path(source).name or "video",
@@ -494,7 +503,7 @@ class Result(Collection[T_co]):
             images=tuple(path.name for path in getattr(opened, "images", ())),
             points=self.points,
             table=self._table(),
-            about=known | {"frames": columns_shifted(self.frames, 1)},
+            about=record | {"frames": columns_shifted(self.frames, 1)},
         )
 
     def _save_folder(self, folder: Path, overwrite: bool) -> Path:
@@ -505,7 +514,7 @@ class Result(Collection[T_co]):
                 write(work / name, work)
             seed = int(self.settings.get("seed", 0))
             record = RunRecord(["tsuiseki"], self.settings, seed, self.seconds, self.frames, facts=self.facts)
-            replace(record, results={".": self.known()}).write(work)
+            replace(record, results={".": self.video_record()}).write(work)
         return folder
 
 
@@ -534,10 +543,10 @@ def check_corrections(path: Path, source: Source) -> None:
     Raises:
         RequestError: they are, or cannot be read.
     """
-    wanted = source.frames_wanted
-    frames = wanted.last + 1 if wanted.last is not None else source.likely_length or 0
+    frame_range = source.frames_wanted
+    frames = frame_range.last + 1 if frame_range.last is not None else source.likely_length or 0
     about = CorrectedVideo(Path(source.name).name, source.size, frames)
-    read_corrections(path, about, getattr(source, "slack", 0.0) if wanted.last is None else 0.0)
+    read_corrections(path, about, getattr(source, "slack", 0.0) if frame_range.last is None else 0.0)
 
 
 def convert(

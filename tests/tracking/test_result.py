@@ -167,7 +167,7 @@ def test_what_is_no_result_is_said(text: str, name: str, said: str, tmp_path: Pa
 
 
 def test_one_of_several_results_is_loaded(result: Result[Track], tmp_path: Path) -> None:
-    known = {name: result.known() | {"frame_rate": rate} for name, rate in (("a", 10.0), ("b", 20.0))}
+    known = {name: result.video_record() | {"frame_rate": rate} for name, rate in (("a", 10.0), ("b", 20.0))}
     (tmp_path / "run.json").write_text(json.dumps({"settings": {"seed": 1}, "results": known}))
     for name in known:
         (tmp_path / name).mkdir()

@@ -61,12 +61,16 @@ def scored(
     clip: str, truth: GroundTruth, tracks: Mapping[str, list[Track]], frames: int
 ) -> dict[str, PeopleEvaluation]:
     """The scores of the tracks of each method on the clip of that name, whose first ``frames`` were tracked."""
-    return {name: evaluate_sequences([SequencePair(clip, truth, own, frames)]) for name, own in tracks.items()}
+    return {
+        name: evaluate_sequences([SequencePair(clip, truth, method_tracks, frames)])
+        for name, method_tracks in tracks.items()
+    }
 
 
-# A track is of a thing that stands still if its centre moves by less than so many heights, and it is mostly a false
-# positive.
-STILL, MOSTLY = 0.5, 0.8
+# Heights below which the centre of a thing that stands still moves.
+STILL = 0.5
+# Share of false positives from which on a track that stands still is of a thing.
+MOSTLY = 0.8
 
 
 def street_report(truth: GroundTruth, tracks: Mapping[str, list[Track]], frames: int) -> Report:
@@ -145,6 +149,6 @@ def drone_report(truth: GroundTruth, results: Mapping[str, DroneResult], frames:
         tracks,
         scored("drone", truth, tracks, frames),
         frames,
-        more=[action_timelines(last, last.threshold)],
+        sections=[action_timelines(last, last.threshold)],
         overlay_note=BOXES_NOTE,
     )

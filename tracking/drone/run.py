@@ -188,7 +188,7 @@ def link(
         names=models.names,
         threshold=threshold,
     )
-    return replace(result, page=PageContent(more=lambda: [action_timelines(result, threshold)]))
+    return replace(result, page=PageContent(sections=lambda: [action_timelines(result, threshold)]))
 
 
 def _linked(

@@ -25,8 +25,11 @@ from tsuiseki.tracking.types import FloatArray, Track
 from tsuiseki.tracking.video.source import open_source
 
 SHIPPED, NONE = "people", "none"
-# Pictures of a track that are described, and tracks of a view from which its mean appearance is taken off.
-PICTURES, FEW = 6, 5
+# Pictures of a track that are described.
+PICTURES = 6
+# Tracks of a view from which on its mean appearance is taken off.
+FEW = 5
+# Of `joins.csv` and `unsure.csv`.
 COLUMNS = ("id", "result", "track", "next_result", "next_track", "seconds", "likeness", "margin")
 Linkable: TypeAlias = str | Path | Result[Track]
 
@@ -77,7 +80,7 @@ def link(
         raise RequestError(f"`margin`: expected 0 or more, got {margin:g}")
     rates = rates_of(frame_rates, len(results))
     loaded = [tracked(result) for result in results]
-    loaded = [replace(one, frame_rate=rate or one.frame_rate) for one, rate in zip(loaded, rates, strict=True)]
+    loaded = [replace(r, frame_rate=rate or r.frame_rate) for r, rate in zip(loaded, rates, strict=True)]
     names = [name_of(result) for result in results]
     if len({*names}) < len(names):
         names = [f"{k + 1}_{name}" for k, name in enumerate(names)]
@@ -90,8 +93,8 @@ def link(
 
 
 def _refuse_twice(names: Sequence[str], results: Sequence[Result[Track]]) -> None:
-    for (first, one), (second, other) in combinations(zip(names, results, strict=True), 2):
-        a, b = boxes_of(one), boxes_of(other)
+    for (first, result), (second, later_result) in combinations(zip(names, results, strict=True), 2):
+        a, b = boxes_of(result), boxes_of(later_result)
         if len(a) == len(b) and all(
             np.array_equal(x.frames, y.frames) and np.array_equal(x.boxes, y.boxes) for x, y in zip(a, b, strict=True)
         ):
@@ -131,28 +134,28 @@ def _features(name: str, result: Result[Track], tracks: Sequence[Track], describ
             f"{name}: its video is not there; its people are linked by times alone", InputWarning, stacklevel=4
         )
         return np.zeros((len(tracks), 1))
-    wanted: dict[int, list[tuple[int, FloatArray]]] = {}
+    crops: dict[int, list[tuple[int, FloatArray]]] = {}
     for number, track in enumerate(tracks):
         rows = np.flatnonzero(track.observed)
         for row in rows[np.unique(np.linspace(0, len(rows) - 1, PICTURES + 2).round().astype(int)[1:-1])]:
-            wanted.setdefault(int(track.frames[row]), []).append((number, track.boxes[row]))
+            crops.setdefault(int(track.frames[row]), []).append((number, track.boxes[row]))
     sums: FloatArray | None = None
     for frame in source.frames():
-        boxes = wanted.pop(frame.index, None)
+        boxes = crops.pop(frame.index, None)
         if boxes:
             described = describer.describe(frame.image, np.array([box for _, box in boxes]))
             sums = np.zeros((len(tracks), described.shape[1])) if sums is None else sums
             np.add.at(sums, [number for number, _ in boxes], described)
-        if not wanted:
+        if not crops:
             break
     return np.zeros((len(tracks), 1)) if sums is None else _centred(sums)
 
 
 def _centred(features: FloatArray) -> FloatArray:
     length = np.linalg.norm(features, axis=1, keepdims=True)
-    known, unit = length > 0, features / np.maximum(length, 1e-9)
-    if known.sum() >= FEW:
-        unit = np.where(known, unit - unit[known[:, 0]].mean(axis=0), 0)
+    described, unit = length > 0, features / np.maximum(length, 1e-9)
+    if described.sum() >= FEW:
+        unit = np.where(described, unit - unit[described[:, 0]].mean(axis=0), 0)
     return np.asarray(unit / np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), 1e-9))
 
 
@@ -170,10 +173,10 @@ def _joined(
         rows[bool(sure[k])].append((int(ids[i]), *ends, *numbers))
     begin, linked_results = 0, []
     for result in results:
-        own = boxes_of(result)
-        numbered = zip(own, ids[begin : begin + len(own)].tolist(), strict=True)
+        boxes = boxes_of(result)
+        numbered = zip(boxes, ids[begin : begin + len(boxes)].tolist(), strict=True)
         linked_results.append(replace(result, tracks=_merged(numbered), files={}, painter=None, points=None))
-        begin += len(own)
+        begin += len(boxes)
     return Linked(linked_results, names, rows[True], rows[False])
 
 
@@ -218,7 +221,7 @@ def link_results(
             common = link(results, starts, appearance, margin, fps)
         for name, result in zip(common.names, common.results, strict=True):
             run.write(f"{name}/tracks.txt", write_tracks, result.tracks)
-            run.results[name] = result.known()
+            run.results[name] = result.video_record()
         for name, rows in (("joins.csv", common.joins), ("unsure.csv", common.unsure)):
             run.write(name, write_joins, rows)
         people = len({track.id for result in common.results for track in result})

@@ -37,15 +37,15 @@ class BeforeAndAfter:
 
     caption: str
     image: ImageArray
-    before: Detections
-    after: Detections
+    start: Detections
+    later: Detections
 
-    def pictures(self, later: str) -> list[tuple[str, int, ImageArray]]:
-        """Name, number of detections and picture of the start and of the round that is called ``later``."""
-        in_both = assign_overlaps(iou_matrix(self.before.boxes, self.after.boxes), _SAME)
+    def pictures(self, name: str) -> list[tuple[str, int, ImageArray]]:
+        """Name, number of detections and picture of the start and of the round of that name."""
+        in_both = assign_overlaps(iou_matrix(self.start.boxes, self.later.boxes), _SAME)
         return [
-            (name, len(detections), _drawn(self.image, detections, shared))
-            for name, detections, shared in zip(("start", later), (self.before, self.after), in_both, strict=True)
+            (caption, len(detections), _drawn(self.image, detections, shared))
+            for caption, detections, shared in zip(("start", name), (self.start, self.later), in_both, strict=True)
         ]
 
 
@@ -59,7 +59,7 @@ class AdaptedReport:
         best: the round that is kept; 0 where none is.
         compared: pictures before and after.
         examples: crops by what they are examples of.
-        shown: the round whose detections are compared with those of the start.
+        compared_round: whose detections are compared with those of the start.
         notes: lines about the camera and the end of the rounds.
         unlearnt: name of the detector that is left where no round is kept.
     """
@@ -69,7 +69,7 @@ class AdaptedReport:
     best: int
     compared: Sequence[BeforeAndAfter]
     examples: Mapping[str, Sequence[ImageArray]]
-    shown: int
+    compared_round: int
     notes: Sequence[str] = ()
     unlearnt: str = "the start"
 
@@ -89,7 +89,7 @@ def adapted_page(report: AdaptedReport) -> str:
             for number, values in enumerate(report.rounds)
         ],
         is_best=lambda row, _: 0 < row == report.best,
-        later=f"round {report.shown}" + ("" if report.shown == report.best else ", not kept"),
+        later=f"round {report.compared_round}" + ("" if report.compared_round == report.best else ", not kept"),
     )
 
 

@@ -16,13 +16,18 @@ from tsuiseki.tracking.types import Frame, ImageArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
 from tsuiseki.tracking.video.webm import VideoWriter
 
+# Turns of the circle of hues from an id to the next: by the golden ratio all of the near ones stay apart.
 GOLDEN_RATIO = 0.6180339887
+# Seconds of a trail.
 TRAIL_SECONDS = 2.0
+# Pixels of a dash, and of the gap behind it.
 DASH = 4
 # Grey levels between two frames that are taken for noise.
 NOISE_LEVELS = 8
-# Shorter side of a picture for which letters of 0.4 times OpenCV's font and lines of a pixel are right.
-PLAIN_SIDE, LETTERS = 540, 0.4
+# Shorter side of a picture for which lines of a pixel are right.
+PLAIN_SIDE = 540
+# Size of letters there, times OpenCV's font.
+LETTERS = 0.4
 FONT = cv2.FONT_HERSHEY_SIMPLEX
 
 Colour = tuple[int, int, int]
@@ -91,24 +96,23 @@ def write_drawn(path: Path, frames: Iterable[Frame], frame_rate: float, draw: Ca
     Raises:
         RunError: the video breaks off, or cannot be written.
     """
-    shown: ImageArray | None = None
+    calm: ImageArray | None = None
     with VideoWriter(path, frame_rate) as writer:
         for frame in frames:
-            shown = without_flicker(frame.image, shown)
-            writer.write(draw(Frame(frame.index, frame.time, shown)))
+            calm = without_flicker(frame.image, calm)
+            writer.write(draw(Frame(frame.index, frame.time, calm)))
 
 
-def without_flicker(image: ImageArray, shown: ImageArray | None) -> ImageArray:
-    """``image``, with the pixels of the frame ``shown`` before it where the two differ by no more than noise.
+def without_flicker(image: ImageArray, previous: ImageArray | None) -> ImageArray:
+    """``image``, with the pixels of the ``previous`` frame where the two differ by no more than noise.
 
-    OpenCV's VP8 spends as many bits as it likes, most of them on the noise of a still background: without it a video is
-    a fifth of the size and written in half the time.
+    An encoder would spend most of its bits on the noise of a still background.
     """
-    if shown is None or shown.shape != image.shape:
+    if previous is None or previous.shape != image.shape:
         return image
-    red, green, blue = cv2.split(cv2.absdiff(image, shown))
+    red, green, blue = cv2.split(cv2.absdiff(image, previous))
     changed = cv2.threshold(cv2.max(cv2.max(red, green), blue), NOISE_LEVELS, 255, cv2.THRESH_BINARY)[1]
-    calm = shown.copy()
+    calm = previous.copy()
     cv2.copyTo(image, cv2.medianBlur(changed, 3), calm)
     return calm
 

@@ -101,7 +101,7 @@ class Report:
         overlay: WebM video of the last method's tracks; None leaves it out.
         seconds: per stage of the run.
         facts: names and values for the foot of the page: models, versions, seed.
-        more: HTML of further sections, before those about time and origin.
+        sections: HTML of further sections, before those about time and origin.
         overlay_note: what is drawn in the overlay.
     """
 
@@ -114,7 +114,7 @@ class Report:
     overlay: Path | None = None
     seconds: Mapping[str, float] = field(default_factory=dict)
     facts: Mapping[str, str] = field(default_factory=dict)
-    more: Sequence[str] = ()
+    sections: Sequence[str] = ()
     overlay_note: str = f"{BOXES_NOTE} Lines show where they walked."
 
 

@@ -91,7 +91,7 @@ class RunFiles:
             result = self.page(result)
         self.columns = result.frames
         self.facts |= result.facts
-        self.results[folder or "."] = result.known()
+        self.results[folder or "."] = result.video_record()
         for pages in (False, True):
             for name, write in result.files.items():
                 if (name.startswith("report/") or name.endswith((".html", ".png"))) == pages:

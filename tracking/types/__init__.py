@@ -52,11 +52,11 @@ class ComparedByValue(ShortRepr):
     __hash__ = None  # type: ignore[assignment]
 
 
-def _same(one: object, other: object) -> bool:
-    if isinstance(one, np.ndarray) or isinstance(other, np.ndarray):
-        first, second = np.asarray(one), np.asarray(other)
+def _same(value: object, counterpart: object) -> bool:
+    if isinstance(value, np.ndarray) or isinstance(counterpart, np.ndarray):
+        first, second = np.asarray(value), np.asarray(counterpart)
         return np.array_equal(first, second, equal_nan=first.dtype.kind == second.dtype.kind == "f")
-    return bool(one == other)
+    return bool(value == counterpart)
 
 
 class Columns:
@@ -67,24 +67,24 @@ class Columns:
 
     def _rows(self, which: BoolArray | IntArray | slice) -> dict[str, Any]:
         """The columns by name at a mask, at indices or in a range."""
-        every = {one.name: getattr(self, one.name) for one in fields(self)}  # type: ignore[arg-type]
-        rows = {name: value[which] for name, value in every.items() if isinstance(value, np.ndarray)}
-        return rows | {name: value.select(which) for name, value in every.items() if isinstance(value, Columns)}
+        columns = {column.name: getattr(self, column.name) for column in fields(self)}  # type: ignore[arg-type]
+        rows = {name: value[which] for name, value in columns.items() if isinstance(value, np.ndarray)}
+        return rows | {name: value.select(which) for name, value in columns.items() if isinstance(value, Columns)}
 
     def select(self, which: BoolArray | IntArray | slice) -> Self:
         """The rows at a mask, at indices or in a range."""
         return replace(self, **self._rows(which))  # type: ignore[type-var]
 
-    def and_then(self, other: Self) -> Self:
+    def and_then(self, following: Self) -> Self:
         """These rows, and after them those of another table; NaN where only one of the two knows a column."""
         joined: dict[str, Any] = {}
-        for name in [one.name for one in fields(self)]:  # type: ignore[arg-type]
-            parts = [getattr(table, name) for table in (self, other)]
-            known = next((part for part in parts if part is not None), None)
-            if isinstance(known, Columns):
-                joined[name] = known.and_then(parts[1])
-            elif isinstance(known, np.ndarray):
-                nothing = [np.full((len(table), *known.shape[1:]), np.nan) for table in (self, other)]
+        for name in [column.name for column in fields(self)]:  # type: ignore[arg-type]
+            parts = [getattr(table, name) for table in (self, following)]
+            values = next((part for part in parts if part is not None), None)
+            if isinstance(values, Columns):
+                joined[name] = values.and_then(parts[1])
+            elif isinstance(values, np.ndarray):
+                nothing = [np.full((len(table), *values.shape[1:]), np.nan) for table in (self, following)]
                 joined[name] = np.concatenate([n if p is None else p for n, p in zip(nothing, parts, strict=True)])
         return replace(self, **joined)  # type: ignore[type-var]
 
@@ -158,8 +158,8 @@ class Detections(Columns, ComparedByValue):
         if not isinstance(self.names, Mapping):
             raise RequestError(f"expected names of classes by number, got {type(self.names).__name__}")
         for name in ("features", "actions"):
-            if (given := getattr(self, name)) is not None:
-                rows = np.asarray(given, dtype=np.float64)
+            if (column := getattr(self, name)) is not None:
+                rows = np.asarray(column, dtype=np.float64)
                 if rows.ndim != 2 or len(rows) != len(self.boxes):
                     raise ValueError(f"expected {name} of shape ({len(self.boxes)}, D), got {rows.shape}")
                 object.__setattr__(self, name, rows)
@@ -168,10 +168,10 @@ class Detections(Columns, ComparedByValue):
             if self.angles.shape != (len(self.boxes),) or not np.isfinite(self.angles).all():
                 raise ValueError(f"expected {len(self.boxes)} finite angles, got shape {self.angles.shape}")
         for name in ("classes", "sources"):
-            if (given := getattr(self, name)) is not None:
-                object.__setattr__(self, name, np.asarray(given, dtype=np.int64))
-                if np.shape(given) != (len(self.boxes),):
-                    raise ValueError(f"expected {len(self.boxes)} {name}, got shape {np.shape(given)}")
+            if (column := getattr(self, name)) is not None:
+                object.__setattr__(self, name, np.asarray(column, dtype=np.int64))
+                if np.shape(column) != (len(self.boxes),):
+                    raise ValueError(f"expected {len(self.boxes)} {name}, got shape {np.shape(column)}")
 
     def __repr__(self) -> str:
         columns = [name for name in ("features", "actions", "angles", "classes") if getattr(self, name) is not None]
@@ -321,8 +321,8 @@ class Track(FromDetections, ComparedByValue):
         return self.names.get(self.class_id, "")
 
 
-def _origin(given: IntArray, count: int) -> IntArray:
-    return given if len(given) or not count else np.full((count, 2), -1)
+def _origin(origin: IntArray, count: int) -> IntArray:
+    return origin if len(origin) or not count else np.full((count, 2), -1)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

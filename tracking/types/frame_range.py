@@ -42,8 +42,8 @@ class FrameRange:
 
 
 EVERY_FRAME = FrameRange()
+# The largest frame number, from 1, that a file may name: four days at 30 frames a second.
 LAST_FRAME = 10_000_000
-"""The largest frame number, from 1, that a file may name: four days at 30 frames a second."""
 
 
 def parse_frames(text: str | None) -> FrameRange:

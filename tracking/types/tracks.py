@@ -84,9 +84,9 @@ def boxes_about(tracks: Iterable[Any], names: Sequence[str] = ()) -> list[Track]
     Raises:
         RequestError: they are of something else.
     """
-    found, rows = list[Track](), 0
-    for one in tracks:
-        track = getattr(one, "track", one)
+    boxed, rows = list[Track](), 0
+    for entry in tracks:
+        track = getattr(entry, "track", entry)
         if isinstance(track, BodyTrack) and {"a", "b", "length"} <= set(names):
             a, b, length = (track.states[:, names.index(name)] for name in ("a", "b", "length"))
             half = np.maximum(length, 1.0) / 2
@@ -96,8 +96,8 @@ def boxes_about(tracks: Iterable[Any], names: Sequence[str] = ()) -> list[Track]
             track = Track(track.id, track.frames, boxes, track.scores, track.tracking, origin)
         if not isinstance(track, Track):
             raise RequestError(f"expected tracks of boxes, got {type(track).__name__}; track people, animals or blobs")
-        found.append(track)
-    return [track for track in found if len(track)]
+        boxed.append(track)
+    return [track for track in boxed if len(track)]
 
 
 @dataclass(frozen=True, repr=False)
