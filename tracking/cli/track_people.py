@@ -14,7 +14,7 @@ from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.video.source import Source
 
 if TYPE_CHECKING:
-    from tsuiseki.tracking.hiding.run import Hiding, Wanted
+    from tsuiseki.tracking.hiding.run import HideChoice, Hiding
     from tsuiseki.tracking.people.opening import OpenedPeople
     from tsuiseki.tracking.result import Result
     from tsuiseki.tracking.runs.run import Run
@@ -59,13 +59,13 @@ def track(
     """`people`, where ``replayed`` may give what runs instead, and each frame's number with its detections."""
     from tsuiseki.tracking.features.view_choice import report_blank, report_models
     from tsuiseki.tracking.formats.mot import detection_lines
-    from tsuiseki.tracking.hiding.run import Wanted
+    from tsuiseki.tracking.hiding.run import HideChoice
     from tsuiseki.tracking.people.opening import open_people
     from tsuiseki.tracking.people.people_result import people_result
     from tsuiseki.tracking.report.track_bars import counted
     from tsuiseki.tracking.result import PageContent, check_corrections
 
-    wanted = None if hide is None else Wanted.parse(hide)
+    wanted = None if hide is None else HideChoice.parse(hide)
     source = video.open(images=wanted is not None, timed=True)
     if corrections is not None:
         check_corrections(corrections, source)
@@ -96,7 +96,9 @@ def track(
     return run.status
 
 
-def _hiding(run: Run, source: Source, result: Result[Track], wanted: Wanted, finding: PeopleFinding) -> Hiding | None:
+def _hiding(
+    run: Run, source: Source, result: Result[Track], wanted: HideChoice, finding: PeopleFinding
+) -> Hiding | None:
     """What to hide, whose places in doubt are listed in ``doubtful.csv``; None where that was not finished."""
     from tsuiseki.tracking.hiding.run import SENSITIVE, Hiding, find_missed
 

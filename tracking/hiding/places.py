@@ -23,19 +23,32 @@ from tsuiseki.tracking.geometry import centres, clip_boxes, iou_matrix
 from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, ImageArray, IntArray, Track
 
 Style = Literal["pixelated", "filled"]
+# Seconds for which a place is held before and after a track.
 HOLD = 1.0
-BASE, SCORE, RESIDUAL = 0.2, 0.15, 1.0
+# Share of its size by which a box of score 1 is widened.
+BASE = 0.2
+# Share by which one of score 0 is widened more.
+SCORE = 0.15
+# Weight of what smoothing would change.
+RESIDUAL = 1.0
 # Heights a second, across and down: a second of walking is most of a height.
 SPREAD = np.array([0.5, 0.2, 0.5, 0.2])
 # Seconds on each side that a box is compared with.
 NEIGHBOURS = 0.25
 # Share of a person's height that is hidden of heads.
 HEAD = 0.25
-# Overlap from which a detection supports a box, and from which it is of a person who stays as they are.
-SUPPORT, SAME = 0.3, 0.5
+# Overlap (intersection over union) from which a detection supports a box.
+SUPPORT = 0.3
+# Overlap from which a detection is of a person who stays as they are.
+SAME = 0.5
+# `Places.held` of a place that may be empty.
 WEAK = 3
-# Blocks along the longer side of a person and of a head, fewer than tell anybody; a colour for filling.
-BLOCKS, HEAD_BLOCKS, GREY = 8, 3, 96
+# Blocks along the longer side of a person, fewer than tell anybody.
+BLOCKS = 8
+# The same of a head.
+HEAD_BLOCKS = 3
+# Colour that fills a place, from 0 to 255.
+GREY = 96
 
 
 @dataclass(frozen=True)
@@ -65,9 +78,9 @@ class Places(Columns):
     def joined(cls, parts: Sequence[Places]) -> Places:
         """All of several, by frame."""
         none = np.empty(0, dtype=np.int64)
-        every = [*parts, cls(none, np.empty((0, 4)), none, np.empty((0, 4)), none)]
-        whole = cls(*(np.concatenate([getattr(p, name) for p in every]) for name in cls.__dataclass_fields__))
-        return whole.select(np.argsort(whole.frames, kind="stable"))
+        tables = [*parts, cls(none, np.empty((0, 4)), none, np.empty((0, 4)), none)]
+        joined = cls(*(np.concatenate([getattr(table, name) for table in tables]) for name in cls.__dataclass_fields__))
+        return joined.select(np.argsort(joined.frames, kind="stable"))
 
 
 def places_of(track: Track, rate: float, size: tuple[int, int], last: int, heads: bool) -> Places:
@@ -94,10 +107,10 @@ def places_of(track: Track, rate: float, size: tuple[int, int], last: int, heads
             steps = (frames - inside)[rows]
             boxes[rows] += np.tile(steps[:, None] * _velocity(track.frames[edge], track.boxes[edge]), 2)
     detections = track.frames[real]
-    after = np.searchsorted(detections, frames)
+    following = np.searchsorted(detections, frames)
     away = np.minimum(
-        np.abs(frames - detections[np.minimum(after, len(detections) - 1)]),
-        np.abs(frames - detections[np.maximum(after - 1, 0)]),
+        np.abs(frames - detections[np.minimum(following, len(detections) - 1)]),
+        np.abs(frames - detections[np.maximum(following - 1, 0)]),
     )
     wide, high = boxes[:, 2] - boxes[:, 0], boxes[:, 3] - boxes[:, 1]
     margin = np.column_stack([wide, high] * 2) * (BASE + SCORE * (1 - scores))[:, None] + RESIDUAL * residual
@@ -110,8 +123,8 @@ def places_of(track: Track, rate: float, size: tuple[int, int], last: int, heads
     ids = np.full(len(frames), track.id)
     middle = centres(bare)
     held[(held != 0) & ((middle < 0) | (middle > size)).any(axis=1)] = WEAK
-    kept: BoolArray = np.all(boxes[:, 2:] > boxes[:, :2], axis=1)
-    return Places(frames, boxes, ids, bare, held).select(kept)
+    in_view: BoolArray = np.all(boxes[:, 2:] > boxes[:, :2], axis=1)
+    return Places(frames, boxes, ids, bare, held).select(in_view)
 
 
 def _smooth(track: Track, reach: int) -> FloatArray:
@@ -149,13 +162,13 @@ def unsupported(places: Places, detections: Sequence[Detections], first: int) ->
     return doubtful
 
 
-def without_shown(detections: Detections, shown: Sequence[Track], frame: int) -> Detections:
+def without_visible(detections: Detections, visible: Sequence[Track], frame: int) -> Detections:
     """The detections of a frame but those of people who stay as they are."""
-    boxes = [track.boxes[track.frames == frame] for track in shown]
+    boxes = [track.boxes[track.frames == frame] for track in visible]
     if not len(detections) or not boxes:
         return detections
-    kept = iou_matrix(detections.boxes, np.concatenate(boxes)).max(axis=1, initial=0.0) < SAME
-    return Detections(detections.boxes[kept], detections.scores[kept])
+    apart = iou_matrix(detections.boxes, np.concatenate(boxes)).max(axis=1, initial=0.0) < SAME
+    return Detections(detections.boxes[apart], detections.scores[apart])
 
 
 def paint(image: ImageArray, boxes: FloatArray, style: Style, heads: bool) -> ImageArray:

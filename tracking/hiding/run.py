@@ -16,7 +16,7 @@ from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import DetectorLike
 from tsuiseki.tracking.fields import Threads, refused
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
-from tsuiseki.tracking.hiding.places import WEAK, Places, Style, paint, places_of, unsupported, without_shown
+from tsuiseki.tracking.hiding.places import WEAK, Places, Style, paint, places_of, unsupported, without_visible
 from tsuiseki.tracking.output import RUN_FILE, check_output_file, is_partial, output_file
 from tsuiseki.tracking.people.detections import PeopleInputs, people_detect, threads_of_a_call
 from tsuiseki.tracking.people.settings import PeopleFinding
@@ -24,56 +24,60 @@ from tsuiseki.tracking.people.sort import Sort, SortSettings
 from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.options import OutputFile
-from tsuiseki.tracking.runs.progress import progress as shown
+from tsuiseki.tracking.runs.progress import progress as watched
 from tsuiseki.tracking.types import BoolArray, Detections, Frame, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.source import Source, open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 TracksLike: TypeAlias = str | Path | Result[Any] | Sequence[Track]
-# Boxes of the second detection score at least this, and each of its detections begins a track. Where one never scores
-# `SURE`, the place may be empty, and a place that is held for it is no doubt.
-SENSITIVE, SURE = 0.05, 0.3
+# Least score of the second detection.
+SENSITIVE = 0.05
+# Where a track of the second detection never scores so much, its place may be empty: where it is held is no doubt.
+SURE = 0.3
+# Each detection of the second begins a track.
 LINKS = SortSettings(min_hits=1, start_score=0.0, boxes="detected")
+# Why a place is held, by `Places.held`.
 REASONS = {-1: "before the track", 1: "after the track", 2: "in a gap of the track"}
+# Endings of videos that are written, and of the list of doubtful places beside one.
 VIDEOS, DOUBTS = (".webm", ".mp4"), ".doubtful.csv"
 
 
 @dataclass(frozen=True)
-class Wanted:
+class HideChoice:
     """Whom to hide, and what of them.
 
     Attributes:
         heads: heads alone.
-        shown: ids of tracks that stay as they are.
+        visible: ids of tracks that stay as they are.
     """
 
     heads: bool = False
-    shown: frozenset[int] = frozenset()
+    visible: frozenset[int] = frozenset()
 
     @classmethod
-    def parse(cls, text: str) -> Wanted:
+    def parse(cls, text: str) -> HideChoice:
         """What ``people``, ``heads`` or ``all-but=3,5`` asks for.
 
         Raises:
             RequestError: it is none of these.
 
-        >>> sorted(Wanted.parse("all-but=3,5").shown)
+        >>> sorted(HideChoice.parse("all-but=3,5").visible)
         [3, 5]
         """
         word, _, ids = text.strip().replace("=", " ", 1).partition(" ")
         numbers = [part.strip() for part in ids.split(",")]
         if word == "all-but" and all(number.isdecimal() for number in numbers):
-            return cls(shown=frozenset(map(int, numbers)))
+            return cls(visible=frozenset(map(int, numbers)))
         if text not in ("people", "heads"):
             raise RequestError(f"`hide`: expected people, heads or all-but with ids, such as all-but=3,5, got {text!r}")
         return cls(heads=text == "heads")
 
     def check(self, tracks: Iterable[Track]) -> None:
         """Refuse an id that no track has."""
-        known = {track.id for track in tracks}
-        if unknown := sorted(self.shown - known):
-            there = ", ".join(map(str, sorted(known)[:10])) + (", …" if len(known) > 10 else "")
+        ids = {track.id for track in tracks}
+        if unknown := sorted(self.visible - ids):
+            there = ", ".join(map(str, sorted(ids)[:10])) + (", …" if len(ids) > 10 else "")
             raise RequestError(f"`hide`: expected ids of the result ({there or 'it has none'}), got {unknown[0]}")
 
 
@@ -131,7 +135,7 @@ def find_missed(
     source: Source,
     frames: Iterable[Frame],
     tracks: Sequence[Track],
-    wanted: Wanted,
+    choice: HideChoice,
     finding: PeopleFinding,
     style: Style = "pixelated",
 ) -> Hiding:
@@ -141,30 +145,30 @@ def find_missed(
         RequestError: a track lies outside of the pictures, or an id is not known.
         RunError: the video breaks off.
     """
-    wanted.check(tracks)
+    choice.check(tracks)
     threads = threads_of_a_call(source, finding.threads)
     detect = people_detect(source, finding, PEOPLE_DETECTOR, threads)
     inputs = PeopleInputs(source, detect, batch_size=finding.batch_size, threads=finding.threads)
-    shown = [track for track in tracks if track.id in wanted.shown]
+    visible = [track for track in tracks if track.id in choice.visible]
     first, size, detections, seconds, links = 0, (0, 0), list[Detections](), list[float](), Sort(LINKS)
     for frame, detected in inputs.with_frames(frames):
         if not detections:
             first, size = frame.index, (frame.image.shape[1], frame.image.shape[0])
             compare_with_picture("the result", np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]), size)
-        detections.append(without_shown(detected, shown, frame.index))
+        detections.append(without_visible(detected, visible, frame.index))
         seconds.append(frame.time)
         links.update(detections[-1])
     last = first + len(detections) - 1
-    rest = [replace(track, frames=track.frames + first) for track in links.tracks()]
-    hidden = [track for track in tracks if track.id not in wanted.shown]
-    parts = [places_of(track, source.frame_rate, size, last, wanted.heads) for track in hidden]
-    for track in rest:
-        part = places_of(track, source.frame_rate, size, last, wanted.heads)
+    missed = [replace(track, frames=track.frames + first) for track in links.tracks()]
+    hidden = [track for track in tracks if track.id not in choice.visible]
+    parts = [places_of(track, source.frame_rate, size, last, choice.heads) for track in hidden]
+    for track in missed:
+        part = places_of(track, source.frame_rate, size, last, choice.heads)
         held = part.held if track.scores.max() >= SURE else np.where(part.held, WEAK, 0)
         parts.append(replace(part, ids=0 * part.ids, held=held))
     places = Places.joined(parts)
     places = places.select((places.frames >= first) & (places.frames <= last))
-    return Hiding(places, unsupported(places, detections, first), wanted.heads, style, first, seconds)
+    return Hiding(places, unsupported(places, detections, first), choice.heads, style, first, seconds)
 
 
 def hide(
@@ -203,18 +207,18 @@ def hide(
         RequestError: something of this cannot be used; the message says what and why.
         RunError: the video breaks off.
     """
-    wanted = Wanted.parse(hide)
-    more: Any = {"detector": detector, "score_threshold": score_threshold, "threads": threads, "device": device}
+    choice = HideChoice.parse(hide)
+    options: Any = {"detector": detector, "score_threshold": score_threshold, "threads": threads, "device": device}
     with refused():
-        finding = PeopleFinding(**more)
+        finding = PeopleFinding(**options)
     video, out = a_path(video, "video"), a_path(out, "out")
     doubts = _checked_out(out, video, overwrite)
     source, tracks = _opened(video, result)
-    wanted.check(tracks)
-    watch = shown if progress else lambda items, *_: items
+    choice.check(tracks)
+    watch = watched if progress else lambda items, *_: items
     with output_file(out, overwrite) as work, output_file(doubts, overwrite) as listed:
         hiding = find_missed(
-            source, watch(source.frames(), "detecting", source.likely_length), tracks, wanted, finding, style
+            source, watch(source.frames(), "detecting", source.likely_length), tracks, choice, finding, style
         )
         last = hiding.first + len(hiding.seconds) - 1
         if late := [track.id for track in tracks if track.frames[-1] > last]:
@@ -245,9 +249,9 @@ def _opened(video: Path, result: TracksLike) -> tuple[Source, Sequence[Track]]:
     Raises:
         RequestError: the result is none of people's, or is that of another video.
     """
-    tracks, wanted, size, whole = _read(result)
-    if other := [track for track in tracks if not isinstance(track, Track)]:
-        raise RequestError(f"expected a result with a box for each person, got {type(other[0]).__name__}")
+    tracks, frame_range, size, complete = _read(result)
+    if boxless := [track for track in tracks if not isinstance(track, Track)]:
+        raise RequestError(f"expected a result with a box for each person, got {type(boxless[0]).__name__}")
     source = open_source(video)
     if source.live or not source.has_images:
         raise RequestError(f"expected a video that can be played again, got {source.name}")
@@ -257,26 +261,26 @@ def _opened(video: Path, result: TracksLike) -> tuple[Source, Sequence[Track]]:
             f"expected the video of the result, {size[0]}x{size[1]} pixels, got {pictures[0]}x{pictures[1]}"
         )
     length = source.likely_length
-    last = max([wanted.last or 0, *(int(track.frames[-1]) for track in tracks)])
-    if length and (last >= length + slack or (whole and last + 1 < length - slack)):
+    last = max([frame_range.last or 0, *(int(track.frames[-1]) for track in tracks)])
+    if length and (last >= length + slack or (complete and last + 1 < length - slack)):
         raise RequestError(f"expected the video of the result, which has {last + 1} frames, got {length} in {video}")
-    return open_source(video, wanted), tracks
+    return open_source(video, frame_range), tracks
 
 
 def _read(result: TracksLike) -> tuple[Sequence[Any], FrameRange, tuple[int, int] | None, bool]:
     """The tracks, the frames that were tracked, the size of its pictures, and whether it is known to be the whole."""
-    known: Result[Any] = (
+    loaded: Result[Any] = (
         result if isinstance(result, Result) else Result([] if isinstance(result, str | Path) else result)
     )
     partial = False
     if isinstance(result, str | Path):
         path = Path(result)
         folder = path.parent if path.is_file() and (path.parent / RUN_FILE).is_file() else path
-        known, partial = Result.load(folder), is_partial(folder)
-    numbers = known.frames.get("frame", ())
-    wanted = FrameRange(int(numbers[0]), int(numbers[-1])) if len(numbers) else FrameRange()
-    whole = not partial and known.settings.get("frames", "") is None
-    return [getattr(track, "track", track) for track in known], wanted, known.size, whole
+        loaded, partial = Result.load(folder), is_partial(folder)
+    numbers = loaded.frames.get("frame", ())
+    frame_range = FrameRange(int(numbers[0]), int(numbers[-1])) if len(numbers) else FrameRange()
+    complete = not partial and loaded.settings.get("frames", "") is None
+    return [getattr(track, "track", track) for track in loaded], frame_range, loaded.size, complete
 
 
 # The command has an option of this name.
@@ -310,9 +314,9 @@ def hide_people(
         threads: CPU cores of the detector; 0 takes all.
         device: of the detector: cpu, cuda, or auto.
     """
-    more: Any = {"detector": detector, "score_threshold": score_threshold, "threads": threads, "device": device}
-    more |= {"hide": hide, "style": style, "overwrite": output.overwrite, "progress": True}
-    hiding = hide_in(video, result, output.out, **more)
+    options: Any = {"detector": detector, "score_threshold": score_threshold, "threads": threads, "device": device}
+    options |= {"hide": hide, "style": style, "overwrite": output.overwrite, "progress": True}
+    hiding = hide_in(video, result, output.out, **options)
     print(f"{len(hiding.seconds)} frames: {output.out}")
     print(hiding.summary(output.out.with_suffix(DOUBTS)))
     return 0

@@ -20,7 +20,7 @@ from tsuiseki.tracking.counts import page
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.hiding.places import GREY, Places, paint, places_of
-from tsuiseki.tracking.hiding.run import Hiding, Wanted
+from tsuiseki.tracking.hiding.run import Hiding, HideChoice
 from tsuiseki.tracking.report import overlay
 from tsuiseki.tracking.report.pictures import Pictures
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Track
@@ -323,7 +323,7 @@ def test_the_video_itself_is_never_replaced(inputs: Any) -> None:
 @pytest.mark.parametrize("text", ["", "all-but 1,,2", "all-but -1", "people,heads", "all-but x"])
 def test_what_is_hidden_is_named_well(text: str) -> None:
     with pytest.raises(RequestError, match="expected people, heads or all-but"):
-        Wanted.parse(text)
+        HideChoice.parse(text)
 
 
 def test_an_overlay_hides_before_it_draws(inputs: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
