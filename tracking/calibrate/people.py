@@ -1,4 +1,4 @@
-"""Cameras from the people who walk in them, and given cameras beside those that people give.
+"""Cameras from the people who walk in them, and what these people say of cameras that there are.
 
 See `cameras.people_fit` and `cameras.people_bundle`.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
@@ -39,8 +39,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Source: TypeAlias = str | Path | Result[Track]
-# Metres: farthest places that are matched and shown, error from which a camera is named, room around the people.
-FARTHEST, WRONG, ROOM = 60.0, 0.3, 1.0
+# Metres to the farthest places that are matched and shown.
+FARTHEST = 60.0
+# Metres of error from which on a camera is said to be wrong.
+WRONG = 0.3
+# Metres of floor around the people.
+ROOM = 1.0
+# Half the width of a normal interval of 95 %, standard deviations.
 NORMAL_95 = 1.96
 UNITS = {"focal": " px", "height": " m", "x": " m", "y": " m", "offset": " s"} | dict.fromkeys(
     ("tilt", "roll", "turn"), "°"
@@ -57,7 +62,7 @@ class PeopleCalibration:
         deviations: ``(C, 11)`` standard deviations.
         errors: ``(C,)`` median metres between a camera's people and the others'; NaN for a single camera.
         height: of people on average, metres.
-        given: frames a second of each source, where they were given.
+        frame_rates: frames a second of each source, where the user says them.
     """
 
     views: Sequence[PeopleView]
@@ -65,22 +70,22 @@ class PeopleCalibration:
     deviations: FloatArray
     errors: FloatArray
     height: float
-    given: Sequence[float | None] = field(default=())
+    frame_rates: Sequence[float | None] = ()
 
     @property
     def cameras(self) -> list[CameraOverFloor]:
         """For `cameras.yaml`; the floor is where people walk."""
-        every = np.concatenate([self.places(k) for k in range(len(self.views))])
-        every = every[np.abs(every - np.median(every.real) - 1j * np.median(every.imag)) < FARTHEST]
-        low, high = (np.array([np.percentile(v, q) for v in (every.real, every.imag)]) for q in (1, 99))
+        places = np.concatenate([self.places(k) for k in range(len(self.views))])
+        places = places[np.abs(places - np.median(places.real) - 1j * np.median(places.imag)) < FARTHEST]
+        low, high = (np.array([np.percentile(v, q) for v in (places.real, places.imag)]) for q in (1, 99))
         floor = np.round(np.concatenate([low - ROOM, high + ROOM]), 1)
-        found: list[CameraOverFloor] = []
+        cameras: list[CameraOverFloor] = []
         for k, (view, camera) in enumerate(zip(self.views, self.numbers, strict=True)):
-            rate = self.given[k] if self.given else None
+            rate = self.frame_rates[k] if self.frame_rates else None
             if camera[DRIFT]:
                 rate = view.frame_rate / (1 + camera[DRIFT])
-            found.append(Placed(view.name, pinhole(camera, view.size), rate, float(camera[OFFSET]), floor))
-        return found
+            cameras.append(Placed(view.name, pinhole(camera, view.size), rate, float(camera[OFFSET]), floor))
+        return cameras
 
     def places(self, camera: int) -> FloatArray:
         """``(N,)`` complex metres where the people of a camera are."""
@@ -92,10 +97,10 @@ class PeopleCalibration:
         x[[0, 5]] = np.exp(x[[0, 5]])
         half[[0, 5]] *= x[[0, 5]]
         x[[3, 4, 6]], half[[3, 4, 6]] = np.degrees(x[[3, 4, 6]]), np.degrees(half[[3, 4, 6]])
-        wanted = {"focal": 0, "height": 5, "tilt": 3, "roll": 4}
+        columns = {"focal": 0, "height": 5, "tilt": 3, "roll": 4}
         if len(self.views) > 1:
-            wanted |= {"x": 7, "y": 8, "offset": OFFSET, "turn": 6}
-        return [(name, float(x[k]), float(half[k])) for name, k in wanted.items()]
+            columns |= {"x": 7, "y": 8, "offset": OFFSET, "turn": 6}
+        return [(name, float(x[k]), float(half[k])) for name, k in columns.items()]
 
     def described(self) -> list[str]:
         """A line for each camera."""
@@ -135,7 +140,7 @@ class PeopleCalibration:
     def write(self, path: Path) -> None:
         """`cameras.yaml`, with the intervals beside each camera."""
         rows = [self._rows(k) for k in range(len(self.views))]
-        halves = [{"interval_95": {name: round(half, 4) for name, _, half in own}} for own in rows]
+        halves = [{"interval_95": {name: round(half, 4) for name, _, half in values}} for values in rows]
         write_cameras(path, self.cameras, halves)
 
 
@@ -172,10 +177,10 @@ def calibrate_people(
     names = [name_of(source) for source in sources]
     if len({*names}) < len(names):
         names = [f"{k + 1} {name}" for k, name in enumerate(names)]
-    views = [_view(*one, image_size) for one in zip(names, sources, rates, strict=True)]
-    for one, other in combinations(views, 2):
-        if len(one.boxes) and one.boxes.shape == other.boxes.shape and np.allclose(one.boxes, other.boxes):
-            raise RequestError(f"expected a source for each camera, got the same people in {one.name} and {other.name}")
+    views = [_view(*row, image_size) for row in zip(names, sources, rates, strict=True)]
+    for a, b in combinations(views, 2):
+        if len(a.boxes) and a.boxes.shape == b.boxes.shape and np.allclose(a.boxes, b.boxes):
+            raise RequestError(f"expected a source for each camera, got the same people in {a.name} and {b.name}")
     numbers, deviations = map(np.stack, zip(*(fit_view(view, person_height) for view in views), strict=True))
     errors = np.full(len(views), np.nan)
     if len(views) > 1:
@@ -212,19 +217,19 @@ def _together(views: Sequence[PeopleView], numbers: FloatArray, height: float, r
         places = feet(camera, view.boxes, height)
         places[np.abs(places) > FARTHEST] = np.nan
         paths.append(places_at(view, places, times))
-    found = {}
+    alignments = {}
     for i, j in combinations(range(len(views)), 2):
-        one = align(paths[i], paths[j], lags)
-        if one is not None:
-            found[i, j] = one
-    return placed(numbers, [view.name for view in views], found)
+        alignment = align(paths[i], paths[j], lags)
+        if alignment is not None:
+            alignments[i, j] = alignment
+    return placed(numbers, [view.name for view in views], alignments)
 
 
-def _warn(found: PeopleCalibration) -> None:
+def _warn(calibration: PeopleCalibration) -> None:
     """Say which cameras the people contradict, and whose clocks run apart."""
-    for k, (view, camera) in enumerate(zip(found.views, found.numbers, strict=True)):
-        if found.errors[k] > WRONG:
-            message = f"{view.name}: its people are {found.errors[k]:.2f} m from where the other cameras see them"
+    for k, (view, camera) in enumerate(zip(calibration.views, calibration.numbers, strict=True)):
+        if calibration.errors[k] > WRONG:
+            message = f"{view.name}: its people are {calibration.errors[k]:.2f} m from where the other cameras see them"
             warnings.warn(f"{message}; is its lens distorted, or its floor another?", InputWarning, stacklevel=3)
         if camera[DRIFT]:
             gone, rate = abs(camera[DRIFT]) * np.ptp(view.times), view.frame_rate / (1 + camera[DRIFT])
@@ -234,7 +239,7 @@ def _warn(found: PeopleCalibration) -> None:
 
 @dataclass(frozen=True)
 class Disagreement:
-    """What the people say about a camera that was given.
+    """What the people say about a camera.
 
     Attributes:
         name: of the camera.
@@ -255,22 +260,24 @@ class Disagreement:
         return f"{self.name}: {'disagrees with the people: ' if self.wrong else 'agrees: '}{text}"
 
 
-def check_cameras(given: Sequence[CameraOverFloor] | str | Path, found: PeopleCalibration) -> list[Disagreement]:
+def check_cameras(
+    cameras: Sequence[CameraOverFloor] | str | Path, calibration: PeopleCalibration
+) -> list[Disagreement]:
     """Compare cameras with those that people give.
 
     Their floor is laid on the one of the people by the turn and shift that most cameras agree with.
 
     Args:
-        given: cameras in the order of the sources, or their file.
-        found: from the same sources.
+        cameras: in the order of the sources, or their file.
+        calibration: from the same sources.
 
     Raises:
         RequestError: there is another number of cameras, or a camera sees none of its people on the floor.
     """
-    cameras = given if isinstance(given, list | tuple) else read_cameras(a_path(given, "given"))
-    if len(cameras) != len(found.views):
-        raise RequestError(f"`cameras`: expected {len(found.views)} cameras, one a source, got {len(cameras)}")
-    places = [_by_both(one, found, k) for k, one in enumerate(cameras)]
+    cameras = cameras if isinstance(cameras, list | tuple) else read_cameras(a_path(cameras, "cameras"))
+    if len(cameras) != len(calibration.views):
+        raise RequestError(f"`cameras`: expected {len(calibration.views)} cameras, one a source, got {len(cameras)}")
+    places = [_by_both(camera, calibration, k) for k, camera in enumerate(cameras)]
     heights = np.array([height for *_, height in places])
     away = []
     for theirs, ours, _ in places:
@@ -278,28 +285,32 @@ def check_cameras(given: Sequence[CameraOverFloor] | str | Path, found: PeopleCa
         turn = np.exp(1j * np.angle(np.vdot(ours - centre, theirs - middle)))
         away.append([float(np.median(np.abs(turn * (b - centre) + middle - a))) for a, b, _ in places])
     # Of equals, such as each of two cameras, the one by which people are as high as people are.
-    unlike = np.abs(np.log(heights / found.height))
+    unlike = np.abs(np.log(heights / calibration.height))
     best = int(np.argmin(np.minimum(away, 5 * WRONG).sum(axis=1) + 0.01 * unlike))
-    late = np.array([one.offset for one in cameras]) - found.numbers[:, OFFSET]
+    late = np.array([camera.offset for camera in cameras]) - calibration.numbers[:, OFFSET]
     late -= late[best]
-    frame = np.array([0.5 / view.frame_rate for view in found.views])
-    limit = HEIGHT_SPREAD / found.height
-    wrong = (np.array(away[best]) > WRONG) | (np.abs(late) > frame + 3 * found.deviations[:, OFFSET]) | (unlike > limit)
-    columns = ([one.name for one in cameras], away[best], heights.tolist(), late.tolist(), wrong.tolist())
+    frame = np.array([0.5 / view.frame_rate for view in calibration.views])
+    limit = HEIGHT_SPREAD / calibration.height
+    wrong = (
+        (np.array(away[best]) > WRONG)
+        | (np.abs(late) > frame + 3 * calibration.deviations[:, OFFSET])
+        | (unlike > limit)
+    )
+    columns = ([camera.name for camera in cameras], away[best], heights.tolist(), late.tolist(), wrong.tolist())
     return [Disagreement(*row) for row in zip(*columns, strict=True)]
 
 
-def _by_both(one: CameraOverFloor, found: PeopleCalibration, k: int) -> tuple[FloatArray, FloatArray, float]:
-    """Places of the same people by the given camera and by the found one, complex metres; their height by the given."""
-    ours, view, person, camera = found.places(k), found.views[k], found.height, found.numbers[k]
-    if (one.camera.width, one.camera.height) != view.size:
-        size = f"{one.camera.width}x{one.camera.height}"
-        raise RequestError(f"{one.name}: expected pictures of {size} by `cameras`, got {view.size[0]}x{view.size[1]}")
-    theirs = one.camera.ground(picture(camera, feet(camera, view.boxes, person), 0.0))
+def _by_both(entry: CameraOverFloor, calibration: PeopleCalibration, k: int) -> tuple[FloatArray, FloatArray, float]:
+    """Places of the same people by a camera and by the people, complex metres; their height by the camera."""
+    ours, view, person, camera = calibration.places(k), calibration.views[k], calibration.height, calibration.numbers[k]
+    if (entry.camera.width, entry.camera.height) != view.size:
+        size = f"{entry.camera.width}x{entry.camera.height}"
+        raise RequestError(f"{entry.name}: expected pictures of {size} by `cameras`, got {view.size[0]}x{view.size[1]}")
+    theirs = entry.camera.ground(picture(camera, feet(camera, view.boxes, person), 0.0))
     near = np.abs(ours - camera[7] - 1j * camera[8])
     good = np.isfinite(theirs).all(axis=1) & (near <= np.median(near))
     if not good.any():
-        raise RequestError(f"{one.name}: expected people on the floor before the camera, found none; check its pose")
-    top = one.camera.project(theirs + np.array([0, 0, person]))[0][:, 1]
+        raise RequestError(f"{entry.name}: expected people on the floor before the camera, found none; check its pose")
+    top = entry.camera.project(theirs + np.array([0, 0, person]))[0][:, 1]
     height = float(person * np.nanmedian(view.heights / (view.boxes[:, 3] - top)))
     return theirs[good, 0] + 1j * theirs[good, 1], ours[good], height

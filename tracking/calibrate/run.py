@@ -124,12 +124,12 @@ class FloorPose(LensSizes):
             camera = OmnidirectionalCamera(self.read(file)[0], np.eye(3), np.zeros(3))
         if self.points is None:
             return pose_at(camera, self.height or 0.0, np.radians(self.tilt), np.radians(self.turn)), []
-        given = read_floor_points(self.points)
+        known_points = read_floor_points(self.points)
         try:
-            camera, residuals, away = locate_over_floor(camera, given.pixels, given.points[:, :2])
+            camera, residuals, away = locate_over_floor(camera, known_points.pixels, known_points.points[:, :2])
         except RequestError as error:
             raise RequestError(f"{self.points}: {error}") from error
-        rows = zip(given.lines, residuals, away, strict=True)
+        rows = zip(known_points.lines, residuals, away, strict=True)
         lines = [f"  line {line}: {pixels:.3f} px, {metres:.3f} m" for line, pixels, metres in rows]
         return camera, [f"{np.sqrt(np.mean(residuals**2)):.3f} px rms over {len(lines)} points", *lines]
 
@@ -169,15 +169,15 @@ def points(
 
     groups = read_correspondences(file)
     fits = _fitted(file, groups, size.image_size, intrinsics)
-    placed = [PlacedCamera(group.camera, one.camera, rate.frame_rate) for group, one in zip(groups, fits, strict=True)]
+    placed = [PlacedCamera(group.camera, fit.camera, rate.frame_rate) for group, fit in zip(groups, fits, strict=True)]
     output.write(output.out, lambda path: write_cameras(path, placed))
     lines = []
-    for group, one in zip(groups, fits, strict=True):
-        deviations = 1.96 * np.sqrt(np.diag(one.covariance))
-        place = ", ".join(f"{v:.3f} ± {s:.3f}" for v, s in zip(one.camera.position, deviations, strict=True))
-        lines.append(f"{group.camera}: {len(group.points)} points, {one.root_mean_square:.3f} px rms, at {place} m")
-        worst = int(np.argmax(one.residuals))
-        for row, (line, residual) in enumerate(zip(group.lines, one.residuals, strict=True)):
+    for group, fit in zip(groups, fits, strict=True):
+        deviations = 1.96 * np.sqrt(np.diag(fit.covariance))
+        place = ", ".join(f"{v:.3f} ± {s:.3f}" for v, s in zip(fit.camera.position, deviations, strict=True))
+        lines.append(f"{group.camera}: {len(group.points)} points, {fit.root_mean_square:.3f} px rms, at {place} m")
+        worst = int(np.argmax(fit.residuals))
+        for row, (line, residual) in enumerate(zip(group.lines, fit.residuals, strict=True)):
             lines.append(f"  line {line}: {residual:.3f} px" + ("  largest" if row == worst else ""))
     # After the file, which must not depend on who reads the listing to its end.
     print("\n".join([*lines, f"{len(placed)} cameras: {output.out}"]))
@@ -425,12 +425,12 @@ def people(
     """
     from tsuiseki.tracking.calibrate.people import calibrate_people, check_cameras
 
-    found = calibrate_people(sources, person_height, reach, fps, size.image_size)
-    lines = found.described()
+    calibration = calibrate_people(sources, person_height, reach, fps, size.image_size)
+    lines = calibration.described()
     if output.cameras is not None:
-        lines += [str(one) for one in check_cameras(output.cameras, found)]
+        lines += [str(disagreement) for disagreement in check_cameras(output.cameras, calibration)]
     if output.target is not None:
-        output.write(output.target, found.write)
-        lines.append(f"{len(found.views)} cameras: {output.target}")
-    output.draw(lambda path: found.plan().savefig(path, dpi=150, facecolor="white"))
+        output.write(output.target, calibration.write)
+        lines.append(f"{len(calibration.views)} cameras: {output.target}")
+    output.draw(lambda path: calibration.plan().savefig(path, dpi=150, facecolor="white"))
     print("\n".join(lines))

@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.video.source import Source
 
 REPORT_FILE, OVERLAY_FILE = "report.html", "overlay.webm"
-FRAMES, FRAME_RATE = 180, 25.0
+# Frames of the clip.
+FRAMES = 180
+# Frames a second of the street.
+FRAME_RATE = 25.0
 
 
 @dataclass(frozen=True, kw_only=True, config=SETTINGS)

@@ -21,17 +21,31 @@ import scipy
 from tsuiseki.tracking.association.network_flow import build_graph, solve
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
-# Seconds by which clocks may differ and that a way takes at most; the least that is distinguished.
-EARLY, LONGEST, LEAST = 0.5, 300.0, 0.25
+# Seconds by which clocks may differ.
+EARLY = 0.5
+# Seconds that a way takes at most.
+LONGEST = 300.0
+# Least seconds that are distinguished.
+LEAST = 0.25
 # Share of the picture within which ends of tracks are one place.
 PLACE = 0.3
-# Before anything is learnt: the usual time in seconds, its deviation in the logarithm, the weight of both in links;
-# share of those who leave that come by one entry.
-USUAL, SPREAD, WEIGHT, SHARE = 15.0, 1.0, 2.0, 0.3
+# Usual seconds of a way, before its times are learnt.
+USUAL = 15.0
+# Deviation of the logarithm of the seconds, before it is learnt.
+SPREAD = 1.0
+# Links that what is set before learning counts for.
+WEIGHT = 2.0
+# Share of those who leave that come by one entry, before it is learnt.
+SHARE = 0.3
+# Least deviation of the logarithm of the seconds.
 NARROWEST = 0.15
+# Rounds of expectation and maximisation.
 ROUNDS = 30
-# Deviations between the appearance of different people and of the same, before it is learnt, in pairs.
-ALIKE, ALIKE_WEIGHT = 2.5, 5.0
+# Deviations between the appearance of different people and of the same, before it is learnt.
+ALIKE = 2.5
+# Pairs that it counts for.
+ALIKE_WEIGHT = 5.0
+# Least margin of a join that is made: nine to one, as a natural logarithm.
 MARGIN = 2.2
 
 
@@ -100,7 +114,7 @@ def linked(passages: Passages) -> Transits:
     chosen = np.flatnonzero(best.follower[pairs.earlier] == pairs.later)
     earlier, later, seconds = pairs.earlier[chosen], pairs.later[chosen], pairs.seconds[chosen]
     others = [(graph.tail != i) | (graph.head != j) for i, j in zip(earlier, later, strict=True)]
-    margins = [solve(graph.with_transitions(kept)).cost - best.cost for kept in others]
+    margins = [solve(graph.with_transitions(mask)).cost - best.cost for mask in others]
     return Transits(earlier, later, seconds, np.array(margins), pairs.likeness[chosen])
 
 
@@ -110,8 +124,8 @@ def _candidates(passages: Passages) -> Candidates:
     apart = passages.view[None] != passages.view[:, None]
     i, j = np.nonzero(apart & (seconds > -EARLY) & (seconds < LONGEST))
     likeness = np.einsum("nd,nd->n", passages.features[i], passages.features[j])
-    known = (passages.features != 0).any(axis=1)
-    likeness[~(known[i] & known[j])] = np.nan
+    described = (passages.features != 0).any(axis=1)
+    likeness[~(described[i] & described[j])] = np.nan
     way = np.unique(exits[i] * len(exits) + entries[j], return_inverse=True)[1].astype(np.int64)
     return Candidates(i, j, np.maximum(seconds[i, j], LEAST), likeness, way, exits, entries)
 
@@ -119,8 +133,8 @@ def _candidates(passages: Passages) -> Candidates:
 def _places(view: IntArray, places: FloatArray) -> IntArray:
     """``(N,)`` numbers of clusters of places, each within one view."""
     numbers, count = np.zeros(len(view), dtype=np.int64), 0
-    for one in np.unique(view):
-        rows = np.flatnonzero(view == one)
+    for number in np.unique(view):
+        rows = np.flatnonzero(view == number)
         if len(rows) > 1:
             tree = scipy.cluster.hierarchy.linkage(places[rows], "average")
             numbers[rows] = count + scipy.cluster.hierarchy.fcluster(tree, PLACE, "distance") - 1
@@ -156,11 +170,11 @@ class Ways:
 
     def gains(self, pairs: Candidates) -> FloatArray:
         """``(P,)`` logarithm of how much likelier each link is than two strangers."""
-        k, logs, known = pairs.way, np.log(pairs.seconds), np.isfinite(pairs.likeness)
+        k, logs, described = pairs.way, np.log(pairs.seconds), np.isfinite(pairs.likeness)
         alone = 1 - np.bincount(self.source, self.share)[self.source]
         gains = np.log(self.share / alone / self.rate)[k] + _normal(logs, self.centre[k], self.spread[k]) - logs
-        s = pairs.likeness[known]
-        gains[known] += _normal(s, *self.same) - _normal(s, *self.different)
+        s = pairs.likeness[described]
+        gains[described] += _normal(s, *self.same) - _normal(s, *self.different)
         return np.asarray(gains)
 
 
@@ -194,11 +208,11 @@ def _again(ways: Ways, pairs: Candidates, weight: FloatArray, entered: IntArray,
     square = np.bincount(k, weight * np.square(logs - centre[k]), count)
     spread = np.maximum(np.sqrt((square + WEIGHT * SPREAD**2 / 4) / (mass + WEIGHT)), NARROWEST)
     strangers = np.maximum(entered - np.bincount(ways.target, mass, len(entered)), 1.0)
-    known, (middle, width) = np.isfinite(pairs.likeness), ways.different
-    own, s = weight[known], pairs.likeness[known]
-    total = own.sum() + ALIKE_WEIGHT
-    mean = (own @ s + ALIKE_WEIGHT * (middle + ALIKE * width)) / total
-    deviation = np.sqrt((own @ np.square(s - mean) + ALIKE_WEIGHT * width**2) / total)
+    described, (middle, width) = np.isfinite(pairs.likeness), ways.different
+    pair_weight, s = weight[described], pairs.likeness[described]
+    total = pair_weight.sum() + ALIKE_WEIGHT
+    mean = (pair_weight @ s + ALIKE_WEIGHT * (middle + ALIKE * width)) / total
+    deviation = np.sqrt((pair_weight @ np.square(s - mean) + ALIKE_WEIGHT * width**2) / total)
     same = max(float(mean), middle + width), float(deviation)
     rate = strangers[ways.target] / length
     return replace(ways, share=share, centre=centre, spread=spread, rate=rate, same=same)
@@ -218,16 +232,16 @@ def _peaks(pairs: Candidates, ways: int) -> FloatArray:
     """``(W,)`` log times that more candidates of a way have than strangers would, weighed by appearance."""
     grid = np.linspace(np.log(LEAST), np.log(LONGEST), 120)
     weight = np.ones(len(pairs.way))
-    known = np.isfinite(pairs.likeness)
-    if known.any():
-        s = pairs.likeness[known]
-        weight[known] = np.exp(2 * (s - s.mean()) / max(s.std(), 1e-3))
+    described = np.isfinite(pairs.likeness)
+    if described.any():
+        s = pairs.likeness[described]
+        weight[described] = np.exp(2 * (s - s.mean()) / max(s.std(), 1e-3))
     peaks = np.empty(ways)
     for way in range(ways):
-        own = pairs.way == way
-        near = np.exp(-0.5 * np.square((np.log(pairs.seconds[own]) - grid[:, None]) / 0.15)) @ weight[own]
+        of_way = pairs.way == way
+        near = np.exp(-0.5 * np.square((np.log(pairs.seconds[of_way]) - grid[:, None]) / 0.15)) @ weight[of_way]
         # Strangers are spread evenly over time: their number grows with it.
-        strangers = np.exp(grid) * weight[own].sum() / LONGEST * 0.15 * np.sqrt(2 * np.pi)
+        strangers = np.exp(grid) * weight[of_way].sum() / LONGEST * 0.15 * np.sqrt(2 * np.pi)
         prior = -0.5 * np.square((grid - np.log(USUAL)) / 1.5)
         peaks[way] = grid[int(np.argmax((near - strangers) / np.sqrt(strangers + 1) + prior))]
     return peaks

@@ -20,7 +20,7 @@ from tsuiseki.tracking.counts import page
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.hiding.places import GREY, Places, paint, places_of
-from tsuiseki.tracking.hiding.run import Hiding, HideChoice
+from tsuiseki.tracking.hiding.run import HideChoice, Hiding
 from tsuiseki.tracking.report import overlay
 from tsuiseki.tracking.report.pictures import Pictures
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Track
