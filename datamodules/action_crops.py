@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TypeAlias
 from zipfile import BadZipFile
 
-import cv2
 import numpy as np
 
 from tsuiseki.datamodules.labelled_images import read_image
@@ -26,6 +25,7 @@ from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
 from tsuiseki.tracking.formats.okutama import check_frames
 from tsuiseki.tracking.types import BoolArray, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import ActionLabels
+from tsuiseki.tracking.video.image_folder import one_image
 from tsuiseki.tracking.video.source import open_source
 
 
@@ -76,10 +76,7 @@ def _sequence(video: LabelledVideo) -> ActionSequence:
         raise RequestError(f"{video.name}: expected its frames in {place}; found none")
     if video.length is None:
         return ActionSequence(video.name, video.files, video.actions())
-    first = cv2.imread(str(video.files[0]))
-    if first is None:
-        raise RequestError(f"{video.files[0]}: expected an image, got something unreadable")
-    size = (first.shape[1], first.shape[0])
+    size = one_image(video.files[0])
     labels = video.actions(size)
     # Drone-Action's labels are in pixels of their frames, whatever those are.
     if labels.class_names != DRONE_ACTION_CLASSES:

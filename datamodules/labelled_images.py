@@ -9,11 +9,10 @@ from functools import reduce
 from pathlib import Path
 from typing import TypeAlias
 
-import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import write_image
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.label_checks import PEOPLE, NothingLabelledError
 from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
 from tsuiseki.tracking.formats.mot_sequence import list_images
@@ -21,6 +20,7 @@ from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.video.image_folder import read_image as decoded
 from tsuiseki.tracking.video.source import open_source
 
 # Shares of a video in [0, 1]: where a part begins, and where it ends.
@@ -146,7 +146,7 @@ def read_image(path: Path) -> ImageArray:
     Raises:
         RequestError: the file is no image.
     """
-    image = cv2.imread(str(path))
-    if image is None:
-        raise RequestError(f"{path}: expected an image, got something that cannot be decoded; replace or remove it")
-    return np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+    try:
+        return decoded(path)
+    except RunError as error:
+        raise RequestError(f"{error}; replace or remove it") from error

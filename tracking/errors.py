@@ -96,3 +96,28 @@ def explained(error: ImportError) -> RunError | RequestError | None:
     if library is None:
         return None
     return RunError(f"OpenCV does not load, for {library[1]} is not there; {ADVICE}")
+
+
+# How OpenCV, onnxruntime, the loader of libraries and Python's threads word it.
+MEMORY_SIGNS = (
+    "insufficient memory",
+    "not enough memory",
+    "cannot allocate memory",
+    "failed to allocate memory",
+    "bad_alloc",
+    "failed to map segment",
+    "can't start new thread",
+)
+
+
+def lacks_memory(error: BaseException | None) -> bool:
+    """Whether an error, or what it came from, is a lack of memory.
+
+    >>> lacks_memory(RuntimeError("std::bad_alloc"))
+    True
+    """
+    while error is not None:
+        if isinstance(error, MemoryError) or any(sign in str(error).lower() for sign in MEMORY_SIGNS):
+            return True
+        error = error.__cause__ or error.__context__
+    return False

@@ -20,7 +20,7 @@ import onnxruntime
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.devices import Device, device_of, opened_on
-from tsuiseki.tracking.errors import RequestError, a_path
+from tsuiseki.tracking.errors import RequestError, a_path, lacks_memory
 
 Kind = Literal["detector", "appearance", "action", "affinity", "association", "objectness"]
 METADATA_KEY = "tsuiseki"
@@ -146,6 +146,8 @@ def open_session(path: str | Path, threads: int = 0, device: Device = "cpu") -> 
     except RequestError:
         raise
     except Exception as error:
+        if lacks_memory(error):
+            raise MemoryError(f"{path} needs more") from error
         newer = re.search(r"(opset|IR version:) (\d+)", str(error), re.IGNORECASE)
         if newer:
             what = newer.group(1).replace(":", "").replace("Opset", "opset")
@@ -185,6 +187,8 @@ def run_session(
     try:
         arrays: list[NDArray[Any]] = session.run(outputs, dict(inputs))
     except Exception as error:
+        if lacks_memory(error):
+            raise MemoryError(f"{path} needs more") from error
         raise RequestError(f"{path}: the network refuses its input; onnxruntime says: {_reason(error)}") from error
     return arrays
 

@@ -356,7 +356,7 @@ class Result(Collection[T_co]):
         """Write the video with the tracks drawn in; returns its path.
 
         Args:
-            path: ends in ``.mp4`` (H.264 where OpenCV or PyAV writes it, or else VP9) or ``.webm``.
+            path: ends in ``.mp4`` (H.264 where PyAV writes it, or else VP9) or ``.webm``.
             source: the video; by default the one that was tracked in.
             overwrite: replace an earlier file.
 

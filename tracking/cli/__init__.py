@@ -6,6 +6,7 @@ import os
 import sys
 from collections.abc import Sequence
 from functools import partial
+from io import TextIOWrapper
 
 from tsuiseki.tracking.runs.ending import DONE, WRONG_REQUEST, ended
 
@@ -15,14 +16,16 @@ HELP, NESTED = "--help", "--help-all"
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``tsuiseki`` with ``argv`` (by default the process's words); returns the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
+    # Names of files may hold what the terminal cannot show.
+    if isinstance(sys.stdout, TextIOWrapper):
+        sys.stdout.reconfigure(errors="replace")
     return ended(partial(_run, words))
 
 
 def _run(words: list[str]) -> int:
     """The exit status of a command."""
-    # OpenCV and FFmpeg write lines of their own to stderr; errors are worded here.
+    # OpenCV writes lines of its own to stderr; errors are worded here.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     from tsuiseki.tracking.cli.commands import APP, command_of
     from tsuiseki.tracking.cli.help import PlainHelp
 

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import configparser
+import os
 import re
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 from pathlib import Path, PurePosixPath
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
@@ -14,6 +17,8 @@ from tsuiseki.tracking.formats.rows import read_text
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.types.labels import GroundTruth
 
+# A time or a frame number, as the whole of a name.
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?", re.ASCII)
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 
 
@@ -118,20 +123,37 @@ def find_sequences(folder: str | Path) -> list[MotSequence]:
 
 
 def list_images(folder: Path) -> tuple[Path, ...]:
-    """The image files of ``folder`` by name, ``9.jpg`` before ``10.jpg``; hidden files are passed over.
+    """The image files of ``folder`` in the order of the numbers in their names; hidden files are passed over.
 
-    There is none where ``folder`` is no folder.
+    A name that is all a number, but for what all begin with, may be a decimal fraction or negative, as times are:
+    ``1.04.jpg`` comes before ``1.2.jpg``. There is none where ``folder`` is no folder.
     """
     if not folder.is_dir():
         return ()
-    images = (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith("."))
-    return tuple(sorted(images, key=_by_number))
+    images = [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith(".")]
+    stems = [path.stem for path in images]
+    common = os.path.commonprefix(stems)  # noqa: RUF071  # letters, not folders
+    start = len(re.sub(r"[\d.]*$", "", common)) if common != "-" else 0
+    numbers = [stem[start:] for stem in stems]
+    if all(NUMBER.fullmatch(number) for number in numbers) and not _counts_parts(numbers):
+        return tuple(sorted(images, key=lambda path: (Decimal(path.stem[start:]), path.name)))
+    return tuple(sorted(images, key=lambda path: (name_parts(path.name), path.name)))
 
 
-def _by_number(path: Path) -> tuple[list[tuple[bool, int, str]], str]:
-    """Orders names by the values of the numbers in them; the name itself settles what is left."""
-    parts = re.findall(r"\d+|\D+", path.name)
-    return [(False, int(part), "") if part.isdecimal() else (True, 0, part) for part in parts], path.name
+def _counts_parts(numbers: Sequence[str]) -> bool:
+    """Whether what follows the points counts on, as in 1.9 and 1.10: those are no decimal fractions."""
+    parts: dict[str, list[int]] = {}
+    for number in numbers:
+        whole, _, fraction = number.partition(".")
+        parts.setdefault(whole, []).extend([int(fraction)] if fraction else [])
+    runs = [sorted(part) for part in parts.values() if len(part) > 1]
+    return bool(runs) and all(run == [*range(run[0], run[-1] + 1)] for run in runs)
+
+
+def name_parts(name: str) -> list[tuple[bool, int, str]]:
+    """What orders names by the values of the numbers in them."""
+    parts = re.findall(r"\d+|\D+", name)
+    return [(False, int(part), "") if part.isdecimal() else (True, 0, part) for part in parts]
 
 
 def write_sequence_info(

@@ -12,13 +12,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Literal
 
-import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.label_checks import LabelFile
-from tsuiseki.tracking.formats.mot_sequence import MotSequence, list_images
+from tsuiseki.tracking.formats.mot_sequence import MotSequence, image_size, list_images
 from tsuiseki.tracking.formats.rows import read_rows, read_text, repeated, rows_of
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import BoolArray
@@ -209,10 +208,7 @@ def read_okutama_video(video: LabelFile, size: tuple[int, int] | None = None) ->
     """
     if not video.images:
         return read_okutama(video.labels, size or EXTRACTED_SIZE)
-    first = cv2.imread(str(video.images[0]))
-    if first is None:
-        raise RequestError(f"{video.images[0]}: expected an image, got something unreadable")
-    frame_size = (first.shape[1], first.shape[0])
+    frame_size = image_size(video.images[0])
     labels = read_okutama(video.labels, size or frame_size)
     check_frames(labels, len(video.images), frame_size, str(video.labels))
     return labels

@@ -31,7 +31,8 @@ QUALITY = 85
 
 def render(template: str, **values: Any) -> str:
     """The HTML of a template, by the name of its file, with these values."""
-    return _environment().get_template(template).render(values)
+    # A name of a file need not be text.
+    return _environment().get_template(template).render(values).encode("utf-8", "replace").decode("utf-8")
 
 
 def section(template: str, **values: Any) -> Markup:

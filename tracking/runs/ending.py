@@ -15,7 +15,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from tsuiseki.tracking.errors import ENDING, Interrupted, RequestError, RunError, explained, signal_of
+from tsuiseki.tracking.errors import ENDING, Interrupted, RequestError, RunError, explained, lacks_memory, signal_of
 from tsuiseki.tracking.runs.messages import complain, message_of, notes_in_a_line
 
 # Exit statuses; 128 is added to the number of a signal.
@@ -39,8 +39,12 @@ def ended(command: Callable[[], int | None]) -> int:
     except BrokenPipeError:
         sys.stderr.close()
         return FAILED
-    except (ImportError, *LATE) as error:
-        explanation = explained(error) if isinstance(error, ImportError) else error
+    except Exception as error:
+        explanation: BaseException | None = error if isinstance(error, LATE) else None
+        if explanation is None and lacks_memory(error):
+            explanation = MemoryError()
+        elif isinstance(error, ImportError):
+            explanation = explained(error)
         if explanation is None:
             raise
         place = f" ({error.filename})" if isinstance(error, OSError) and error.filename else ""

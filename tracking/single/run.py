@@ -221,8 +221,8 @@ def single(
         plot: also plot the scores, peaks.png.
         corrections: corrections.jsonl of a reviewed result; from each box in it the target is followed on, and back.
     """
-    source, labelled = open_single(video.source, video.frames)
-    source = video.open(images=True) if labelled is None else source
+    source, labelled = open_single(video.source, video.frames) if Path(video.source).is_dir() else (None, None)
+    source = video.open(images=True) if source is None or labelled is None else source
     first_box = _first_box(source, box, select, labelled)
     tracker = choice.tracker(output.seed)
     tracker_settings = getattr(tracker, "settings", None)

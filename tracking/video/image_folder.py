@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +15,24 @@ import cv2
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
-from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES, is_sequence, list_images, read_sequence
+from tsuiseki.tracking.errors import InputWarning, RequestError, RunError, lacks_memory
+from tsuiseki.tracking.formats.mot_sequence import (
+    IMAGE_SUFFIXES,
+    is_sequence,
+    list_images,
+    name_parts,
+    read_sequence,
+)
 from tsuiseki.tracking.formats.single import IMAGE_FOLDERS, LABEL_NAMES
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.frame_source import DEFAULT_FRAME_RATE, Size, Source, fingerprint_of
 from tsuiseki.tracking.video.levels import BYTE, SAMPLES, Levels, depth_of, eight_bits
 
+# A name that ends in the number of a frame.
+FRAME_NAME = re.compile(r"(|.*\D)(\d+)", re.DOTALL | re.ASCII)
+# What stands before a fraction of a second.
+WHOLE_SECONDS = re.compile(r".*\d\.", re.DOTALL)
 # Kinds of images that may hold several, of which only the first would be read.
 PAGED = ("TIFF", "WEBP", "PNG")
 ORIENTATION_TAG = 0x0112
@@ -68,6 +81,7 @@ class ImageFolder(Source):
         """
         sequence = read_sequence(folder) if is_sequence(folder) else None
         images = _of_one_target(folder) or _images_only(folder) if sequence is None else sequence.images
+        _check_numbers(folder, images, None if sequence is None else wanted)
         length = len(images) or (sequence.length if sequence else 0) or None
         size = _common_size(images) if images else (sequence.width, sequence.height) if sequence else (0, 0)
         return cls(
@@ -125,8 +139,8 @@ def _levels(path: Path) -> Levels:
     try:
         decoded = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     except (OSError, cv2.error) as error:
-        if isinstance(error, cv2.error) and error.code == cv2.Error.StsNoMem:
-            raise MemoryError(f"{path}") from error
+        if lacks_memory(error):
+            raise MemoryError(f"{path} needs more") from error
         decoded = None
     if decoded is None:
         raise RunError(not_an_image(path))
@@ -142,7 +156,7 @@ def _depth(images: tuple[Path, ...]) -> int:
         return BYTE
     samples = images[:: max(1, len(images) // SAMPLES)]
     try:
-        return depth_of(map(_levels, samples), images[0].parent.name)
+        return depth_of(map(_levels, samples), str(images[0].parent if len(images) > 1 else images[0]))
     except RunError as error:
         raise RequestError(str(error)) from error
 
@@ -154,6 +168,8 @@ def not_an_image(path: Path) -> str:
         for mark, kind in MARKS.items():
             if mark in head:
                 return f"{path}: expected an image, got {kind}, which is not read; write it as PNG or JPEG"
+    if path.is_symlink() and not path.exists():
+        return f"{path}: expected an image, got a link to {path.readlink()}, where nothing lies"
     return f"{path}: expected an image, got something that cannot be decoded"
 
 
@@ -179,6 +195,37 @@ def _images_only(folder: Path) -> tuple[Path, ...]:
     if strange:
         raise RequestError(f"{folder}: expected only images, found {strange[0]}; move it elsewhere")
     return images
+
+
+def _check_numbers(folder: Path, images: tuple[Path, ...], labelled: FrameRange | None) -> None:
+    """Tell of numbers that are left out in the names of ``images``, which follow each other as frames.
+
+    Args:
+        folder: for messages.
+        images: in the order of their numbers.
+        labelled: the frames to be read of a sequence whose labels and detections go by the numbers.
+
+    Raises:
+        RequestError: two images have one number, or labelled frames are left out.
+    """
+    for image, follower in pairwise(images):
+        if name_parts(image.stem) == name_parts(follower.stem):
+            raise RequestError(f"{folder}: expected one image a number, got {image.name} and {follower.name}")
+    names = [name for image in images if (name := FRAME_NAME.fullmatch(image.stem))]
+    prefixes = {name[1] for name in names}
+    if len(names) < max(2, len(images)) or len(prefixes) > 1 or WHOLE_SECONDS.fullmatch(names[0][1]):
+        return
+    steps = np.diff([int(name[2]) for name in names])
+    usual = float(np.median(steps))
+    if usual < 1 or (steps == usual).all():
+        return
+    gap = int(np.argmax(steps))
+    missing = int(np.maximum(np.round(steps / usual) - 1, 0).sum())
+    seen = f"{folder}: {missing} images are left out, the first after {images[gap].name}"
+    if labelled is None:
+        warnings.warn(f"{seen}; frames are counted on as if none were", InputWarning, stacklevel=4)
+    elif labelled.last is None or labelled.last > gap:
+        raise RequestError(f"{seen}; labels and detections go by the numbers: add them, or give the `frames` before")
 
 
 def _common_size(images: tuple[Path, ...]) -> Size:
@@ -211,7 +258,10 @@ def one_image(path: Path) -> Size:
             # Asking a PNG for tags that it does not have would decode it all.
             turned = "exif" in image.info and image.getexif().get(ORIENTATION_TAG) in TURNED_ORIENTATIONS
             return (image.height, image.width) if turned else (image.width, image.height)
-    except (UnidentifiedImageError, OSError, Image.DecompressionBombError, SyntaxError) as error:
+    except Image.DecompressionBombError as error:
+        most = 2 * (Image.MAX_IMAGE_PIXELS or 0) // 1_000_000
+        raise RequestError(f"{path}: expected at most {most} million pixels, got more; write it smaller") from error
+    except (UnidentifiedImageError, OSError, SyntaxError) as error:
         raise RequestError(not_an_image(path)) from error
 
 

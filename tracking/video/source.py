@@ -8,8 +8,10 @@ if the whole file were, or it is refused.
 from __future__ import annotations
 
 import math
+import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -38,6 +40,8 @@ if TYPE_CHECKING:
     from av.video.frame import VideoFrame
 
 SourceLike: TypeAlias = str | Path | int | Iterable[ImageArray | Frame]
+# An address with the number of one of its video streams, as results note it.
+CHOSEN_STREAM = re.compile(r"(.+)#stream=(\d{1,4})", re.DOTALL)
 PLAYLIST_HEADERS = (b"#EXTM3U", b"ffconcat")
 
 
@@ -74,6 +78,9 @@ def open_source(
 
 
 def _opened(text: str, wanted: FrameRange, stream: int | None) -> Source:
+    chosen = CHOSEN_STREAM.fullmatch(text)
+    if chosen is not None and stream is None and not Path(text).exists():
+        text, stream = chosen[1], int(chosen[2])
     path = Path(text)
     if path.is_dir():
         return ImageFolder.open(path, wanted)
@@ -156,7 +163,7 @@ class VideoFile(Source):
             name=path.name,
             path=path,
             stream=1 if stream is None else stream,
-            address=str(path),
+            address=str(path) if stream is None else f"{path}#stream={stream}",
             duration=promised / taken,
             depth=depth,
             frame_rate=taken,
@@ -293,25 +300,27 @@ class SeekableVideo:
         if isinstance(self.video, ImageFolder):
             yield from self.video.at(range(first, last + 1))
             return
-        with Decoder(self.video.path, self.video.stream) as decoder:
-            frames = self._from(decoder, first)
+        with ExitStack() as stack:
+            decoder, frames = self._entered(stack, first)
             for number in range(first, last + 1):
-                decoded = next(frames, None)
-                if decoded is None or decoder.stamp(decoded) != self.stamps[number]:
+                frame = next(frames, None)
+                if frame is None or decoder.stamp(frame) != self.stamps[number]:
                     raise UnfitIndexError(f"{self.video.path}: frame {number + 1} does not come as its packets say")
-                yield Frame(number, float(self.times[number]), self.video.image(decoder, decoded, number))
+                yield Frame(number, float(self.times[number]), self.video.image(decoder, frame, number))
 
-    def _from(self, decoder: Decoder, first: int) -> Iterator[VideoFrame]:
-        """Decoded frames from number ``first`` on; the one before was decoded, too."""
+    def _entered(self, stack: ExitStack, first: int) -> tuple[Decoder, Iterator[VideoFrame]]:
+        """A decoder and its frames from number ``first`` on; the one before was decoded, too."""
+        assert isinstance(self.video, VideoFile)
         back = LEAD
-        while first - back > 0 and decoder.seek(self.stamps[first - back]):
+        while True:
+            decoder = stack.enter_context(Decoder(self.video.path, self.video.stream))
             frames = decoder.frames()
-            stamp = next((t for t in map(decoder.stamp, frames) if t is None or t >= self.stamps[first - 1]), None)
-            if stamp == self.stamps[first - 1]:
-                return frames
+            if first <= back or not decoder.seek(self.stamps[first - back]):
+                return decoder, islice(frames, first, None)
+            before = self.stamps[first - 1]
+            if next((t for t in map(decoder.stamp, frames) if t is None or t >= before), None) == before:
+                return decoder, frames
             back *= 4
-        decoder.seek(self.stamps[0])
-        return islice(decoder.frames(), first, None)
 
     def check_end(self, last: int) -> None:
         """Say after the last frame what `VideoFile.frames` says there: it breaks off early, or its frames lie unevenly.
