@@ -74,7 +74,7 @@ def refusal(error: ValidationError, prefix: str = "") -> str:
     ...     TypeAdapter(Share).validate_python(2)
     ... except ValidationError as error:
     ...     print(refusal(error))
-    expected less than or equal to 1, got 2
+    expected a number less than or equal to 1, got 2
     """
     first: Any = error.errors(include_url=False)[0]
     field = ".".join(part for part in [prefix, *first["loc"]] if part and isinstance(part, str))
@@ -82,5 +82,6 @@ def refusal(error: ValidationError, prefix: str = "") -> str:
         return str(first["ctx"]["error"])
     if first["type"] in ABSENT:
         return f"`{field}`: {ABSENT[first['type']]}"
-    expected = first["msg"].replace("Input should be", "expected", 1)
+    number = " a number" if first["type"].startswith(("greater", "less")) else ""
+    expected = first["msg"].replace("Input should be", f"expected{number}", 1)
     return f"`{field}`: {expected}, got {first['input']!r}" if field else f"{expected}, got {first['input']!r}"

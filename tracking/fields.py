@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, TypeVar, get_origin
+from typing import Annotated, Any, Literal, TypeAlias, TypeVar, get_origin
 
 from cyclopts import Parameter
 from pydantic import BeforeValidator, Field, TypeAdapter, ValidationError, WrapValidator
@@ -39,6 +39,8 @@ def _rows(words: Any) -> Any:
 def converted(kind: Any, tokens: Sequence[Any]) -> Any:
     """The words of an option as one of type ``kind``; raises ValidationError."""
     words = [token.value for token in tokens]
+    if get_origin(kind) is Literal and words[0].isdecimal():
+        words = [int(words[0])]
     return TypeAdapter(kind).validate_python(words if get_origin(kind) in (list, tuple) else words[0])
 
 

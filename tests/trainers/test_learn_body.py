@@ -142,7 +142,7 @@ def test_files_and_commands(clip, fit, tmp_path, capsys):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--modes", "0"], "--modes: expected greater than 0"),
+        (["--modes", "0"], "--modes: expected a number greater than 0"),
         (["--modes", "100"], "at least 202 whole silhouettes"),
         (["--colour", "orange", "--smooth", "4"], "odd number"),
         (["--colour", "beige"], "expected a colour"),

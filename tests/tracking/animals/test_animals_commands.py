@@ -99,10 +99,10 @@ def test_points_of_sleap_are_observations(film, tmp_path):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (["--scale", "0"], "--scale: expected greater than 0"),
+        (["--scale", "0"], "--scale: expected a number greater than 0"),
         (["--centre", "head"], "give --points or --labels"),
         (["--labels", "none.csv"], "found no file"),
-        (["--animals.smallest", "2"], "--animals.smallest: expected less than 1"),
+        (["--animals.smallest", "2"], "--animals.smallest: expected a number less than 1"),
         (["--threshold", "400"], "threshold in (0, 255)"),
         (["--contrast", "red"], "contrast"),
     ],

@@ -113,10 +113,10 @@ def refused(words, capsys, expected):
         (["--motion", "none.json"], "found no none.json"),
         (["--body", "shark"], "expected a body of goldfish"),
         (["--colour", "fishy"], "expected a colour"),
-        (["--deformable.particles", "0"], "--deformable.particles: expected greater than or equal to 1"),
+        (["--deformable.particles", "0"], "--deformable.particles: expected a number greater than or equal to 1"),
         (["--deformable.smooth", "2"], "odd number of pixels"),
-        (["--widen", "0"], "--widen: expected greater than 0"),
-        (["--deformable.spread", "0"], "--deformable.spread: expected greater than 0"),
+        (["--widen", "0"], "--widen: expected a number greater than 0"),
+        (["--deformable.spread", "0"], "--deformable.spread: expected a number greater than 0"),
     ],
 )
 def test_wrong_requests_get_one_line(clip, tmp_path, capsys, words, expected):
@@ -141,7 +141,11 @@ def test_what_cannot_be_learnt_from_gets_one_line(tmp_path, capsys):
     write_states(path, [exact_track(1, np.arange(11), states[:11])], FIELDS)
     refused(["train", "motion", str(path), *out, *rate], capsys, "at least 10 steps to learn from, got 9")
     refused(["train", "motion", str(path), *out], capsys, "give --frame-rate")
-    refused(["train", "motion", str(path), *out, "--frame-rate", "0"], capsys, "--frame-rate: expected greater than 0")
+    refused(
+        ["train", "motion", str(path), *out, "--frame-rate", "0"],
+        capsys,
+        "--frame-rate: expected a number greater than 0",
+    )
     refused(["train", "motion", str(path), *out, *rate, "--body", "ball"], capsys, "expected the columns")
     states[:, 3] = 0.5 * states[:, 2]
     write_states(path, [exact_track(1, np.arange(40), states)], FIELDS)

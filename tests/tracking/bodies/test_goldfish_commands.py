@@ -35,11 +35,11 @@ def test_the_seed_decides(tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (["--count", "0"], "--count: expected greater than or equal to 1, got 0"),
-        (["--count", "6", "--body", "ball"], "--count: expected less than or equal to 5, got 6"),
+        (["--count", "0"], "--count: expected a number greater than or equal to 1, got 0"),
+        (["--count", "6", "--body", "ball"], "--count: expected a number less than or equal to 5, got 6"),
         (["--body", "whale"], "whale"),
-        (["--frames", "0"], "--frames: expected greater than or equal to 1, got '0'"),
-        (["--frame-rate", "0"], "--frame-rate: expected greater than 0"),
+        (["--frames", "0"], "--frames: expected a number greater than or equal to 1, got '0'"),
+        (["--frame-rate", "0"], "--frame-rate: expected a number greater than 0"),
         (["--width", "100"], "expected at least 224x224 pixels, got 100x480"),
     ],
 )

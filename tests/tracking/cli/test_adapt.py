@@ -168,7 +168,7 @@ def test_where_the_default_is_better_it_is_left(
     assert line in capsys.readouterr().out
     assert line in (out / "report.html").read_text()
     assert main(["adapt", str(video), "--fps", "0", "--out", str(tmp_path / "p")]) == 2
-    assert "--fps: expected greater than 0" in capsys.readouterr().err
+    assert "--fps: expected a number greater than 0" in capsys.readouterr().err
 
 
 @pytest.mark.slow

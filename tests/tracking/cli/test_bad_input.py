@@ -239,7 +239,7 @@ def test_models_of_another_kind(option: str, other: str, inputs: Any, complaint:
         ("seed: lots", "--seed: expected a valid integer, unable to parse string as an integer, got 'lots'"),
         ("method: magic", "--method: expected 'flow', 'deepsort', 'sort', 'bytetrack' or 'ocsort', got 'magic'"),
         ("flow:\n  fill: high", "--flow.fill: expected a valid number, unable to parse string as a number, got 'high'"),
-        ("flow: {fill: -1}", "--flow.fill: expected greater than or equal to 0"),
+        ("flow: {fill: -1}", "--flow.fill: expected a number greater than or equal to 0"),
         ("seed: [1", "expected YAML of options"),
     ],
 )
@@ -251,9 +251,9 @@ def test_bad_configurations(yaml: str, line: str, inputs: Any, tmp_path: Path, c
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        (["--score-threshold", "2"], "--score-threshold: expected less than or equal to 1, got '2'"),
-        (["--batch-size", "0"], "--batch-size: expected greater than 0, got '0'"),
-        (["--threads", "-1"], "--threads: expected greater than or equal to 0, got '-1'"),
+        (["--score-threshold", "2"], "--score-threshold: expected a number less than or equal to 1, got '2'"),
+        (["--batch-size", "0"], "--batch-size: expected a number greater than 0, got '0'"),
+        (["--threads", "-1"], "--threads: expected a number greater than or equal to 0, got '-1'"),
         (["--frames", "0-4"], "expected --frames FIRST-LAST"),
         (["--frames", "5-99"], "expected frames within 1-12, got --frames 5-99"),
         (["--detections", "d.txt"], "expected --detections or --detector, got both"),

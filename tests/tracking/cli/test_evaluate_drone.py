@@ -132,7 +132,7 @@ def test_tracks_of_frames_of_another_size_are_compared_in_their_pixels(
         assert values["recall"] == recall
     for kind in ("people", "action"):
         assert main(["evaluate", kind, str(labels), str(large), "--size", "0,720"]) == 2
-        assert "--size: expected greater than 0, got '0'" in capsys.readouterr().err
+        assert "--size: expected a number greater than 0, got '0'" in capsys.readouterr().err
     assert main(["evaluate", "people", str(labels), str(large), "--size", "1920"]) == 2
     assert "--size: expected a value, got none" in capsys.readouterr().err
 

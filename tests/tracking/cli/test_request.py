@@ -162,7 +162,7 @@ def test_the_printed_configuration_can_be_read_back(tmp_path: Path, capsys: pyte
         ),
         ("in a --out o --seed 1.5", "`seed`: expected a valid integer"),
         ("in a --out o --limit low", "`limit`: expected a valid number"),
-        ("in a --out o --limit 0", "`limit`: expected greater than 0, got '0'"),
+        ("in a --out o --limit 0", "`limit`: expected a number greater than 0, got '0'"),
         ("in a --out o --seed", "`seed`: expected a value after it"),
         ("in a --out o --method best", "`method`: expected 'fast' or 'good', got 'best'"),
         ("in a --out o --score-range 1", "`score_range`: "),

@@ -16,7 +16,7 @@ SCENES = ("street", "blobs", "drone", "goldfish", "sphere")
 def test_a_seed_below_nought_is_refused(scene: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["simulate", scene, "--out", str(tmp_path / "clip"), "--seed", "-1"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line == "tsuiseki: --seed: expected greater than or equal to 0, got '-1'"
+    assert line == "tsuiseki: --seed: expected a number greater than or equal to 0, got '-1'"
     assert not (tmp_path / "clip").exists()
 
 

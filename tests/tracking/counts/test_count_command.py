@@ -51,7 +51,7 @@ def test_a_tracked_folder_knows_its_rate_and_length(tmp_path, inputs, scene, cap
     ("words", "said"),
     [
         ([], "frame rate"),
-        (["--fps", "0"], "--fps: expected greater than 0"),
+        (["--fps", "0"], "--fps: expected a number greater than 0"),
         (["--fps", "10", "--anchor", "floor"], "needs a scale or a camera"),
         (["--fps", "10", "--anchor", "knee"], "anchor"),
         (["--fps", "10", "--band", "-1"], "band"),

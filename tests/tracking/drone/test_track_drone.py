@@ -203,9 +203,9 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
         "expected the actions of rgb.onnx": ["--actions", f"{action_streams[0]},{other}"],
         "expected one file a stream": ["--actions", f"{action_streams[0]},{action_streams[0]}"],
         "expected a model of kind 'action'": ["--actions", str(weights / "appearance_people.onnx")],
-        "--threshold: expected less than or equal to 1": ["--threshold", "1.5"],
+        "--threshold: expected a number less than or equal to 1": ["--threshold", "1.5"],
         "expected one of --detections, --detector and --tracks": ["--tracks", str(clip / "gt/gt.txt")],
-        "--drone.window: expected greater than or equal to 0": ["--drone.window", "-1"],
+        "--drone.window: expected a number greater than or equal to 0": ["--drone.window", "-1"],
         "flow-maf averages the features of actions": ["--drone.flow.costs.link.action.features", "single"],
     }
     save_other(other)

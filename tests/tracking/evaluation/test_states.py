@@ -96,7 +96,7 @@ def test_the_command_compares_results(tmp_path: Path, capsys: pytest.CaptureFixt
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["--distance", "0"], "--distance: expected pixels above 0"),
+        (["--distance", "0"], "--distance: expected a number greater than 0"),
         (["--frames", "40-50"], "expected bodies in frames 40-50, got none"),
     ],
 )

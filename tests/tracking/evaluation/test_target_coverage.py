@@ -69,7 +69,7 @@ def test_the_command_prints_a_row_and_writes_it(files, capsys):
 def test_an_overlap_outside_its_range_and_a_missing_result_are_refused(files, capsys):
     command = ["evaluate", "coverage", str(files / "truth"), str(files / "result")]
     assert main([*command, "--overlap", "0"]) == 2
-    assert "--overlap: expected a share above 0" in capsys.readouterr().err
+    assert "--overlap: expected a number greater than 0" in capsys.readouterr().err
     assert main([*command[:3], str(files)]) == 2
     assert "the result of walk" in capsys.readouterr().err
 

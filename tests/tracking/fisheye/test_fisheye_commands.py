@@ -413,7 +413,7 @@ def test_a_pose_from_height_and_from_points(tmp_path, capsys):
     assert main(words) == 0
     assert "at 0.000, 0.000, 2.500 m" in capsys.readouterr().out.splitlines()[-1]
     assert main(["calibrate", "pose", str(lens), "--height", "0", "--out", str(tmp_path / "c.yaml")]) == 2
-    one_line(capsys, "--height: expected greater than 0")
+    one_line(capsys, "--height: expected a number greater than 0")
     words = ["calibrate", "pose", str(lens), "--height", "1.5", "--out", str(tmp_path / "c.yaml")]
     assert main(words) == 2
     one_line(capsys, "expected a camera above the person of 1.7 m, got one at a height of 1.5 m")

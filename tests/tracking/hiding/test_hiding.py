@@ -259,7 +259,7 @@ def test_the_command_hides_and_counts_doubtful_frames(
         (["--hide", "all-but"], "--hide: expected people, heads or all-but with ids, such as all-but=3,5, got"),
         (["--out", "{folder}/o.avi"], "--out: expected a name that ends in .webm or .mp4, got {folder}/o.avi"),
         (["--out", "/proc/o.webm"], "cannot write to /proc: "),
-        (["--score-threshold", "7"], "--score-threshold: expected less than or equal to 1, got 7"),
+        (["--score-threshold", "7"], "--score-threshold: expected a number less than or equal to 1, got 7"),
     ],
 )
 def test_what_is_wrong_is_said_in_a_line(

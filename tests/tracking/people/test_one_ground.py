@@ -75,7 +75,7 @@ def test_only_networks_are_weighed_and_only_where_it_is_wanted(numbered):
 
 
 def test_any_other_wish_is_refused(numbered):
-    with pytest.raises(RequestError, match="`ground`: expected auto or off, got 'on'"):
+    with pytest.raises(RequestError, match="`ground`: expected 'auto' or 'off', got 'on'"):
         track_people(numbered, detections=[[]] * 24, ground="on")
 
 

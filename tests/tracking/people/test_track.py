@@ -129,7 +129,7 @@ def test_what_a_sequence_does_not_say_is_told(
     [
         (["--classes", "2"], "--classes: expected classes of"),
         (["--classes", "1,1"], "--classes: expected each class once, got 1 twice"),
-        (["--fps", "0"], "--fps: expected greater than 0, got '0'"),
+        (["--fps", "0"], "--fps: expected a number greater than 0, got '0'"),
         (["--classes", "one"], "--classes: "),
     ],
 )
@@ -228,7 +228,7 @@ def test_ctrl_c_before_a_frame_is_finished_leaves_nothing(
     def stop(*_: object) -> ImageArray:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("tsuiseki.tracking.video.source.retrieved", stop)
+    monkeypatch.setattr("tsuiseki.tracking.video.source.eight_bits", stop)
     assert main([*inputs.words(), "--out", str(tmp_path / "o")]) == 130
     assert list(tmp_path.iterdir()) == []
     assert capsys.readouterr().err == "tsuiseki: interrupted; nothing was written\n"

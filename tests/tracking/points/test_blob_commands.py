@@ -69,7 +69,7 @@ def test_points_and_boxes_are_tracked_alike(clip, tmp_path):
         (["--colour-box", "0,0,0,5"], "width and height above 0"),
         (["--colour-box", "9000,9000,5,5"], "expected a box inside the image"),
         (["--detections", "missing.csv"], "found no such file"),
-        (["--colour", "red", "--particles", "0"], "--particles: expected greater than 0"),
+        (["--colour", "red", "--particles", "0"], "--particles: expected a number greater than 0"),
     ],
 )
 def test_wrong_requests_get_one_line(clip, tmp_path, capsys, words, expected):

@@ -109,7 +109,7 @@ def test_wrong_requests_get_one_line(throw: Path, tmp_path: Path, capsys: pytest
         (["--points", files, "--overlay"], "--points: expected no videos"),
         (["--points", files, "--preset", "paper"], "--preset: expected none with --points"),
         (["--points", files, "--likelihood", "background"], "--likelihood: expected none with --points"),
-        (["--points", files, "--deviation", "0"], "--deviation: expected greater than 0"),
+        (["--points", files, "--deviation", "0"], "--deviation: expected a number greater than 0"),
         ([], "--radius: expected the ball's radius"),
     ):
         assert main(["track", "sphere", *words, *cameras, "--out", str(tmp_path / "out")]) == 2

@@ -33,7 +33,7 @@ def speakers() -> Iterator[object]:
     yield tsuiseki.Position(1.5, np.zeros(3), np.eye(3), 0.5, "tracking")
 
 
-@pytest.mark.parametrize("speaker", speakers(), ids=lambda speaker: type(speaker).__name__)
+@pytest.mark.parametrize("speaker", [*speakers()], ids=lambda speaker: type(speaker).__name__)
 def test_a_repr_is_one_short_line(speaker: object) -> None:
     assert "\n" not in repr(speaker)
     assert len(repr(speaker)) <= 120

@@ -37,7 +37,7 @@ def working(folder: Path) -> dict[str, dict[str, Any]]:
         "as_detections": {"detections": DETECTIONS[0]},
         "batch": {"command": "track people", "sources": missing, "out": out},
         "calibrate_people": {"sources": [missing, missing]},
-        "check_cameras": {"given": [], "found": NOTHING},
+        "check_cameras": {"cameras": [], "calibration": NOTHING},
         "convert": {"result": missing, "to": "cvat", "out": out},
         "count": {"result": [TRACK], "scene": tsuiseki.Scene(), "frame_rate": 10.0},
         "evaluate_people": {"truth": [TRACK], "tracks": [TRACK]},
@@ -112,7 +112,7 @@ def test_an_array_is_no_path_and_a_word_no_settings(name: str, tmp_path: Path, m
 
 
 WRONG = [
-    ("track_single", {**SINGLE, "method": "zz"}, "expected the method combined, "),
+    ("track_single", {**SINGLE, "method": "zz"}, "`method`: expected 'combined', "),
     ("track_points", {**PLACES, "extent": (64, "a")}, "`extent`: expected width and height"),
     ("evaluate_people", {"truth": [1], "tracks": [TRACK]}, "expected the truth as a folder, a file or tracks"),
     ("link", {"results": [1, 2]}, "expected .*, got int"),
@@ -167,7 +167,7 @@ assert len(before) == 4 and before == [*said()], before
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
-@pytest.mark.parametrize("name", [kind.__name__ for kind in SETTINGS])
+@pytest.mark.parametrize("name", sorted(kind.__name__ for kind in SETTINGS))
 def test_settings_are_frozen_and_have_defaults_within_their_bounds(name: str) -> None:
     kind = PUBLIC[name]
     assert is_dataclass(kind)
