@@ -11,7 +11,6 @@ from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 from tsuiseki.tracking.runs.following import Video, count
 from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.types import Detections
-from tsuiseki.tracking.video.source import Source
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.hiding.run import HideChoice, Hiding
@@ -19,6 +18,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.result import Result
     from tsuiseki.tracking.runs.run import Run
     from tsuiseki.tracking.types import Track
+    from tsuiseki.tracking.video.source import Source
 
 FINDING, LINKING = PeopleFinding(), Linking()
 

@@ -12,7 +12,6 @@ from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.fields import Commas
-from tsuiseki.tracking.preprocessing import letterbox, standardised, stretched
 from tsuiseki.tracking.types import ImageArray
 
 LayoutName = Literal[
@@ -149,6 +148,8 @@ class ImageInput:
 
     def fit(self, image: ImageArray, size: tuple[int, int]) -> tuple[ImageArray, tuple[float, float]]:
         """``(H, W, 3)`` uint8 RGB at ``size`` (height, width), and the scales from its pixels in x and y."""
+        from tsuiseki.tracking.preprocessing import letterbox, stretched
+
         if self.resize == "as-is":
             return image, (1.0, 1.0)
         if self.resize == "stretch":
@@ -160,6 +161,8 @@ class ImageInput:
 
         A network that takes bytes normalises them itself.
         """
+        from tsuiseki.tracking.preprocessing import standardised
+
         if self.colour == "BGR":
             images = images[..., ::-1]
         if self.raw_nhwc:
