@@ -97,8 +97,8 @@ def check_trained_elsewhere(models: Sequence[OnnxModel], frames: Sequence[tuple[
             if any(a <= last and first <= b for a, b in trained_frames(card.training_data, sequence)):
                 raise RequestError(
                     f"{path}: expected a {card.kind} that was not trained on frames {first}-{last} of {sequence}, got "
-                    f"one trained on {card.training_data!r}; costs fitted there trust it too much. Give other "
-                    "`frames`, or take it all the same with `trained_too`"
+                    f"one trained on {card.training_data!r}; costs fitted there trust it too much; give other "
+                    "`frames`"
                 )
         if not card.training_data:
             warnings.warn(
@@ -251,7 +251,6 @@ class AffinityVideo(Options):
         detector: exported detector, or the name of a shipped one, to use in place of both.
         appearance: exported appearance network, likewise; without one the appearance counts as unknown.
         actions: exported action streams, for features with actions; by default the shipped ones.
-        trained_too: also take networks on frames that they were trained on.
         skips: also learn from every n-th frame only, for other frame rates; 1 is the video itself.
     """
 
@@ -261,7 +260,6 @@ class AffinityVideo(Options):
     detector: Path | None = None
     appearance: Path | None = None
     actions: Commas[list[Path] | None] = None
-    trained_too: bool = False
     skips: Commas[list[PositiveInt] | None] = None
 
     def parts(self, rng: np.random.Generator, *, acting: bool = False) -> list[LabelledDetections]:
@@ -277,11 +275,8 @@ class AffinityVideo(Options):
         appearance = None if self.appearance is None else Appearance(shipped_or_file("appearance", self.appearance))
         detector = None if self.detector is None else Detector(shipped_or_file("detector", self.detector))
         videos = [(video, span_of(video, self.frames)) for video in labelled_sequences(self.folders)]
-        if not self.trained_too:
-            frames = [(video.name, start + 1, stop) for video, (start, stop) in videos]
-            check_trained_elsewhere(
-                [network.model for network in (appearance, detector) if network is not None], frames
-            )
+        frames = [(video.name, start + 1, stop) for video, (start, stop) in videos]
+        check_trained_elsewhere([network.model for network in (appearance, detector) if network is not None], frames)
         streams = self.actions or [shipped(f"action_drone_{name}") for name in STREAMS]
         recognise = ActionRecogniser(streams) if acting else None
         parts = []
