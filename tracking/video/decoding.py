@@ -30,6 +30,7 @@ TEXT_FORMAT = "tty"
 LISTS = ("hls", "dash", "concat", "sdp")
 # Frames a second beyond which a header is wrong.
 FASTEST = 1000
+# Seconds of FFmpeg's unit of durations.
 MICROSECOND = 1e-6
 # Threads of a decoder at most, for each holds a frame.
 THREADS = 4

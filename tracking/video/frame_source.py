@@ -16,9 +16,10 @@ from tsuiseki.tracking.types import FloatArray, Frame, IntArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 
 Size: TypeAlias = tuple[int, int]
+# Frames a second where nothing says them.
 DEFAULT_FRAME_RATE = 25.0
+# Where the times of frames come from.
 TimedBy = Literal["container", "frame rate", "arrival"]
-"""Where the times of frames come from."""
 # Containers round times to milliseconds.
 ROUNDING = 0.0015
 # From this share of the usual step on two frames are not as far apart as the others.
@@ -27,18 +28,18 @@ UNEVEN = 0.25
 FINGERTIP = 65_536
 
 
-def container_time(stated: float, before: Sequence[float], frame_rate: float) -> float:
+def container_time(stated: float, times: Sequence[float], frame_rate: float) -> float:
     """Seconds since the first frame of a video.
 
     Args:
         stated: the container's time since the first frame, seconds; anything where it has none.
-        before: times of the frames before, seconds.
-        frame_rate: a second; a time that agrees with it but for rounding is ``len(before) / frame_rate`` exactly, and a
+        times: of the frames before, seconds.
+        frame_rate: a second; a time that agrees with it but for rounding is ``len(times) / frame_rate`` exactly, and a
             time that does not increase is taken to be a frame after the last.
     """
-    if before and not (math.isfinite(stated) and stated > before[-1]):
-        stated = before[-1] + 1 / frame_rate
-    even = len(before) / frame_rate
+    if times and not (math.isfinite(stated) and stated > times[-1]):
+        stated = times[-1] + 1 / frame_rate
+    even = len(times) / frame_rate
     return even if abs(stated - even) < ROUNDING else stated
 
 
@@ -109,9 +110,9 @@ class Source(ABC):
     @property
     def frames_expected(self) -> int | None:
         """How many frames are wanted, as far as it is known."""
-        wanted, length = self.frames_wanted, self.likely_length
-        last = length - 1 if wanted.last is None and length else wanted.last
-        return None if last is None else last - wanted.first + 1
+        frame_range, length = self.frames_wanted, self.likely_length
+        last = length - 1 if frame_range.last is None and length else frame_range.last
+        return None if last is None else last - frame_range.first + 1
 
     @property
     def endless(self) -> bool:

@@ -35,7 +35,9 @@ FRAME_NAME = re.compile(r"(|.*\D)(\d+)", re.DOTALL | re.ASCII)
 WHOLE_SECONDS = re.compile(r".*\d\.", re.DOTALL)
 # Kinds of images that may hold several, of which only the first would be read.
 PAGED = ("TIFF", "WEBP", "PNG")
+# EXIF's tag of how a camera was held.
 ORIENTATION_TAG = 0x0112
+# Its values for a camera on its side: width and height change places.
 TURNED_ORIENTATIONS = (5, 6, 7, 8)
 # What kinds of files that are no images here begin with, whatever their names.
 MARKS = {
@@ -64,16 +66,15 @@ class ImageFolder(Source):
     depth: int = BYTE
 
     @classmethod
-    def of_image(cls, path: Path, wanted: FrameRange) -> ImageFolder:
+    def of_image(cls, path: Path, frame_range: FrameRange) -> ImageFolder:
         """The image at ``path`` as a video of one frame; raises RequestError where it is none."""
-        size, depth = one_image(path), _depth((path,))
-        wanted = wanted.within(1)
+        size, depth, frames = one_image(path), _depth((path,)), frame_range.within(1)
         return cls(
-            name=path.name, address=str(path), frames_wanted=wanted, size=size, length=1, images=(path,), depth=depth
+            name=path.name, address=str(path), frames_wanted=frames, size=size, length=1, images=(path,), depth=depth
         )
 
     @classmethod
-    def open(cls, folder: Path, wanted: FrameRange) -> ImageFolder:
+    def open(cls, folder: Path, frame_range: FrameRange) -> ImageFolder:
         """The images of ``folder``, a sequence's or its own, up to the end of what is wanted.
 
         Raises:
@@ -87,7 +88,7 @@ class ImageFolder(Source):
         return cls(
             name=sequence.name if sequence else folder.resolve().name,
             address=str(folder),
-            frames_wanted=wanted.within(length) if length else wanted,
+            frames_wanted=frame_range.within(length) if length else frame_range,
             frame_rate=sequence.frame_rate if sequence else DEFAULT_FRAME_RATE,
             # A folder of images does not state it.
             rate_missing=sequence is not None and sequence.rate_missing,
@@ -105,9 +106,9 @@ class ImageFolder(Source):
     def frames(self) -> Iterator[Frame]:
         if not self.images:
             raise RequestError(f"{self.name} has no images; expected them in its folder img1/")
-        wanted = self.frames_wanted.within(len(self.images))
-        assert wanted.last is not None
-        yield from self.at(range(wanted.first, wanted.last + 1))
+        frame_range = self.frames_wanted.within(len(self.images))
+        assert frame_range.last is not None
+        yield from self.at(range(frame_range.first, frame_range.last + 1))
 
     def at(self, numbers: Iterable[int]) -> Iterator[Frame]:
         """The frames of these 0-based numbers; raises RunError, see `read_image`."""
@@ -272,23 +273,22 @@ class GivenFrames(Source):
     A sequence and an array ``(T, H, W, 3)`` can be played again. What comes one by one is ``live``, and ``ends``.
     """
 
-    given: Iterable[ImageArray | Frame]
+    items: Iterable[ImageArray | Frame]
 
     @classmethod
-    def open(cls, given: Iterable[Any], wanted: FrameRange) -> GivenFrames:
+    def open(cls, items: Iterable[Any], frame_range: FrameRange) -> GivenFrames:
         """The images; raises RequestError where the first of several is none, or they are fewer than is wanted."""
-        if not isinstance(given, Sequence | np.ndarray):
-            return cls(name="images", given=given, frames_wanted=wanted, live=True)
-        if len(given) == 0:
+        if not isinstance(items, Sequence | np.ndarray):
+            return cls(name="images", items=items, frames_wanted=frame_range, live=True)
+        if len(items) == 0:
             raise RequestError("expected images, got none")
-        height, width = _image(given[0], 0).shape[:2]
-        wanted = wanted.within(len(given))
-        return cls(name="images", given=given, frames_wanted=wanted, length=len(given), size=(width, height))
+        height, width = _image(items[0], 0).shape[:2]
+        frame_range = frame_range.within(len(items))
+        return cls(name="images", items=items, frames_wanted=frame_range, length=len(items), size=(width, height))
 
     def frames(self) -> Iterator[Frame]:
-        """See `Source.frames`."""
         size: tuple[int, ...] | None = None
-        for index, item in enumerate(self.given):
+        for index, item in enumerate(self.items):
             if self.frames_wanted.last is not None and index > self.frames_wanted.last:
                 return
             image = _image(item, index)
@@ -305,5 +305,5 @@ def _image(item: Any, index: int) -> ImageArray:
     image = item.image if isinstance(item, Frame) else item
     if isinstance(image, np.ndarray) and image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8:
         return image
-    shown = f"shape {image.shape} {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
-    raise RequestError(f"expected a video file, or images (H, W, 3) uint8 RGB; image {index} is of {shown}")
+    got = f"shape {image.shape} {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
+    raise RequestError(f"expected a video file, or images (H, W, 3) uint8 RGB; image {index} is of {got}")

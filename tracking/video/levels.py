@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.errors import InputWarning
 from tsuiseki.tracking.types import ImageArray
 
+# uint8 or uint16.
 Levels: TypeAlias = NDArray[np.unsignedinteger[Any]]
-"""uint8 or uint16."""
 # Bits of a colour in this project.
 BYTE = 8
 # Bits of a colour that cameras use of 16.

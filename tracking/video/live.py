@@ -25,8 +25,8 @@ from tsuiseki.tracking.video.decoding import FASTEST, Decoder
 from tsuiseki.tracking.video.frame_source import DEFAULT_FRAME_RATE, Source, TimedBy
 from tsuiseki.tracking.video.levels import DEPTHS, eight_bits
 
+# When it came, seconds of a clock that never falls; and it.
 Picture: TypeAlias = tuple[float, ImageArray]
-"""When it came, seconds of a clock that never falls; and it."""
 # Seconds without a picture from which on a source counts as lost.
 PICTURE = 10.0
 # Seconds before the first attempt to connect again; each later one waits twice as long.
@@ -52,7 +52,7 @@ class LiveSource(Source):
     stream: int = 1
 
     @classmethod
-    def open(cls, address: str, name: str, wanted: FrameRange, stream: int | None = None) -> LiveSource:
+    def open(cls, address: str, name: str, frame_range: FrameRange, stream: int | None = None) -> LiveSource:
         """The source at ``address``; raises RequestError where nothing answers."""
         if address.isdecimal():
             with webcam(address) as capture:
@@ -60,7 +60,7 @@ class LiveSource(Source):
                     raise RequestError(f"expected pictures from {name}, got none; is it connected, and free?")
                 rate, ends = float(capture.get(cv2.CAP_PROP_FPS)), capture.get(cv2.CAP_PROP_FRAME_COUNT) > 0
             rate = rate if math.isfinite(rate) and 0 < rate <= FASTEST else DEFAULT_FRAME_RATE
-            return cls(name=name, address=address, frame_rate=rate, frames_wanted=wanted, ends=ends)
+            return cls(name=name, address=address, frame_rate=rate, frames_wanted=frame_range, ends=ends)
         with Decoder(address, stream, PICTURE) as decoder:
             return cls(
                 name=name,
@@ -68,7 +68,7 @@ class LiveSource(Source):
                 stream=1 if stream is None else stream,
                 frame_rate=decoder.rate or DEFAULT_FRAME_RATE,
                 size=decoder.size,
-                frames_wanted=wanted,
+                frames_wanted=frame_range,
                 ends=decoder.finite,
             )
 

@@ -61,11 +61,11 @@ def open_source(
         RequestError: there is no such thing, it cannot be read, it has no frame, its images differ in size, or
             the frames lie beyond it.
     """
-    wanted = frames or FrameRange()
+    frame_range = frames or FrameRange()
     if isinstance(source, str | Path | int):
-        opened = _opened(str(source), wanted, stream)
+        opened = _opened(str(source), frame_range, stream)
     elif isinstance(source, Iterable) and not isinstance(source, Mapping):
-        opened = GivenFrames.open(source, wanted)
+        opened = GivenFrames.open(source, frame_range)
     else:
         raise RequestError(
             f"expected a video file, a folder of images, a webcam number, an address or images, got "
@@ -77,21 +77,21 @@ def open_source(
     return replace(opened, frame_rate=frame_rate, rate_missing=False, timed_by=timed_by)
 
 
-def _opened(text: str, wanted: FrameRange, stream: int | None) -> Source:
+def _opened(text: str, frame_range: FrameRange, stream: int | None) -> Source:
     chosen = CHOSEN_STREAM.fullmatch(text)
     if chosen is not None and stream is None and not Path(text).exists():
         text, stream = chosen[1], int(chosen[2])
     path = Path(text)
     if path.is_dir():
-        return ImageFolder.open(path, wanted)
+        return ImageFolder.open(path, frame_range)
     if path.is_file():
         if path.suffix.lower() in IMAGE_SUFFIXES:
-            return ImageFolder.of_image(path, wanted)
-        return VideoFile.open(path, wanted, stream)
+            return ImageFolder.of_image(path, frame_range)
+        return VideoFile.open(path, frame_range, stream)
     if text.isdecimal() and len(text) < 10:
-        return LiveSource.open(text, f"webcam {text}", wanted)
+        return LiveSource.open(text, f"webcam {text}", frame_range)
     if "://" in text:
-        return LiveSource.open(text, text.split("?")[0], wanted, stream)
+        return LiveSource.open(text, text.split("?")[0], frame_range, stream)
     raise RequestError(f"expected a video file, a folder of images, a webcam number or an address, found no {text}")
 
 
@@ -118,10 +118,10 @@ def frames_of_size(source: Source, width: int, height: int) -> Iterator[Frame]:
 def some_frames(source: Source, numbers: Sequence[int]) -> Iterator[Frame]:
     """The frames of these 0-based numbers, in order, as far as there are such; of a folder no other is read."""
     if isinstance(source, ImageFolder):
-        yield from source.at(one for one in numbers if one < len(source.images))
+        yield from source.at(number for number in numbers if number < len(source.images))
     else:
-        wanted = set(numbers)
-        yield from (frame for frame in source.frames() if frame.index in wanted)
+        chosen = set(numbers)
+        yield from (frame for frame in source.frames() if frame.index in chosen)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -141,7 +141,7 @@ class VideoFile(Source):
     depth: int
 
     @classmethod
-    def open(cls, path: Path, wanted: FrameRange, stream: int | None = None) -> VideoFile:
+    def open(cls, path: Path, frame_range: FrameRange, stream: int | None = None) -> VideoFile:
         """The file at ``path``; raises RequestError where its first frame cannot be decoded."""
         with path.open("rb") as file:
             if file.read(16).startswith(PLAYLIST_HEADERS):
@@ -156,21 +156,21 @@ class VideoFile(Source):
             depth = BYTE if levels.dtype == np.uint8 else depth_of([levels, *decoder.samples()], path.name)
         # A raw stream has no times.
         timed = start is not None and follower is not None and follower > start
-        promised, taken = decoder.promised, decoder.rate or DEFAULT_FRAME_RATE
-        if promised and max(wanted.first, wanted.last or 0) >= promised + _slack(promised):
-            wanted.within(promised)
+        promised, rate = decoder.promised, decoder.rate or DEFAULT_FRAME_RATE
+        if promised and max(frame_range.first, frame_range.last or 0) >= promised + _slack(promised):
+            frame_range.within(promised)
         return cls(
             name=path.name,
             path=path,
             stream=1 if stream is None else stream,
             address=str(path) if stream is None else f"{path}#stream={stream}",
-            duration=promised / taken,
+            duration=promised / rate,
             depth=depth,
-            frame_rate=taken,
+            frame_rate=rate,
             rate_missing=decoder.rate is None,
             timed_by="container" if timed else "frame rate",
             promised=promised,
-            frames_wanted=wanted,
+            frames_wanted=frame_range,
             first_time=start or 0.0,
             size=(levels.shape[1], levels.shape[0]),
         )
@@ -220,12 +220,12 @@ class VideoFile(Source):
                 stacklevel=3,
             )
 
-    def time_of(self, stamp: float | None, before: Sequence[float]) -> float:
-        """Seconds since the first frame of the frame after those ``before``; ``stamp`` is its container's."""
+    def time_of(self, stamp: float | None, times: Sequence[float]) -> float:
+        """Seconds since the first frame of the frame after those at ``times``; ``stamp`` is its container's."""
         if self.timed_by == "frame rate":
-            return len(before) / self.frame_rate
+            return len(times) / self.frame_rate
         stated = math.nan if stamp is None else stamp - self.first_time
-        return container_time(stated, before, self.frame_rate)
+        return container_time(stated, times, self.frame_rate)
 
     def refuse_early_end(self, frames: int, seconds: float) -> None:
         """Tell a truncated file from one whose header only estimates its length.
@@ -233,9 +233,9 @@ class VideoFile(Source):
         Both the number of frames and the time of the last one, since the first, have to fall short: the number is an
         estimate where the frame rate varies.
         """
-        wanted = self.frames_wanted
-        if frames <= wanted.first or wanted.last is not None:
-            raise RunError(f"{self.path}: expected frames {wanted}, but the video ends after frame {frames}")
+        frame_range = self.frames_wanted
+        if frames <= frame_range.first or frame_range.last is not None:
+            raise RunError(f"{self.path}: expected frames {frame_range}, but the video ends after frame {frames}")
         slack = self.slack
         if frames + slack < self.promised and seconds + slack * self.duration / self.promised < self.duration:
             raise RunError(
@@ -286,10 +286,10 @@ class SeekableVideo:
         return cls(video, stamps, np.array(times))
 
     @property
-    def wanted(self) -> FrameRange:
+    def frame_range(self) -> FrameRange:
         """The frames that the video is to give, up to its end where it is shorter."""
-        wanted, length = self.video.frames_wanted, len(self.times)
-        return FrameRange(wanted.first, min(length - 1, length if wanted.last is None else wanted.last))
+        frame_range, length = self.video.frames_wanted, len(self.times)
+        return FrameRange(frame_range.first, min(length - 1, length if frame_range.last is None else frame_range.last))
 
     def frames(self, first: int, last: int) -> Iterator[Frame]:
         """Frames ``first`` to ``last``, 0-based, both included.
@@ -330,7 +330,7 @@ class SeekableVideo:
         """
         if isinstance(self.video, ImageFolder):
             return
-        wanted = self.video.frames_wanted
-        if wanted.last is None or last < wanted.last:
+        frame_range = self.video.frames_wanted
+        if frame_range.last is None or last < frame_range.last:
             self.video.refuse_early_end(last + 1, float(self.stamps[-1] - self.stamps[0]))
         self.video.warn_uneven(self.times[: last + 1].tolist())

@@ -93,28 +93,29 @@ def moments_with_images(
     """Each moment with its images; every video is read once, front to back, one frame held at a time."""
     for moment in moments:
         images: list[ImageArray | None] = []
-        for video, wanted in zip(videos, moment.frames, strict=True):
+        for video, number in zip(videos, moment.frames, strict=True):
             image = None
-            while wanted is not None:
+            while number is not None:
                 frame = next(video, None)
                 if frame is None:
                     return
-                if frame.index == wanted:
+                if frame.index == number:
                     image = frame.image
                     break
             images.append(image)
         yield moment, images
 
 
+# When a frame came, seconds of a clock that never falls; and it.
 Stamped = tuple[float, Frame]
+# Seconds for which a reader is waited for at the end; one that hangs in its camera's driver is left behind.
 PATIENCE = 2.0
-"""Seconds for which a reader is waited for at the end; one that hangs in its camera's driver is left behind."""
 
 
 def paired(newest: Mapping[int, Stamped], tolerance: float) -> dict[int, Stamped]:
     """Of the newest frames by camera: the oldest, and those that came within ``tolerance`` seconds after it."""
     oldest = min(stamp for stamp, _ in newest.values())
-    return {view: one for view, one in newest.items() if one[0] - oldest <= tolerance}
+    return {view: stamped for view, stamped in newest.items() if stamped[0] - oldest <= tolerance}
 
 
 class LatestFrames:
@@ -186,7 +187,7 @@ class LatestFrames:
                     waited = time.monotonic() - min(stamp for stamp, _ in self._newest.values())
                     if self._running <= self._newest.keys() or waited >= self.tolerance:
                         together = paired(self._newest, self.tolerance)
-                        self._newest = {view: one for view, one in self._newest.items() if view not in together}
+                        self._newest = {view: stamped for view, stamped in self._newest.items() if view not in together}
                         return together
                     self._changed.wait(self.tolerance - waited)
                 elif not self._running:

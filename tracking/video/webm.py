@@ -33,7 +33,9 @@ class Encoder:
 
 # A positive speed of VP8 would follow the clock, and two files of the same pictures would differ.
 VP8 = Encoder("libvpx", 0.125, {"deadline": "realtime", "cpu-used": "-8", "crf": "10", "lag-in-frames": "0"})
+# The fastest of VP9: it stands in where H.264 is not there.
 VP9 = Encoder("libvpx-vp9", 0.125, {"deadline": "realtime", "cpu-used": "8", "crf": "30", "lag-in-frames": "0"})
+# Its quality by default, with a bound for noise.
 H264 = Encoder("libx264", 0.15, {"preset": "veryfast", "crf": "23"})
 # By the end of a file's name, the best first: not all builds of FFmpeg have that of H.264.
 ENCODERS = {".webm": (VP8, VP9), ".mp4": (H264, VP9)}
@@ -45,8 +47,9 @@ BURST = 2
 SMALLEST_SIDE = 16
 # The largest denominator of a frame rate, that of 30000/1001.
 DENOMINATOR = 1001
-# Numbers of ITU-T H.273: levels 16 to 235, as `yuv420p` has them, and the matrix of BT.601.
+# The number in ITU-T H.273 of levels from 16 to 235, as `yuv420p` has them.
 LIMITED_RANGE = 1
+# The number in ITU-T H.273 of the matrix of BT.601.
 BT601_MATRIX = 6
 
 
