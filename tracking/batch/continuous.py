@@ -36,11 +36,11 @@ LONGEST_GAP = 60.0
 
 def start_of(job: Job) -> float | None:
     """Seconds at which a file begins: what the manifest says, or its name."""
-    found = WHEN.search(job.source.rpartition("/")[2])
-    if job.start is not None or found is None:
+    match = WHEN.search(job.source.rpartition("/")[2])
+    if job.start is not None or match is None:
         return job.start
     try:
-        return datetime(*map(int, found.groups()), tzinfo=UTC).timestamp()  # type: ignore[arg-type, misc]
+        return datetime(*map(int, match.groups()), tzinfo=UTC).timestamp()  # type: ignore[arg-type, misc]
     except ValueError:
         return None
 
@@ -64,7 +64,7 @@ def in_order(jobs: Sequence[Job]) -> list[Job]:
 
 
 class GivenTracks:
-    """A tracker whose answer is there before it begins."""
+    """A tracker whose answer is there before it begins: these tracks."""
 
     def __init__(self, tracks: list[Track]) -> None:
         self._tracks = tracks
@@ -73,7 +73,6 @@ class GivenTracks:
         """Take the next frame, which changes nothing."""
 
     def tracks(self) -> list[Track]:
-        """What was given."""
         return self._tracks
 
 
@@ -86,8 +85,10 @@ def join_files(jobs: Sequence[Job], sources: Sequence[str], states: Sequence[Pat
     first: OpenedPeople | None = None
     camera, places, size, end, shift = StandingCamera(), list[tuple[int, int, int]](), None, 0, 0
     for job, source, state in zip(jobs, sources, states, strict=True):
-        given, plan = job.request(source, state).arguments.arguments, SegmentPlan.read(state / PLAN)
-        opened = open_people(given["video"].open(), given["finding"], given["linking"], given["output"].seed)
+        arguments, plan = job.request(source, state).arguments.arguments, SegmentPlan.read(state / PLAN)
+        opened = open_people(
+            arguments["video"].open(), arguments["finding"], arguments["linking"], arguments["output"].seed
+        )
         if isinstance(opened.inputs.camera, CameraPath):
             raise RequestError("`continuous`: expected a camera that stands still, got `moving_camera`")
         rate = opened.inputs.source.frame_rate
@@ -97,7 +98,7 @@ def join_files(jobs: Sequence[Job], sources: Sequence[str], states: Sequence[Pat
             first = opened
             if isinstance(first.tracker, FlowTracker):
                 first.tracker.follow(camera)
-        known = standing(plan.parts[0][0], files)
+        still = standing(plan.parts[0][0], files)
         begin = end
         if job.start is not None and jobs[0].start is not None:
             begin = round((job.start - jobs[0].start) * first.inputs.source.frame_rate) - shift
@@ -110,13 +111,13 @@ def join_files(jobs: Sequence[Job], sources: Sequence[str], states: Sequence[Pat
         pairs = opened.inputs.in_order(((frame, video.detections) for frame in video.frames()), StageTimes())
         count = 0
         for count, (frame, detections) in enumerate(pairs, 1):
-            own = frame.image.shape[:2], round(rate, 3)
-            size = size or own
-            if own != size:
-                raise RequestError(f"{job.name}: expected frames and a rate as of {jobs[0].name}, {size}, got {own}")
+            form = frame.image.shape[:2], round(rate, 3)
+            size = size or form
+            if form != size:
+                raise RequestError(f"{job.name}: expected frames and a rate as of {jobs[0].name}, {size}, got {form}")
             if begin + count > end:
                 # The first frame of a file has nothing to be compared with.
-                camera.take(known is not None and bool(known[count - 1]))
+                camera.take(still is not None and bool(still[count - 1]))
                 first.tracker.update(detections)
         places.append((begin, max(begin, end), max(begin + count, end)))
         end = places[-1][2]
@@ -130,10 +131,10 @@ def _write(path: Path, tracks: Sequence[Track], begin: int, first: int, end: int
     """Write what lies in the frames from ``first`` up to ``end``, in those of a file that begins at ``begin``."""
     parts = []
     for track in tracks:
-        own = (track.frames >= first) & (track.frames < end)
-        if (own & track.observed).any():
-            rows = track.frames[own] - begin, track.boxes[own], track.scores[own], track.observed[own]
-            parts.append(Track(track.id, *rows, track.origin[own], track.names))
+        inside = (track.frames >= first) & (track.frames < end)
+        if (inside & track.observed).any():
+            rows = track.frames[inside] - begin, track.boxes[inside], track.scores[inside], track.observed[inside]
+            parts.append(Track(track.id, *rows, track.origin[inside], track.names))
     table: dict[str, Any] = table_of(parts)
     with whole_file(path) as file:
         np.savez(file, **table)

@@ -24,8 +24,10 @@ from tsuiseki.tracking.errors import RequestError, RunError
 
 LOST = "its process was ended from outside, perhaps for want of memory"
 THREADS = "OMP_NUM_THREADS"
-# A Ray that begins and ends with the batch, and bytes of its object store: results lie in files.
-HERE, STORE = "here", 100_000_000
+# The address of a Ray that begins and ends with the batch.
+HERE = "here"
+# Bytes of its object store, which holds little: results lie in files.
+STORE = 100_000_000
 # Seconds within which a cluster answers.
 PATIENCE = 10.0
 # Tasks that wait on Ray beside those that are under way, so that no worker waits for the next.
@@ -47,8 +49,8 @@ class _Worker:
     def __init__(self) -> None:
         # Started afresh: a copy of a process that runs threads can lock up.
         context = get_context("spawn")
-        self.pipe, other = context.Pipe()
-        self.process = context.Process(target=_work, args=(other,), daemon=True)
+        self.pipe, worker_end = context.Pipe()
+        self.process = context.Process(target=_work, args=(worker_end,), daemon=True)
         self.task: BatchTask | None = None
         unset = os.environ.setdefault(THREADS, "1") if THREADS not in os.environ else ""
         try:
@@ -56,7 +58,7 @@ class _Worker:
         finally:
             if unset:
                 del os.environ[THREADS]
-        other.close()
+        worker_end.close()
 
     def end(self) -> None:
         self.process.kill()
@@ -107,8 +109,8 @@ class Processes:
     def finished(self, seconds: float) -> list[tuple[BatchTask, TaskOutcome]]:
         """What was finished, after so many seconds at most."""
         busy = [worker for worker in self._workers if worker.task is not None]
-        wait([each for worker in busy for each in (worker.pipe, worker.process.sentinel)], seconds)
-        found: list[tuple[BatchTask, TaskOutcome]] = []
+        wait([handle for worker in busy for handle in (worker.pipe, worker.process.sentinel)], seconds)
+        outcomes: list[tuple[BatchTask, TaskOutcome]] = []
         for worker in busy:
             task, outcome, alive = worker.task, None, worker.process.is_alive()
             assert task is not None
@@ -116,12 +118,12 @@ class Processes:
                 outcome = worker.pipe.recv() if worker.pipe.poll() else None
             if outcome is not None:
                 worker.task = None
-                found.append((task, outcome))
+                outcomes.append((task, outcome))
             elif not alive:
-                found.append((task, TaskOutcome("lost", LOST)))
+                outcomes.append((task, TaskOutcome("lost", LOST)))
                 self._workers.remove(worker)
                 worker.end()
-        return found
+        return outcomes
 
     def close(self) -> None:
         """End what is under way."""
@@ -168,17 +170,14 @@ class RayTasks:
         self._remote: Any = ray.remote(num_cpus=1, num_gpus=gpus, max_retries=0, retry_exceptions=False)(_do)
 
     def free(self) -> bool:
-        """See `Processes.free`."""
         return len(self._waiting) < int(self._asked(self._ray.cluster_resources).get("CPU", 1)) + AHEAD
 
     def submit(self, task: BatchTask) -> None:
-        """See `Processes.submit`."""
         self._waiting[self._asked(self._remote.remote, task)] = task
 
     def finished(self, seconds: float) -> list[tuple[BatchTask, TaskOutcome]]:
-        """See `Processes.finished`."""
         ready, _ = self._asked(self._ray.wait, [*self._waiting], num_returns=1, timeout=seconds)
-        found = []
+        outcomes = []
         for reference in ready:
             try:
                 outcome = self._ray.get(reference, timeout=PATIENCE)
@@ -190,21 +189,20 @@ class RayTasks:
                 if alone or not any(node["Alive"] for node in self._asked(self._ray.nodes)):
                     raise RunError("Ray has gone from this machine; give the same command again: it goes on") from error
                 outcome = TaskOutcome("lost", LOST)
-            found.append((self._waiting.pop(reference), outcome))
-        return found
+            outcomes.append((self._waiting.pop(reference), outcome))
+        return outcomes
 
     def close(self) -> None:
-        """See `Processes.close`."""
         with _quiet():
             for reference in self._waiting:
                 self._ray.cancel(reference, force=True)
             self._ray.shutdown()
         sys.stdout = self._muted.stream
 
-    def _asked(self, call: Any, *values: Any, **more: Any) -> Any:
+    def _asked(self, call: Any, *values: Any, **options: Any) -> Any:
         """What Ray answers; raises RunError where it has gone."""
         try:
-            return call(*values, **more)
+            return call(*values, **options)
         except (self._ray.exceptions.RaySystemError, ConnectionError, RuntimeError, ValueError) as error:
             raise RunError(
                 f"Ray does not answer any more ({_first_line(error)}); give the same command again: it goes on"
@@ -229,15 +227,15 @@ def _quiet() -> Iterator[None]:
     """Nothing is printed: parts of Ray that are not Python write to the terminal themselves."""
     with suppress(OSError, ValueError):
         sys.stderr.flush()
-    before = os.dup(2)
+    saved = os.dup(2)
     nothing = os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(nothing, 2)
         with redirect_stdout(StringIO()), redirect_stderr(StringIO()):
             yield
     finally:
-        os.dup2(before, 2)
-        os.close(before)
+        os.dup2(saved, 2)
+        os.close(saved)
         os.close(nothing)
 
 
@@ -257,8 +255,8 @@ def _reason(error: Exception, address: str, version: str) -> str:
     if not re.search(r"[Vv]ersion mismatch", str(error)):
         return f"no Ray at {address}: {_first_line(error)}"
     theirs = re.search(r"Ray: ([\w.]+)", str(error))
-    other = "another" if theirs is None else theirs[1]
-    return f"the cluster at {address} runs Ray {other}, here is {version}; install the same, Python's too"
+    their_version = "another" if theirs is None else theirs[1]
+    return f"the cluster at {address} runs Ray {their_version}, here is {version}; install the same, Python's too"
 
 
 def _first_line(error: Exception) -> str:

@@ -24,7 +24,10 @@ from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.tracking.weights.catalogue import file_sum
 
 STATE = ".batch"
-BLOCK, BLOCKS = 1 << 20, 64
+# Bytes that are summed at a time.
+BLOCK = 1 << 20
+# Blocks of a large file that are summed.
+BLOCKS = 64
 SCORES = "scores.json"
 NETWORKS = ("detector", "appearance", "affinity")
 # Options that change no result.
@@ -49,14 +52,14 @@ class Job:
     options: Mapping[str, Any] = field(default_factory=dict)
     start: float | None = None
 
-    def request(self, source: str, folder: Path, overwrite: bool = True, **more: Any) -> Request:
-        """That of the command for a video at a path, with ``more`` options; the result goes to ``folder``.
+    def request(self, source: str, folder: Path, overwrite: bool = True, **changes: Any) -> Request:
+        """That of the command for a video at a path, with ``changes`` of its options; the result goes to ``folder``.
 
         Raises:
             RequestError: an option is unknown or wrong.
         """
         place, *names = options_of(self.command)
-        options = {**json.loads(json.dumps(dict(self.options)).replace("{name}", self.name)), **more}
+        options = {**json.loads(json.dumps(dict(self.options)).replace("{name}", self.name)), **changes}
         options |= {"out": str(folder)} if "out" in names else {"json": str(folder / SCORES)} if "json" in names else {}
         return request_of(self.command, options | {"overwrite": overwrite, place: source})
 
@@ -75,27 +78,27 @@ def content_of(source: str) -> str:
 
     Of each file length and bytes count: all, or `BLOCKS` of a larger one, shared among the files of a folder.
     """
-    found, path = hashlib.sha256(), Path(source)
-    inside = sorted(each for each in path.rglob("*") if each.is_file()) if "://" not in source else []
-    for name in [str(each) for each in inside] or [source]:
+    digest, path = hashlib.sha256(), Path(source)
+    inside = sorted(entry for entry in path.rglob("*") if entry.is_file()) if "://" not in source else []
+    for name in [str(entry) for entry in inside] or [source]:
         if inside:
-            found.update(Path(name).relative_to(path).as_posix().encode())
-        most = max(BLOCKS // max(len(inside), 1), 1)
+            digest.update(Path(name).relative_to(path).as_posix().encode())
+        blocks = max(BLOCKS // max(len(inside), 1), 1)
         with opened(name) as (file, size):
-            found.update(str(size).encode())
-            every, place = max((size - BLOCK) / max(most - 1, 1), BLOCK), 0.0
+            digest.update(str(size).encode())
+            stride, place = max((size - BLOCK) / max(blocks - 1, 1), BLOCK), 0.0
             while place < size:
                 file.seek(round(place))
-                found.update(file.read(BLOCK))
-                place += every
-    return found.hexdigest()
+                digest.update(file.read(BLOCK))
+                place += stride
+    return digest.hexdigest()
 
 
-def key_of(job: Job, source: str, more: Any = None) -> str:
-    """What the result of a job is known by; see the head of this file.
+def key_of(job: Job, source: str, circumstances: Any = None) -> str:
+    """What the result of a job is known by, in its ``circumstances``; see the head of this file.
 
     Raises:
-        RequestError: see `Job.arguments`; or a file cannot be read.
+        RequestError: see `Job.request`; or a file cannot be read.
     """
     plain: dict[str, Any] = {}
     for name, value in sorted(settings_of(job, source).items()):
@@ -110,8 +113,8 @@ def key_of(job: Job, source: str, more: Any = None) -> str:
             plain[name] = content_of(str(path)) if path.is_dir() else file_sum(path)
         else:
             plain[name] = value
-    made = [list(job.command), plain, content_of(source), versions(), more]
-    return hashlib.sha256(json.dumps(made, sort_keys=True, default=str).encode()).hexdigest()[:24]
+    parts = [list(job.command), plain, content_of(source), versions(), circumstances]
+    return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()[:24]
 
 
 def settings_of(job: Job, source: str) -> dict[str, Any]:
@@ -133,13 +136,13 @@ class Place:
         return cls(batch / job.name, batch / STATE / job.name)
 
     @property
-    def made(self) -> dict[str, Any]:
+    def record(self) -> dict[str, Any]:
         """What the result was begun with: its key and settings; empty where there is none."""
         try:
-            found: dict[str, Any] = json.loads((self.state / "made.json").read_text(encoding="utf-8"))
+            record: dict[str, Any] = json.loads((self.state / "made.json").read_text(encoding="utf-8"))
         except (OSError, ValueError):
             return {}
-        return found
+        return record
 
     @property
     def there(self) -> bool:
@@ -150,16 +153,16 @@ class Place:
     def refuse_others(self, job: Job) -> None:
         """Refuse a result of other settings; raises RequestError where one is there."""
         settings = settings_of(job, job.source) if self.there else {}
-        if self.there and (not self.made or self.made["settings"] != json.loads(json.dumps(settings, default=str))):
+        if self.there and (not self.record or self.record["settings"] != json.loads(json.dumps(settings, default=str))):
             self._refuse(settings)
 
     def _refuse(self, settings: Mapping[str, Any]) -> None:
-        before, now = self.made.get("settings"), json.loads(json.dumps(dict(settings), default=str))
-        differs = [name for name in sorted({*before, *now}) if before.get(name) != now.get(name)] if before else []
-        shown = ", ".join(f"{name} {(before or {}).get(name)}, now {now.get(name)}" for name in differs[:3])
-        other = f"of other settings ({shown})" if differs else "of another video, other models or versions"
-        other = "that no batch has made" if before is None else other
-        raise RequestError(f"{self.folder} holds a result {other}; choose another `out` or add `overwrite`")
+        old, now = self.record.get("settings"), json.loads(json.dumps(dict(settings), default=str))
+        differs = [name for name in sorted({*old, *now}) if old.get(name) != now.get(name)] if old else []
+        differences = ", ".join(f"{name} {(old or {}).get(name)}, now {now.get(name)}" for name in differs[:3])
+        description = f"of other settings ({differences})" if differs else "of another video, other models or versions"
+        description = "that no batch has made" if old is None else description
+        raise RequestError(f"{self.folder} holds a result {description}; choose another `out` or add `overwrite`")
 
     def begin(self, key: str, settings: Mapping[str, Any], overwrite: bool, redo: bool = False) -> bool:
         """Take the place for a job; False where its result is there, unless it is to be done again.
@@ -167,15 +170,15 @@ class Place:
         Raises:
             RequestError: another result is there.
         """
-        made = self.made
-        if made.get("key") == key and self.there and not redo:
+        record = self.record
+        if record.get("key") == key and self.there and not redo:
             return False
         # What was left behind in part, of whatever settings, is no result.
-        if self.there and not overwrite and made.get("key") != key:
+        if self.there and not overwrite and record.get("key") != key:
             self._refuse(settings)
         (self.folder / RUN_FILE).unlink(missing_ok=True)
         (self.folder / SCORES).unlink(missing_ok=True)
-        if made.get("key") != key:
+        if record.get("key") != key:
             shutil.rmtree(self.state, ignore_errors=True)
         with whole_file(self.state / "made.json") as file:
             file.write(json.dumps({"key": key, "settings": dict(settings)}, default=str).encode())

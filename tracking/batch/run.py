@@ -138,10 +138,10 @@ def batch(
         )
     how.check()
     job = Job(tuple(command.split()), "", "", plain(options))
-    own = options_of(job.command)
-    if unknown := [name for name in options if name not in own]:
+    names = options_of(job.command)
+    if unknown := [name for name in options if name not in names]:
         raise RequestError(f"expected options of `{command}`, got {unknown[0]!r}")
-    return run_batch([str(one) for one in ([sources] if isinstance(sources, str | Path) else sources)], job, how)
+    return run_batch([str(source) for source in ([sources] if isinstance(sources, str | Path) else sources)], job, how)
 
 
 def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, emit: Callable[[str], object] = str) -> BatchResult:
@@ -151,8 +151,8 @@ def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, emit: Callabl
         raise RequestError(f"expected `continuous` with track people, got it with {' '.join(job.command)}")
     jobs = in_order(jobs) if how.continuous else jobs
     # What is wrong with the options shows before anything is done, and so do results of others.
-    for each in jobs if not how.overwrite else ():
-        Place.of(how.out, each).refuse_others(each)
+    for video in jobs if not how.overwrite else ():
+        Place.of(how.out, video).refuse_others(video)
     jobs[0].request(jobs[0].source, how.out / jobs[0].name)
     state, command = how.out / STATE, " ".join(job.command)
     with writable(how.out):
@@ -164,7 +164,7 @@ def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, emit: Callabl
         with whole_file(state / TOKEN) as file:
             file.write(token.encode())
         journal = stack.enter_context((state / JOURNAL).open("a", encoding="utf-8"))
-        note(journal, "batch", command=command, sizes={each.name: _size(each) for each in jobs})
+        note(journal, "batch", command=command, sizes={video.name: _size(video) for video in jobs})
         executor, alone = _executor(how)
         stack.callback(executor.close)
         files = tuple(jobs) if how.continuous else ()
@@ -180,8 +180,8 @@ def run_batch(sources: Sequence[str], job: Job, how: BatchOptions, emit: Callabl
             schedule.run(executor, changed)
         except KeyboardInterrupt as error:
             raise Interrupted(signal_of(error), "what is finished is kept; the same command goes on") from error
-        for each in files:
-            Place.of(how.out, each).clear()
+        for video in files:
+            Place.of(how.out, video).clear()
         write_pages(how.out, command, schedule.rows)
     return BatchResult(schedule.rows, how.out)
 
@@ -238,7 +238,7 @@ def _size(job: Job) -> float:
     path = Path(job.source)
     if "://" in job.source:
         return 1.0
-    files = [path] if path.is_file() else [each for each in path.rglob("*") if each.is_file()]
+    files = [path] if path.is_file() else [entry for entry in path.rglob("*") if entry.is_file()]
     return max(float(sum(file.stat().st_size for file in files)), 1.0)
 
 
@@ -277,9 +277,9 @@ def _of_words(words: Sequence[str], length: int, how: BatchOptions) -> int:
     place, *names = options_of(command)
     out = {"out": str(how.out)} if "out" in names else {}
     request = request_of([*command, *words[length:]], out | {"overwrite": True}, spare=True)
-    given = {name: request.settings[name] for name in request.chosen}
-    sources = given.pop(place)
-    job = Job(command, "", "", {name: value for name, value in given.items() if name not in ("out", "overwrite")})
+    options = {name: request.settings[name] for name in request.chosen}
+    sources = options.pop(place)
+    job = Job(command, "", "", {name: value for name, value in options.items() if name not in ("out", "overwrite")})
     result = run_batch([*(sources if isinstance(sources, list) else [sources]), *request.spare], job, how, print)
     print(f"{summary_of(result.rows)}: {how.out / 'index.html'}")
     return 1 if result.failed else 0

@@ -20,6 +20,7 @@ from tsuiseki.tracking.output import held
 
 # Attempts at a task whose process died or whose network failed.
 ATTEMPTS = 3
+# What is done first: the later in the life of a video, the sooner, so that videos that were begun are finished.
 TURNS: dict[Kind, int] = {"finish": 0, "join": 0, "detect": 1, "begin": 2, "whole": 1}
 JOURNAL = "journal.jsonl"
 # Seconds of the past that tell the speed.

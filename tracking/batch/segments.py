@@ -60,15 +60,15 @@ class Observations:
             RequestError: the disk is full, or the folder cannot be written to.
         """
         arrays = dict(self.arrays)
-        arrays["counts"] = np.array([len(each) for each in self.detections], dtype=np.int64)
+        arrays["counts"] = np.array([len(frame) for frame in self.detections], dtype=np.int64)
         for name in COLUMNS:
-            parts = [getattr(each, name) for each in self.detections]
-            arrays[f"known_{name}"] = known = np.array([part is not None for part in parts], dtype=np.bool_)
-            if known.any():
+            parts = [getattr(frame, name) for frame in self.detections]
+            arrays[f"known_{name}"] = present = np.array([part is not None for part in parts], dtype=np.bool_)
+            if present.any():
                 width = max((np.shape(part)[1:] for part in parts if part is not None), default=())
                 values = np.concatenate([part for part in parts if part is not None and len(part)] or [np.empty(0)])
                 arrays[name] = values.reshape(-1, *width)
-        names = {number: name for each in self.detections for number, name in each.names.items()}
+        names = {number: name for frame in self.detections for number, name in frame.names.items()}
         arrays["about"] = np.array(json.dumps({**self.about, "names": names}))
         with whole_file(path) as file:
             np.savez(file, **arrays)
@@ -82,11 +82,11 @@ class Observations:
         names = {int(number): name for number, name in about.pop("names").items()}
         columns: dict[str, list[Any]] = {}
         for name in COLUMNS:
-            known = arrays.pop(f"known_{name}")
+            present = arrays.pop(f"known_{name}")
             parts: list[Any] = [None] * len(counts)
-            if known.any():
-                pieces = np.split(arrays.pop(name), np.cumsum(counts * known)[:-1])
-                parts = [piece if is_known else None for piece, is_known in zip(pieces, known.tolist(), strict=True)]
+            if present.any():
+                pieces = np.split(arrays.pop(name), np.cumsum(counts * present)[:-1])
+                parts = [piece if is_known else None for piece, is_known in zip(pieces, present.tolist(), strict=True)]
             columns[name] = parts
         rows = zip(*columns.values(), strict=True)
         return cls([Detections(**dict(zip(COLUMNS, row, strict=True)), names=names) for row in rows], about, arrays)
@@ -96,7 +96,6 @@ class KnownViewHistory(ViewHistory):
     """The views of a video whose tiles were chosen before."""
 
     def take(self, images: Sequence[ImageArray], *_: Any) -> ViewChoice:
-        """See `ViewHistory.take`; the detector does not run."""
         self.choice = next(choice for frame, choice in reversed(self.changes) if frame <= self.frames)
         self.frames += len(images)
         return self.choice
@@ -109,7 +108,7 @@ class SegmentPlan:
     Attributes:
         parts: first and last frame of each segment, 0-based.
         begins: first frame that is detected with these choices; boxes of those before are ``beginning``.
-        seen: frames that the choice of tiles counts before it.
+        counted: frames that the choice of tiles counts before it.
         views: tiles from which frame of theirs on, as `ViewChoice`; by the size of the frames.
         floor: score that the beginning tells; None where it does not.
         threshold: score from which boxes count; None where it is not chosen here.
@@ -121,7 +120,7 @@ class SegmentPlan:
 
     parts: list[tuple[int, int]]
     begins: int
-    seen: int = 0
+    counted: int = 0
     views: Sequence[tuple[list[int], list[tuple[int, dict[str, Any]]]]] = ()
     floor: float | None = None
     threshold: float | None = None
@@ -132,15 +131,15 @@ class SegmentPlan:
 
     def write(self, path: Path) -> None:
         """Write a file that `read` reads."""
-        about = {one.name: getattr(self, one.name) for one in fields(self)}
+        about = {column.name: getattr(self, column.name) for column in fields(self)}
         beginning, arrays = about.pop("beginning"), {name: about.pop(name) for name in ("stamps", "times")}
         Observations(beginning, about, arrays).write(path)
 
     @classmethod
     def read(cls, path: Path) -> SegmentPlan:
         """What `write` wrote."""
-        kept = Observations.read(path)
-        return cls(**kept.about, beginning=kept.detections, **kept.arrays)
+        observations = Observations.read(path)
+        return cls(**observations.about, beginning=observations.detections, **observations.arrays)
 
     def seekable(self, source: Source) -> SeekableVideo:
         """Of the video, which is opened anew."""
@@ -157,12 +156,12 @@ class SegmentPlan:
                     view = TileView(values["columns"], np.array(values["tiles"], dtype=np.int64))
                     people = {int(columns): count for columns, count in values["people"].items()}
                     choices.append((frame, ViewChoice(view, values["milliseconds"], people)))
-                rate, count = inputs.detect.frame_rate, self.seen + max(first - self.begins, 0)
+                rate, count = inputs.detect.frame_rate, self.counted + max(first - self.begins, 0)
                 inputs.detect.histories[tuple(size)] = KnownViewHistory(
                     rate, choices[-1][1], changes=choices, frames=count, due=None
                 )
-                seen = [choice for _, choice in choices if choice.sees_somebody]
-                inputs.detect.histories[tuple(size)].peopled = seen
+                peopled = [choice for _, choice in choices if choice.sees_somebody]
+                inputs.detect.histories[tuple(size)].peopled = peopled
         if inputs.choice is not None and self.threshold is not None:
             assert isinstance(network, ForeignDetector)
             inputs.choice.floor, network.score_threshold = self.floor, self.threshold
@@ -189,28 +188,28 @@ def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float
     seekable = SeekableVideo.of(source) if inputs.needs_images else None
     if seekable is None:
         return None
-    wanted, known = seekable.wanted, dict[int, Detections]()
-    assert wanted.last is not None
-    if wanted.last < wanted.first:
+    frame_range, detected = seekable.frame_range, dict[int, Detections]()
+    assert frame_range.last is not None
+    if frame_range.last < frame_range.first:
         return None
     if inputs.choice is not None:
-        known = inputs.choice.choose(source, inputs.batch_size, 1, StageTimes())
-    begins, seen = wanted.first + len(known), 0
+        detected = inputs.choice.choose(source, inputs.batch_size, 1, StageTimes())
+    begins, counted = frame_range.first + len(detected), 0
     views = []
     if isinstance(inputs.detect, ViewedDetector):
-        seen = max((history.frames for history in inputs.detect.histories.values()), default=0)
-        _choose_views(inputs.detect, seekable, begins, wanted.last, inputs.batch_size)
+        counted = max((history.frames for history in inputs.detect.histories.values()), default=0)
+        _choose_views(inputs.detect, seekable, begins, frame_range.last, inputs.batch_size)
         for size, history in inputs.detect.histories.items():
             views.append((list(size), [(frame, _values(choice)) for frame, choice in history.changes]))
     batches = max(round(seconds * source.frame_rate / inputs.batch_size), 1)
-    parts = _parts(wanted.first, begins - 1, batches * inputs.batch_size)
-    parts += _parts(begins, wanted.last, batches * inputs.batch_size)
-    beginning = [known.get(number, Detections.empty()) for number in range(wanted.first, begins)]
+    parts = _parts(frame_range.first, begins - 1, batches * inputs.batch_size)
+    parts += _parts(begins, frame_range.last, batches * inputs.batch_size)
+    beginning = [detected.get(number, Detections.empty()) for number in range(frame_range.first, begins)]
     choice, network = inputs.choice, inner_detector(inputs.detect)
     floor, threshold = (None, None) if choice is None else (choice.floor, choice.threshold)
     gave = [*network.gave] if isinstance(network, ForeignDetector) else []
     beside = beginning, seekable.stamps, seekable.times
-    return SegmentPlan(parts, begins, seen, views, floor, threshold, gave, *beside)
+    return SegmentPlan(parts, begins, counted, views, floor, threshold, gave, *beside)
 
 
 def _parts(first: int, last: int, length: int) -> list[tuple[int, int]]:
@@ -220,16 +219,16 @@ def _parts(first: int, last: int, length: int) -> list[tuple[int, int]]:
 def _choose_views(detect: ViewedDetector, seekable: SeekableVideo, first: int, last: int, batch: int) -> None:
     """Let the detector choose its tiles as if it were shown all batches from frame ``first`` on."""
     history = next(iter(detect.histories.values()), None)
-    before = 0 if history is None else history.frames
+    counted = 0 if history is None else history.frames
     frame = first
     while frame <= last and (history is None or history.due is not None):
         if history is not None and history.due is not None:
-            frame = max(frame, first + batch * ceil((ceil(history.due) - before) / batch))
+            frame = max(frame, first + batch * ceil((ceil(history.due) - counted) / batch))
             if frame > last:
                 return
-            history.frames = before + frame - first
+            history.frames = counted + frame - first
         count = min(batch, last + 1 - frame)
-        images = [each.image for each in seekable.frames(frame, frame + (count - 1 if history is None else 0))]
+        images = [loaded.image for loaded in seekable.frames(frame, frame + (count - 1 if history is None else 0))]
         detect.prepare(images if history is None else images * count)
         history = next(iter(detect.histories.values()))
         frame += count
@@ -243,7 +242,7 @@ def detect_segment(
     seekable, inputs = plan.seekable(source), opened.inputs
     first, last = plan.parts[part]
     plan.prepare(opened, first)
-    begins = seekable.wanted.first
+    begins = seekable.frame_range.first
     camera = StandingCamera() if isinstance(inputs.camera, StandingCamera) else None
     watched_from = first
     if camera is not None and first > begins:
@@ -258,18 +257,18 @@ def detect_segment(
             size[:] = frame.image.shape[:2]
             if camera is not None:
                 with times.measure("camera"):
-                    before = watched_from + camera.compared
-                    alike = camera.add(frame.image)
+                    compared_with = watched_from + camera.compared
+                    still = camera.add(frame.image)
                 if frame.index >= first:
-                    same.append(alike)
-                    compared.append(before)
+                    same.append(still)
+                    compared.append(compared_with)
             if frame.index >= first:
                 yield frame
 
     detect: Any = inputs.detect
     if first < plan.begins:
         detect = [Detections.empty()] * begins + [*plan.beginning]
-    detections = [each for _, each in stream(watched(), detect, inputs.describe, inputs.batch_size, times, 1)]
+    detections = [rows for _, rows in stream(watched(), detect, inputs.describe, inputs.batch_size, times, 1)]
     network = inner_detector(inputs.detect)
     gave = [*network.gave] if isinstance(network, ForeignDetector) else []
     about = {"size": size, "seconds": times.seconds, "gave": gave}
@@ -311,7 +310,6 @@ class Again:
         return getattr(self.source, name)
 
     def frames(self) -> Iterator[Frame]:
-        """See `Source.frames`."""
         seekable = self.plan.seekable(self.source)
         first, last = self.plan.parts[0][0], self.plan.parts[-1][1]
         images = seekable.frames(first, last) if self._images else None
@@ -336,5 +334,5 @@ def again(
     """The observations of every frame, for ``run``, in order; see `Again`. Another ``tracker`` may take it."""
     video: Any = Again(plan, files, opened, run.times)
     pairs = ((frame, video.detections) for frame in run.frames(video))
-    detections = ((frame.index, one) for frame, one in opened.inputs.in_order(pairs, run.times))
+    detections = ((frame.index, rows) for frame, rows in opened.inputs.in_order(pairs, run.times))
     return opened if tracker is None else replace(opened, tracker=tracker), detections

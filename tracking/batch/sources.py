@@ -32,21 +32,21 @@ def jobs_of(sources: Sequence[str], job: Job) -> list[Job]:
     Raises:
         RequestError: there is no video, two have one name, a row of a manifest is wrong, or nothing reads an address.
     """
-    found: list[tuple[str, Job]] = []
+    jobs: list[tuple[str, Job]] = []
     for source in sources:
-        found += _jobs_of(str(source), job)
-    if not found:
+        jobs += _jobs_of(str(source), job)
+    if not jobs:
         raise RequestError("expected at least one source, got none")
     names: dict[str, str] = {}
-    for where, each in found:
-        if not re.fullmatch(r"[^/\\]+", each.name) or each.name.startswith("."):
-            raise RequestError(f"{where}: expected a name for a folder, got {each.name!r}")
-        if each.name.casefold() in names:
+    for where, video in jobs:
+        if not re.fullmatch(r"[^/\\]+", video.name) or video.name.startswith("."):
+            raise RequestError(f"{where}: expected a name for a folder, got {video.name!r}")
+        if video.name.casefold() in names:
             raise RequestError(
-                f"{names[each.name.casefold()]} and {where} would both be called {each.name}; name them in a manifest"
+                f"{names[video.name.casefold()]} and {where} would both be called {video.name}; name them in a manifest"
             )
-        names[each.name.casefold()] = where
-    return [each for _, each in found]
+        names[video.name.casefold()] = where
+    return [video for _, video in jobs]
 
 
 def _jobs_of(source: str, job: Job) -> Iterator[tuple[str, Job]]:
@@ -57,9 +57,9 @@ def _jobs_of(source: str, job: Job) -> Iterator[tuple[str, Job]]:
         for address in _addresses(source):
             yield address, replace(job, source=address, name=PurePosixPath(address.split("?")[0]).stem)
     elif path.is_dir():
-        for each in _in_folder(path, job):
-            inside = each.relative_to(path).with_suffix("").parts if each != path else (each.resolve().name,)
-            yield str(each), replace(job, source=str(each), name="-".join(inside))
+        for video in _in_folder(path, job):
+            inside = video.relative_to(path).with_suffix("").parts if video != path else (video.resolve().name,)
+            yield str(video), replace(job, source=str(video), name="-".join(inside))
     elif path.suffix.lower() in MANIFESTS:
         yield from _in_manifest(path, job)
     elif path.exists():
@@ -76,24 +76,24 @@ def _jobs_of(source: str, job: Job) -> Iterator[tuple[str, Job]]:
 def _in_folder(folder: Path, job: Job) -> list[Path]:
     """The videos in a folder and below; of commands on results, the results."""
     if job.command[0] in ("count", "evaluate"):
-        found = [folder] if (folder / RUN_FILE).exists() or is_sequence(folder) else sorted(folder.iterdir())
-        found = [each for each in found if each.is_dir() and not each.name.startswith(".")]
+        videos = [folder] if (folder / RUN_FILE).exists() or is_sequence(folder) else sorted(folder.iterdir())
+        videos = [entry for entry in videos if entry.is_dir() and not entry.name.startswith(".")]
     elif job.command == ("track", "floor"):
         # The boxes of all its cameras are one video.
-        found = [each for each in (folder, *folder.iterdir()) if is_floor_folder(each)]
+        videos = [entry for entry in (folder, *folder.iterdir()) if is_floor_folder(entry)]
     elif list_images(folder) or is_sequence(folder):
-        found = [folder]
+        videos = [folder]
     else:
         inside = sorted(path for path in folder.rglob("*") if not any(x.startswith(".") for x in path.parts))
-        found = [path for path in inside if path.is_file() and path.suffix.lower() in VIDEOS]
+        videos = [path for path in inside if path.is_file() and path.suffix.lower() in VIDEOS]
         pictures = [path for path in inside if path.is_dir() and (list_images(path) or is_sequence(path))]
         # The pictures of a sequence lie in a folder of its own.
-        found += [path for path in pictures if not any(other in path.parents for other in pictures)]
-    if not found and job.command == ("track", "floor"):
+        videos += [path for path in pictures if not any(parent in path.parents for parent in pictures)]
+    if not videos and job.command == ("track", "floor"):
         raise RequestError(f"{folder}: expected folders of WILDTRACK or Shelf, found none")
-    if not found:
+    if not videos:
         raise RequestError(f"{folder}: expected videos ({', '.join(VIDEOS[:4])}, …) or folders of images, found none")
-    return sorted(found)
+    return sorted(videos)
 
 
 def _in_manifest(path: Path, job: Job) -> Iterator[tuple[str, Job]]:
@@ -107,19 +107,19 @@ def _in_manifest(path: Path, job: Job) -> Iterator[tuple[str, Job]]:
         if "://" not in source and not Path(source).exists():
             raise RequestError(f"{where}: there is no {source}")
         name = str(row.get("name") or PurePosixPath(source.split("?")[0]).stem)
-        given: dict[str, Any] = {}
+        row_options: dict[str, Any] = {}
         for key, value in row.items():
             if key not in OWN and value not in (None, ""):
-                put(given, key.replace("-", "_"), value)
+                put(row_options, key.replace("-", "_"), value)
         try:
             start = None if row.get("start") in (None, "") else float(row["start"])
-            options = merged(job.options, given)
-            found = replace(job, source=source, name=name, options=options, start=start)
-            if given:
-                found.request(source, Path("unused"))
+            options = merged(job.options, row_options)
+            video = replace(job, source=source, name=name, options=options, start=start)
+            if row_options:
+                video.request(source, Path("unused"))
         except (RequestError, ValueError) as error:
             raise RequestError(f"{where}: {error}") from error
-        yield where, found
+        yield where, video
 
 
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
@@ -147,10 +147,10 @@ def _addresses(address: str) -> list[str]:
     if not (glob.has_magic(place) or place.endswith("/")):
         return [address]
     try:
-        found = files.glob(place) if glob.has_magic(place) else files.find(place)
+        matches = files.glob(place) if glob.has_magic(place) else files.find(place)
     except (OSError, ValueError) as error:
         raise RequestError(f"{address}: nothing answers: {error}") from error
-    wanted = sorted(each for each in found if PurePosixPath(each).suffix.lower() in VIDEOS)
-    if not wanted:
+    videos = sorted(match for match in matches if PurePosixPath(match).suffix.lower() in VIDEOS)
+    if not videos:
         raise RequestError(f"{address}: expected videos, but no file fits")
-    return [files.unstrip_protocol(each) for each in wanted]
+    return [files.unstrip_protocol(match) for match in videos]

@@ -131,8 +131,8 @@ def _outcome(task: BatchTask) -> TaskOutcome:
         causes = [error, error.__cause__, error.__context__]
         if any(isinstance(cause, OSError) and cause.errno in FULL for cause in causes):
             return TaskOutcome("full", f"no space is left for {batch}")
-        known = isinstance(error, RequestError | RunError)
-        return TaskOutcome("failed" if known else "lost", f"{message_of(error) or type(error).__name__}")
+        explained_here = isinstance(error, RequestError | RunError)
+        return TaskOutcome("failed" if explained_here else "lost", f"{message_of(error) or type(error).__name__}")
 
 
 def _begin(task: BatchTask) -> TaskOutcome:
@@ -141,14 +141,14 @@ def _begin(task: BatchTask) -> TaskOutcome:
     people = task.job.command == ("track", "people")
     key = key_of(task.job, address, [doing.segment if people else None, [(job.name, job.start) for job in doing.files]])
     if not place.begin(key, settings_of(task.job, address), doing.overwrite, task.redo):
-        return TaskOutcome("done", facts={"there": True, **_known(place)})
+        return TaskOutcome("done", facts={"there": True, **_counts(place)})
     source = task.source()
     if not people:
         return TaskOutcome("done", facts={"parts": 0})
     if not (place.state / PLAN).exists():
-        given = task.job.request(source, place.folder).arguments.arguments
+        arguments = task.job.request(source, place.folder).arguments.arguments
         with _silent():
-            plan = cut(given["video"].open(), given["finding"], given["linking"], doing.segment)
+            plan = cut(arguments["video"].open(), arguments["finding"], arguments["linking"], doing.segment)
         if plan is None:
             return TaskOutcome("done", facts={"parts": 0})
         plan.write(place.state / PLAN)
@@ -158,9 +158,11 @@ def _begin(task: BatchTask) -> TaskOutcome:
 
 
 def _detect(task: BatchTask) -> TaskOutcome:
-    given = task.job.request(task.source(), task.place.folder).arguments.arguments
+    arguments = task.job.request(task.source(), task.place.folder).arguments.arguments
     with _silent():
-        detected = detect_segment(task.plan(), task.part, given["video"].open(), given["finding"], given["linking"])
+        detected = detect_segment(
+            task.plan(), task.part, arguments["video"].open(), arguments["finding"], arguments["linking"]
+        )
     detected.write(task.file(task.part))
     return TaskOutcome("done", facts={"frames": len(detected.detections)})
 
@@ -169,24 +171,24 @@ def _finish(task: BatchTask) -> TaskOutcome:
     from tsuiseki.tracking.cli.track_people import track
 
     place, plan = task.place, task.plan()
-    given = task.job.request(task.source(), place.folder).arguments.arguments
+    arguments = task.job.request(task.source(), place.folder).arguments.arguments
     tracker = GivenTracks(joined_tracks(place.state / "joined.npz")) if task.doing.files else None
     files = [task.file(part) for part in range(len(plan.parts))]
     replayed = partial(again, plan=plan, files=files, tracker=tracker)
-    return _ended(partial(track, **given, replayed=replayed), task, place)
+    return _ended(partial(track, **arguments, replayed=replayed), task, place)
 
 
 def _join(task: BatchTask) -> TaskOutcome:
     tasks = [replace(task, job=job) for job in task.doing.files]
-    join_files(task.doing.files, [each.source() for each in tasks], [each.place.state for each in tasks])
+    join_files(task.doing.files, [part.source() for part in tasks], [part.place.state for part in tasks])
     return TaskOutcome("done")
 
 
-def _whole(task: BatchTask) -> TaskOutcome:
+def _in_one_piece(task: BatchTask) -> TaskOutcome:
     place, job = task.place, task.job
     place.folder.mkdir(parents=True, exist_ok=True)
-    more: dict[str, Any] = {} if task.doing.alone or "threads" not in options_of(job.command) else {"threads": 1}
-    request = job.request(task.source(), place.folder, **more)
+    changes: dict[str, Any] = {} if task.doing.alone or "threads" not in options_of(job.command) else {"threads": 1}
+    request = job.request(task.source(), place.folder, **changes)
     return _ended(request.run, task, place)
 
 
@@ -199,26 +201,26 @@ def _ended(call: Callable[[], int | None], task: BatchTask, place: Place) -> Tas
     if any(os.strerror(number) in line for line in complaints for number in FULL):
         return TaskOutcome("full", f"no space is left for {task.doing.batch}")
     if status:
-        return TaskOutcome("failed", complaints[-1] if complaints else f"ended with status {status}", _known(place))
+        return TaskOutcome("failed", complaints[-1] if complaints else f"ended with status {status}", _counts(place))
     if not task.doing.files:  # those that follow each other may be needed again until all are finished
         place.clear()
     printed = [line for line in output.getvalue().splitlines() if line.strip()]
-    return TaskOutcome("done", printed[-1] if printed else "", _known(place))
+    return TaskOutcome("done", printed[-1] if printed else "", _counts(place))
 
 
-def _known(place: Place) -> dict[str, Any]:
+def _counts(place: Place) -> dict[str, Any]:
     """Frames and tracks of a result."""
     try:
         record = json.loads((place.folder / "run.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
         return {}
     columns = record.get("frames", {})
-    found: dict[str, Any] = {"frames": len(columns.get("frame", ()))}
+    counts: dict[str, Any] = {"frames": len(columns.get("frame", ()))}
     tracks = place.folder / "tracks.txt"
     if tracks.is_file():
         with tracks.open(encoding="utf-8") as file:
-            found["tracks"] = len({line.split(",", 2)[1] for line in file if "," in line})
-    return found
+            counts["tracks"] = len({line.split(",", 2)[1] for line in file if "," in line})
+    return counts
 
 
 @contextmanager
@@ -237,5 +239,5 @@ def _silent() -> Iterator[None]:
 
 
 WORK: dict[Kind, Callable[[BatchTask], TaskOutcome]] = {
-    "begin": _begin, "detect": _detect, "join": _join, "finish": _finish, "whole": _whole
+    "begin": _begin, "detect": _detect, "join": _join, "finish": _finish, "whole": _in_one_piece
 }  # fmt: skip
