@@ -30,17 +30,17 @@ def _run(words: list[str]) -> int:
     from tsuiseki.tracking.cli.help import PlainHelp
 
     chain, command = command_of(words)
-    function, rest = command.default_command, words[len(chain) :]
+    function, arguments = command.default_command, words[len(chain) :]
     if function is not None and not command.help_flags:
-        return _status(function(rest))
-    APP.help_formatter = PlainHelp(NESTED in rest)
+        return _status(function(arguments))
+    APP.help_formatter = PlainHelp(NESTED in arguments)
     if words == ["--version"]:
         APP.version_print()
         return DONE
-    if function is None and rest[:1] in ([], [HELP], ["-h"]):
+    if function is None and arguments[:1] in ([], [HELP], ["-h"]):
         # Without what the commands need.
         APP.help_print(chain)
-        return DONE if rest else WRONG_REQUEST
+        return DONE if arguments else WRONG_REQUEST
     from tsuiseki.tracking.cli.request import request_of
 
     # Beside the others stands the summary, alone the docstring.

@@ -47,7 +47,7 @@ class DetectSettings(Options):
     @property
     def finding(self) -> PeopleFinding:
         """The same as `track people` takes it."""
-        return PeopleFinding(**{one.name: getattr(self, one.name) for one in fields(self)})
+        return PeopleFinding(**{option.name: getattr(self, option.name) for option in fields(self)})
 
 
 DETECTING = DetectSettings()

@@ -181,9 +181,9 @@ def coverage(compared: Comparison, *, scored: ScoredFrames = SCORED, overlap: Po
     from tsuiseki.tracking.formats.single import find_single_sequences
 
     sequences = find_single_sequences(compared.truth)
-    found = {name: cover_targets(sequences, path, overlap, scored.range) for name, path in compared.named().items()}
-    right = {name: sum(one.covered for one in every.values()) for name, every in found.items()}
-    compared.report(coverage_table(found), found, right)
+    scores = {name: cover_targets(sequences, path, overlap, scored.range) for name, path in compared.named().items()}
+    right = {name: sum(target.covered for target in by_sequence.values()) for name, by_sequence in scores.items()}
+    compared.report(coverage_table(scores), scores, right)
 
 
 def detection(
@@ -213,15 +213,15 @@ def detection(
     from tsuiseki.tracking.evaluation.tables import detection_table, evaluation_values
     from tsuiseki.tracking.formats.rotated import is_rotated
 
-    shown = compared.named().items()
-    if is_rotated(compared.truth) and not any(result.suffix in (".onnx", ".ckpt") for _, result in shown):
+    results = compared.named().items()
+    if is_rotated(compared.truth) and not any(result.suffix in (".onnx", ".ckpt") for _, result in results):
         if labels.frames is not None:
             raise RequestError("`frames`: rotated boxes are scored by image, all of them; leave it out")
-        scores = {name: evaluate_rotated_file(compared.truth, result, iou) for name, result in shown}
+        scores = {name: evaluate_rotated_file(compared.truth, result, iou) for name, result in results}
     else:
         truths = read_truths(compared.truth, labels.range, labels.protocol, labels.size, single=True)
         with tempfile.TemporaryDirectory() as folder:
-            exported = {name: _exported(result, Path(folder) / f"{n}.onnx") for n, (name, result) in enumerate(shown)}
+            exported = {name: _exported(result, Path(folder) / f"{n}.onnx") for n, (name, result) in enumerate(results)}
             scores = {name: evaluate_detection_files(truths, at, iou, score_range) for name, at in exported.items()}
     compared.report(detection_table(scores, iou), evaluation_values(scores))
 
@@ -254,7 +254,7 @@ def floor(compared: Comparison, *, distance: PositiveFloat = 1.0, near: Positive
     for name, path in compared.named().items():
         reported = read_placed_truth(path / "world.csv" if path.is_dir() else path, empty=True)
         scores[name] = evaluate_on_floor(labels, reported, distance, near)
-    compared.report(value_table(scores, FLOOR_COLUMNS), scores, {name: one.recall for name, one in scores.items()})
+    compared.report(value_table(scores, FLOOR_COLUMNS), scores, {name: score.recall for name, score in scores.items()})
 
 
 def people(compared: PlottedComparison, *, labels: Labels = LABELS, classes: ClassNames | None = None) -> None:
@@ -278,10 +278,10 @@ def people(compared: PlottedComparison, *, labels: Labels = LABELS, classes: Cla
     from tsuiseki.tracking.types.class_choice import ClassChoice
 
     scores = {}
-    for wanted in [None] if classes is None else ClassChoice(classes).plain:
-        truths = read_truths(compared.truth, labels.range, labels.protocol, labels.size, wanted)
+    for kind in [None] if classes is None else ClassChoice(classes).plain:
+        truths = read_truths(compared.truth, labels.range, labels.protocol, labels.size, kind)
         for name, result in compared.named().items():
-            of_class = name if wanted is None else f"{name} {wanted}"
+            of_class = name if kind is None else f"{name} {kind}"
             scores[of_class] = evaluate_sequences(match_results(truths, result))
     compared.report(people_table(scores), evaluation_values(scores))
     compared.draw(lambda path: save_comparison(scores, path))
@@ -302,11 +302,11 @@ def appearance(compared: Comparison, *, threads: Threads = 0) -> None:
 
     networks = {n: as_describer(p, threads) for n, p in compared.named().items()}
     views = read_views(compared.truth)
-    found = {name: score_views(views, network) for name, network in networks.items()}
-    shown = [[name, *(f"{v:.3f}" for v in (s.rank1, s.rank5, s.rank10, s.mean_average_precision)), str(s.queries)]
-             for name, s in found.items()]  # fmt: skip
-    table = score_table(("Network",), ("Rank 1", "Rank 5", "Rank 10", "mAP", "Queries"), [shown])
-    compared.report(table, found)
+    scores = {name: score_views(views, network) for name, network in networks.items()}
+    rows = [[name, *(f"{v:.3f}" for v in (s.rank1, s.rank5, s.rank10, s.mean_average_precision)), str(s.queries)]
+             for name, s in scores.items()]  # fmt: skip
+    table = score_table(("Network",), ("Rank 1", "Rank 5", "Rank 10", "mAP", "Queries"), [rows])
+    compared.report(table, scores)
 
 
 def points(
@@ -331,7 +331,7 @@ def points(
         raise RequestError(f"{compared.truth}: expected at least one labelled point in the frames to score, got none")
     for name, path in compared.named().items():
         scores[name] = evaluate_between(labels, read_points(path), scored.range, cutoff, window)
-    near = {name: cutoff - one.ospa1 for name, one in scores.items()}
+    near = {name: cutoff - score.ospa1 for name, score in scores.items()}
     compared.report(value_table(scores, POINT_COLUMNS), scores, near)
 
 
@@ -392,5 +392,5 @@ def states(compared: Comparison, *, scored: ScoredFrames = SCORED, distance: Pos
     for name, file in zip(compared.named(), files, strict=True):
         scores[name] = evaluate_states(labels, read_poses(file), distance, scored.range)
         warn_of_other_frames(file, int(labels.frames[0]), int(labels.frames[-1]))
-    right = {name: one.success for name, one in scores.items()}
-    compared.report(value_table(scores, STATE_COLUMNS), {name: one.values() for name, one in scores.items()}, right)
+    right = {name: score.success for name, score in scores.items()}
+    compared.report(value_table(scores, STATE_COLUMNS), {name: score.values() for name, score in scores.items()}, right)

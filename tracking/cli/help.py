@@ -9,8 +9,10 @@ if TYPE_CHECKING:
     from cyclopts.help import HelpEntry, HelpPanel
     from rich.console import Console, ConsoleOptions
 
-# Characters of the widest line, and of the column of options; a longer option has a line of its own.
-WIDTH, COLUMN = 100, 26
+# Characters of the widest line.
+WIDTH = 100
+# Characters of the column of options; a longer option has a line of its own.
+COLUMN = 26
 # Characters of a list of choices beside the option.
 LONGEST = 60
 PROGRAM_OPTIONS = (
@@ -71,10 +73,10 @@ def _print(console: Console, text: str) -> None:
     console.print(text, highlight=False, markup=False, emoji=False, soft_wrap=True)
 
 
-def _text(shown: Any) -> str:
+def _text(renderable: Any) -> str:
     """The characters of what cyclopts would show with colours."""
-    shown = getattr(shown, "primary_renderable", shown)
-    return str(getattr(shown, "plain", shown or "")).replace("``", "")
+    renderable = getattr(renderable, "primary_renderable", renderable)
+    return str(getattr(renderable, "plain", renderable or "")).replace("``", "")
 
 
 def _label(entry: HelpEntry) -> str:

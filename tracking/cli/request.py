@@ -54,10 +54,10 @@ class Request:
     chosen: Sequence[str] = ()
     spare: Sequence[str] = ()
 
-    def run(self, **more: Any) -> Any:
-        """Call the function, with ``more`` arguments."""
+    def run(self, **extra: Any) -> Any:
+        """Call the function, with ``extra`` arguments."""
         with refused():
-            return self.function(*self.arguments.args, **self.arguments.kwargs, **more)
+            return self.function(*self.arguments.args, **self.arguments.kwargs, **extra)
 
 
 def request_of(words: Sequence[str], options: Mapping[str, Any] | None = None, spare: bool = False) -> Request:
@@ -73,20 +73,20 @@ def request_of(words: Sequence[str], options: Mapping[str, Any] | None = None, s
         SystemExit: the options were to be printed.
     """
     chain, command = command_of(words)
-    rest, files = (list(words), []) if takes_all(command) else _taken(words, CONFIG)
+    arguments, files = (list(words), []) if takes_all(command) else _split_off(words, CONFIG)
     below = [read_config(Path(file), [PROGRAM, *chain]) for file in reversed(files)] + [options or {}]
-    found: list[ArgumentCollection] = []
-    printed = PRINT in rest
-    APP.config = (partial(_fill, below=below, found=found, printed=printed),)
+    collections: list[ArgumentCollection] = []
+    printed = PRINT in arguments
+    APP.config = (partial(_fill, below=below, collections=collections, printed=printed),)
     try:
-        rest = [word for word in rest if word != PRINT]
-        function, bound, *left = APP.parse_known_args(rest) if spare else APP.parse_args(rest)
+        arguments = [word for word in arguments if word != PRINT]
+        function, bound, *left = APP.parse_known_args(arguments) if spare else APP.parse_args(arguments)
     except CycloptsError as error:
         raise RequestError(worded(error)) from error
     finally:
         APP.config = ()
     bound.apply_defaults()
-    settings, chosen = _settings(found[0], bound) if found else ({}, [])
+    settings, chosen = _settings(collections[0], bound) if collections else ({}, [])
     for name, value in settings.items():
         _check_files(name, value)
     for name, value in bound.arguments.items():
@@ -104,9 +104,9 @@ def _paged(result: Result[Any]) -> Result[Any]:
     return with_page(result)
 
 
-def _taken(words: Sequence[str], name: str) -> tuple[list[str], list[str]]:
+def _split_off(words: Sequence[str], name: str) -> tuple[list[str], list[str]]:
     """The words without an option of the program itself, and its values."""
-    rest, values, left = list[str](), list[str](), list(words)
+    remaining, values, left = list[str](), list[str](), list(words)
     while left:
         word = left.pop(0)
         if word.startswith(f"{name}="):
@@ -116,8 +116,8 @@ def _taken(words: Sequence[str], name: str) -> tuple[list[str], list[str]]:
                 raise RequestError(f"{name}: expected a file, got nothing")
             values.append(left.pop(0))
         else:
-            rest.append(word)
-    return rest, values
+            remaining.append(word)
+    return remaining, values
 
 
 def _fill(
@@ -125,12 +125,12 @@ def _fill(
     chain: Sequence[str],
     arguments: ArgumentCollection,
     below: Iterable[Mapping[str, Any]],
-    found: list[ArgumentCollection],
+    collections: list[ArgumentCollection],
     printed: bool,
 ) -> None:
     """Give ``arguments`` what the words left open: of files, and the defaults of a group of which a part is given."""
     del chain
-    found.append(arguments)
+    collections.append(arguments)
     for options in below:
         update_argument_collection(dict(options), "", arguments, root_keys=(), allow_unknown=False)
     for argument in arguments:
@@ -142,12 +142,12 @@ def _fill(
         values: dict[str, Any] = {}
         for argument in arguments:
             if argument.parse and not argument.children:
-                put(values, argument.name[2:].replace("-", "_"), _given(argument))
+                put(values, argument.name[2:].replace("-", "_"), _value_of(argument))
         print(yaml.safe_dump(plain(values), sort_keys=False, allow_unicode=True), end="")
         raise SystemExit(0)
 
 
-def _given(argument: Argument) -> Any:
+def _value_of(argument: Argument) -> Any:
     """What words and files say for an option, or its default; None for none."""
     if not argument.tokens:
         default = argument.field_info.default
@@ -169,16 +169,16 @@ def put(values: dict[str, Any], name: str, value: Any) -> None:
 
 def _settings(arguments: ArgumentCollection, bound: inspect.BoundArguments) -> tuple[dict[str, Any], list[str]]:
     """Every option with its value: those of the command alone, then those that it shares; and which were given."""
-    own, shared, chosen = dict[str, Any](), dict[str, Any](), list[str]()
+    alone, shared, chosen = dict[str, Any](), dict[str, Any](), list[str]()
     for argument in (argument for argument in arguments if not argument.keys):
         group = bound.arguments[argument.field_info.name]
         flat = argument.positives == ("*",)
         for option in argument.children if flat else [argument]:
             name = option.field_info.name
             if option.parse:
-                (shared if flat else own)[name] = getattr(group, name) if flat else group
+                (shared if flat else alone)[name] = getattr(group, name) if flat else group
                 chosen += [name] if option.has_tokens else []
-    settings: dict[str, Any] = plain(own | shared)
+    settings: dict[str, Any] = plain(alone | shared)
     return settings, chosen
 
 

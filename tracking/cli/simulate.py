@@ -320,15 +320,15 @@ def sprites(
     return _fill(output, summary, write)
 
 
-def _make(output: SeededOutput, length: Length, plan: partial[Any], more: str = "") -> int:
-    """Plan a clip of the settings that ``plan`` holds and let it fill the output folder; ``more`` is printed of it."""
+def _make(output: SeededOutput, length: Length, plan: partial[Any], suffix: str = "") -> int:
+    """Plan a clip of the settings that ``plan`` holds and let it fill the output folder; ``suffix`` ends the line."""
     from tsuiseki.datamodules.scenes.clip import write_clip
 
     def write(folder: Path) -> object:
         return write_clip(folder, plan(), watch=_watched("drawing", length.frames))
 
     size = f" of {length.width}x{length.height}" if isinstance(length, Size) else ""
-    return _fill(output, f"{length.frames} frames{size}{more}", write)
+    return _fill(output, f"{length.frames} frames{size}{suffix}", write)
 
 
 def _watched(doing: str, count: int) -> Callable[[Iterable[T]], Iterator[T]]:

@@ -65,20 +65,20 @@ def track(
     from tsuiseki.tracking.report.track_bars import counted
     from tsuiseki.tracking.result import PageContent, check_corrections
 
-    wanted = None if hide is None else HideChoice.parse(hide)
-    source = video.open(images=wanted is not None, timed=True)
+    choice = None if hide is None else HideChoice.parse(hide)
+    source = video.open(images=choice is not None, timed=True)
     if corrections is not None:
         check_corrections(corrections, source)
     opened = open_people(source, finding, linking, output.seed)
     with output.run() as run:
         run.facts |= report_models(opened.inputs.detect, opened.inputs.describe)
         if replayed is None:
-            frames = run.frames(source, record=video.overlay or wanted is not None)
+            frames = run.frames(source, record=video.overlay or choice is not None)
             detections = opened.inputs.detections(frames, run.times)
         else:
             opened, detections = replayed(run, opened)
-        kept = run.kept("detections.txt", detections, None if finding.detections else detection_lines)
-        steps = run.steps(kept)
+        numbered = run.kept("detections.txt", detections, None if finding.detections else detection_lines)
+        steps = run.steps(numbered)
         settings = {"method": linking.method, "source": video.source, "hide": hide}
         result, lines = people_result(opened, steps, run.times, settings)
         for line in lines:
@@ -86,18 +86,18 @@ def track(
         report_blank(opened.inputs.detect)
         if corrections is not None:
             result = result.corrected(corrections)
-        hiding = None if wanted is None else _hiding(run, source, result, wanted, finding)
+        hiding = None if choice is None else _hiding(run, source, result, choice, finding)
         again = None if hiding is None else lambda: hiding.hidden(run.replay(source))
         run.save(
             replace(result, page=PageContent(hide=None if hiding is None else hiding.hidden)),
-            lambda: video.draw(run, source, result, frames=again) if wanted is None or hiding else None,
+            lambda: video.draw(run, source, result, frames=again) if choice is None or hiding else None,
         )
         run.done(f"{counted(result.tracks)} in {count(run.count, 'frame', 'frames')}: {output.out / 'tracks.txt'}")
     return run.status
 
 
 def _hiding(
-    run: Run, source: Source, result: Result[Track], wanted: HideChoice, finding: PeopleFinding
+    run: Run, source: Source, result: Result[Track], choice: HideChoice, finding: PeopleFinding
 ) -> Hiding | None:
     """What to hide, whose places in doubt are listed in ``doubtful.csv``; None where that was not finished."""
     from tsuiseki.tracking.hiding.run import SENSITIVE, Hiding, find_missed
@@ -106,7 +106,7 @@ def _hiding(
     second = replace(finding, detections=None, classes=None, score_range=None, score_threshold=score)
 
     def write(path: Path) -> None:
-        hiding = find_missed(source, run.replay(source), list(result), wanted, second)
+        hiding = find_missed(source, run.replay(source), list(result), choice, second)
         hiding.write_doubts(path)
         written.append(hiding)
 
