@@ -154,7 +154,7 @@ def fisheye(
     with output.run() as run:
         run.facts |= report_models(opened[0].detector, opened[0].describe)
         for inputs in opened:
-            if run.asked:
+            if run.signal:
                 break
             name, video = inputs.ceiling.placed.name, inputs.ceiling.source
             folder = "" if len(opened) == 1 else name

@@ -18,10 +18,13 @@ from types import FrameType
 from tsuiseki.tracking.errors import ENDING, Interrupted, RequestError, RunError, explained, lacks_memory, signal_of
 from tsuiseki.tracking.runs.messages import complain, message_of, notes_in_a_line
 
-# Exit statuses; 128 is added to the number of a signal.
+# Exit status of a command that did what it was asked for.
 DONE = 0
+# Of one that failed on its way.
 FAILED = 1
+# Of one that cannot be done as it was asked for.
 WRONG_REQUEST = 2
+# What a shell adds to the number of the signal that ended a command.
 SIGNALLED = 128
 # What may end a run late; what was finished before is kept.
 LATE = (RequestError, RunError, OSError, MemoryError)
@@ -52,8 +55,8 @@ def ended(command: Callable[[], int | None]) -> int:
             message_of(explanation) + place, WRONG_REQUEST if isinstance(explanation, RequestError) else FAILED
         )
     except KeyboardInterrupt as error:
-        kept = error.written if isinstance(error, Interrupted) else Interrupted().written
-        return complain(f"interrupted; {kept}", SIGNALLED + signal_of(error))
+        written = error.written if isinstance(error, Interrupted) else Interrupted().written
+        return complain(f"interrupted; {written}", SIGNALLED + signal_of(error))
 
 
 @contextmanager
@@ -65,8 +68,8 @@ def on_signals(handler: Callable[[int], object]) -> Iterator[None]:
     heard = dict.fromkeys(ENDING, -TWICE)
 
     def hear(number: int, _: FrameType | None) -> None:
-        before, heard[number] = heard[number], time.monotonic()
-        if heard[number] - before > TWICE:
+        last, heard[number] = heard[number], time.monotonic()
+        if heard[number] - last > TWICE:
             handler(number)
 
     numbers = ENDING if threading.current_thread() is threading.main_thread() else ()

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.video.source import Source
 
 T = TypeVar("T")
+# Sub-folder of files that are not whole yet.
 PARTS = ".parts"
-"""Sub-folder of files that are not whole yet."""
 
 
 @dataclass(repr=False, eq=False)
@@ -57,19 +57,19 @@ class RunFiles:
     finished: bool = False
     _lines: Path | None = None
 
-    def write(self, name: str, write: Callable[..., object], *more: object) -> Path:
-        """Make the file ``name`` of the result by ``write(path, *more)``; it is kept from then on."""
-        part, whole = self.work / PARTS / name, self.work / name
+    def write(self, name: str, write: Callable[..., object], *values: object) -> Path:
+        """Make the file ``name`` of the result by ``write(path, *values)``; it is kept from then on."""
+        part, final = self.work / PARTS / name, self.work / name
         part.parent.mkdir(parents=True, exist_ok=True)
         try:
-            write(part, *more)
-            whole.parent.mkdir(parents=True, exist_ok=True)
+            write(part, *values)
+            final.parent.mkdir(parents=True, exist_ok=True)
             self.finished, self._lines = True, None
-            return part.replace(whole)
+            return part.replace(final)
         except BaseException:
             part.unlink(missing_ok=True)
             with suppress(OSError):
-                whole.parent.rmdir()
+                final.parent.rmdir()
             raise
 
     def fill(self, write: Callable[[Path], object]) -> None:

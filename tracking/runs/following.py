@@ -140,6 +140,6 @@ class Video(Drawing, SourceOptions):
         return opened
 
 
-def count(number: int, one: str, several: str) -> str:
+def count(number: int, singular: str, plural: str) -> str:
     """``1 person`` or ``3 people``."""
-    return f"{number} {one if number == 1 else several}"
+    return f"{number} {singular if number == 1 else plural}"

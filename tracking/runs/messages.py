@@ -40,9 +40,9 @@ def notes_in_a_line() -> Iterator[None]:
         warnings.simplefilter("always", InputWarning)
         usual = warnings.showwarning
 
-        def show(message: Warning | str, category: type[Warning], *place: Any, **more: Any) -> None:
+        def show(message: Warning | str, category: type[Warning], *place: Any, **details: Any) -> None:
             if not issubclass(category, InputWarning):
-                usual(message, category, *place, **more)
+                usual(message, category, *place, **details)
             elif str(message) not in NOTES:
                 NOTES.append(str(message))
                 complain(f"note: {message}")

@@ -8,6 +8,7 @@ from collections.abc import Generator, Iterable
 from typing import TypeVar
 
 T = TypeVar("T")
+# Where there is no terminal: a log of a long run stays short.
 SECONDS_BETWEEN_LINES = 10.0
 
 

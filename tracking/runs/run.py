@@ -64,16 +64,16 @@ class Run(RunFiles):
         state: see there.
         count: finished steps.
         status: exit status, known after the ``with`` block.
-        asked: the signal by which the user asked to end, 0 where none came: begin no other part.
+        signal: the signal by which the user asked to end, 0 where none came: begin no other part.
     """
 
     state: State = State.IDLE
     count: int = 0
     status: int = DONE
-    asked: int = 0
+    signal: int = 0
     _reading: Reading = field(default_factory=Reading)
     _expected: int | None = None
-    _before: int = 0
+    _start: int = 0
     _live: bool = False
     _reason: str = ""
     _summary: str = ""
@@ -93,8 +93,8 @@ class Run(RunFiles):
                     raise
                 self.mark_partial(error, f"; {lines} can be given to go on from" if lines else "")
             self.state = State.WRITING
-            if self.asked and not self._live:
-                self.mark_partial(Interrupted(self.asked))
+            if self.signal and not self._live:
+                self.mark_partial(Interrupted(self.signal))
             self.record(self._reason)
         self._report()
 
@@ -102,7 +102,7 @@ class Run(RunFiles):
         """What a signal does in each state."""
         state = self.state
         if state is not State.WRITING:
-            self.state, self.asked = State.ASKED, number
+            self.state, self.signal = State.ASKED, number
             if state is not State.RUNNING:
                 raise Interrupted(number)
             complain("interrupted: what is finished is being written; another interrupt ends at once")
@@ -110,11 +110,11 @@ class Run(RunFiles):
     @contextmanager
     def waiting(self) -> Iterator[None]:
         """Within the ``with`` block it is idle: a signal is heard at once, for nothing there needs finishing."""
-        before, self.state = self.state, State.IDLE
+        state, self.state = self.state, State.IDLE
         try:
             yield
         finally:
-            self.state = before if self.state is State.IDLE else self.state
+            self.state = state if self.state is State.IDLE else self.state
 
     def frames(self, source: Source, record: bool = False) -> Iterator[Frame]:
         """The frames of ``source``, up to where it breaks off; ``record`` keeps those of a live one for `replay`."""
@@ -127,7 +127,7 @@ class Run(RunFiles):
     def unending(self, items: Iterable[T]) -> Iterator[T]:
         """``items`` of a live source: a signal ends them at once, and what came before is kept."""
         self._live, iterator = True, iter(items)
-        while not self.asked:
+        while not self.signal:
             try:
                 with self.waiting():
                     item = next(iterator)
@@ -144,29 +144,29 @@ class Run(RunFiles):
             RunError: there is none.
             KeyboardInterrupt: before the first step was finished.
         """
-        self._before = before = self.count
+        self._start = start = self.count
         self.state = State.RUNNING if self.state is State.IDLE else self.state
         try:
-            for item in () if self.asked else progress(items, what, self._expected if total is None else total):
+            for item in () if self.signal else progress(items, what, self._expected if total is None else total):
                 yield item
                 self.count += 1
-                if self.asked:
+                if self.signal:
                     break
         except LATE as error:
-            if self.count == before:
+            if self.count == start:
                 raise
             self.mark_partial(error)
-        if self.count == before:
-            raise Interrupted(self.asked) if self.asked else RunError("expected frames, got none")
+        if self.count == start:
+            raise Interrupted(self.signal) if self.signal else RunError("expected frames, got none")
 
     def replay(self, source: Source) -> Iterator[Frame]:
         """The finished frames again, to draw on."""
-        length = self.count - self._before
+        length = self.count - self._start
         return progress(self._reading.replay(source, length), "drawing", length)
 
     def draw(self, name: str, write: Callable[[Path], object]) -> Path | None:
         """Make the file ``name``, without which the result is one, too; None where it was not made."""
-        if self.asked and not self._live:
+        if self.signal and not self._live:
             return None
         try:
             with self.waiting(), self.times.measure("draw"):
@@ -175,11 +175,11 @@ class Run(RunFiles):
             self.mark_partial(error, f" while {name} was drawn")
         return None
 
-    def mark_partial(self, error: BaseException, more: str = "") -> None:
+    def mark_partial(self, error: BaseException, where: str = "") -> None:
         """The result is not whole, because of ``error``; the first one counts."""
         if not self._reason:
             stopped = isinstance(error, KeyboardInterrupt)
-            self._reason = ("interrupted" if stopped else message_of(error)) + more
+            self._reason = ("interrupted" if stopped else message_of(error)) + where
             self.status = SIGNALLED + signal_of(error) if isinstance(error, KeyboardInterrupt) else FAILED
 
     def done(self, summary: str) -> None:

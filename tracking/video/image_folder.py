@@ -82,7 +82,7 @@ class ImageFolder(Source):
         """
         sequence = read_sequence(folder) if is_sequence(folder) else None
         images = _of_one_target(folder) or _images_only(folder) if sequence is None else sequence.images
-        _check_numbers(folder, images, None if sequence is None else wanted)
+        _check_numbers(folder, images, None if sequence is None else frame_range)
         length = len(images) or (sequence.length if sequence else 0) or None
         size = _common_size(images) if images else (sequence.width, sequence.height) if sequence else (0, 0)
         return cls(
