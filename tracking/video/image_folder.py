@@ -222,11 +222,13 @@ def _check_numbers(folder: Path, images: tuple[Path, ...], labelled: FrameRange 
         return
     gap = int(np.argmax(steps))
     missing = int(np.maximum(np.round(steps / usual) - 1, 0).sum())
-    seen = f"{folder}: {missing} images are left out, the first after {images[gap].name}"
+    gap_note = f"{folder}: {missing} images are left out, the first after {images[gap].name}"
     if labelled is None:
-        warnings.warn(f"{seen}; frames are counted on as if none were", InputWarning, stacklevel=4)
+        warnings.warn(f"{gap_note}; frames are counted on as if none were", InputWarning, stacklevel=4)
     elif labelled.last is None or labelled.last > gap:
-        raise RequestError(f"{seen}; labels and detections go by the numbers: add them, or give the `frames` before")
+        raise RequestError(
+            f"{gap_note}; labels and detections go by the numbers: add them, or give the `frames` before"
+        )
 
 
 def _common_size(images: tuple[Path, ...]) -> Size:
@@ -260,8 +262,10 @@ def one_image(path: Path) -> Size:
             turned = "exif" in image.info and image.getexif().get(ORIENTATION_TAG) in TURNED_ORIENTATIONS
             return (image.height, image.width) if turned else (image.width, image.height)
     except Image.DecompressionBombError as error:
-        most = 2 * (Image.MAX_IMAGE_PIXELS or 0) // 1_000_000
-        raise RequestError(f"{path}: expected at most {most} million pixels, got more; write it smaller") from error
+        megapixels = 2 * (Image.MAX_IMAGE_PIXELS or 0) // 1_000_000
+        raise RequestError(
+            f"{path}: expected at most {megapixels} million pixels, got more; write it smaller"
+        ) from error
     except (UnidentifiedImageError, OSError, SyntaxError) as error:
         raise RequestError(not_an_image(path)) from error
 

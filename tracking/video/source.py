@@ -317,8 +317,8 @@ class SeekableVideo:
             frames = decoder.frames()
             if first <= back or not decoder.seek(self.stamps[first - back]):
                 return decoder, islice(frames, first, None)
-            before = self.stamps[first - 1]
-            if next((t for t in map(decoder.stamp, frames) if t is None or t >= before), None) == before:
+            previous = self.stamps[first - 1]
+            if next((t for t in map(decoder.stamp, frames) if t is None or t >= previous), None) == previous:
                 return decoder, frames
             back *= 4
 
