@@ -116,7 +116,10 @@ def lacks_memory(error: BaseException | None) -> bool:
     >>> lacks_memory(RuntimeError("std::bad_alloc"))
     True
     """
-    while error is not None:
+    # Some libraries chain errors in a circle.
+    passed: set[int] = set()
+    while error is not None and id(error) not in passed:
+        passed.add(id(error))
         if isinstance(error, MemoryError) or any(sign in str(error).lower() for sign in MEMORY_SIGNS):
             return True
         error = error.__cause__ or error.__context__

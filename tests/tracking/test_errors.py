@@ -12,6 +12,8 @@ from pathlib import Path
 import pytest
 from packaging.requirements import Requirement
 
+from tsuiseki.tracking.errors import lacks_memory
+
 PROJECT = Path(__file__).resolve().parents[2] / "pyproject.toml"
 MISSING = "raise ImportError('libGL.so.1: cannot open shared object file: No such file or directory')"
 
@@ -60,3 +62,9 @@ def test_the_base_installation_brings_one_opencv_only() -> None:
             waiting += metadata.requires(wanted.name) or []
     assert "opencv-python-headless" in seen
     assert not {"opencv-python", "opencv-contrib-python"} & seen
+
+
+def test_errors_that_come_from_each_other_in_a_circle_end() -> None:
+    first, second = ValueError("first"), KeyError("second")
+    first.__context__, second.__context__ = second, first
+    assert not lacks_memory(first)
