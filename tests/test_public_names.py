@@ -46,7 +46,7 @@ def test_type_checkers_see_the_names_that_there_are() -> None:
 
 
 def test_importing_it_is_light() -> None:
-    heavy = {"numpy", "scipy", "cv2", "torch", "yaml", "pydantic"}
+    heavy = {"numpy", "scipy", "cv2", "av", "torch", "yaml", "pydantic"}
     code = f"import sys, tsuiseki; sys.exit(' '.join({heavy} & set(sys.modules)) or 0)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

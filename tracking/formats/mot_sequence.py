@@ -9,7 +9,10 @@ import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from itertools import pairwise
 from pathlib import Path, PurePosixPath
+
+import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.mot import write_ground_truth
@@ -19,6 +22,8 @@ from tsuiseki.tracking.types.labels import GroundTruth
 
 # A time or a frame number, as the whole of a name.
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?", re.ASCII)
+# A name that ends in the number of a frame, and not in a fraction of a second.
+FRAME_NAME = re.compile(r"(|.*(?:\D\.|[^\d.]))(\d+)", re.DOTALL | re.ASCII)
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
 
 
@@ -148,6 +153,24 @@ def _counts_parts(numbers: Sequence[str]) -> bool:
         parts.setdefault(whole, []).extend([int(fraction)] if fraction else [])
     runs = [sorted(part) for part in parts.values() if len(part) > 1]
     return bool(runs) and all(run == [*range(run[0], run[-1] + 1)] for run in runs)
+
+
+def left_out(images: Sequence[Path]) -> str:
+    """Which numbers are left out in the names of images in their order, in words; empty where none is.
+
+    Raises:
+        RequestError: two images have one number.
+    """
+    for image, follower in pairwise(images):
+        if name_parts(image.stem) == name_parts(follower.stem):
+            raise RequestError(f"{image}: expected one image a number, got {follower.name}, too")
+    names = [name for image in images if (name := FRAME_NAME.fullmatch(image.stem))]
+    if len(names) < max(2, len(images)) or len({name[1] for name in names}) > 1:
+        return ""
+    steps = np.diff([int(name[2]) for name in names])
+    missing = np.maximum(np.round(steps / max(np.median(steps), 1)) - 1, 0)
+    gap = int(np.argmax(missing))
+    return f"{int(missing.sum())} images are left out, the first after {images[gap].name}" if missing.any() else ""
 
 
 def name_parts(name: str) -> list[tuple[bool, int, str]]:

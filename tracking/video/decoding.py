@@ -8,15 +8,15 @@ from __future__ import annotations
 import math
 import os
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.video.frame_source import Size
 from tsuiseki.tracking.video.levels import SAMPLES, Levels
 
@@ -34,10 +34,12 @@ FASTEST = 1000
 MICROSECOND = 1e-6
 # Threads of a decoder at most, for each holds a frame.
 THREADS = 4
+# No packet follows.
+END = object()
 
 
 class Decoder:
-    """An opened video, whose frames come as they are shown; it is closed with the ``with`` block.
+    """An opened video, whose frames come as they are shown; it is to be closed.
 
     Args:
         place: path of a file, or an address.
@@ -132,22 +134,23 @@ class Decoder:
         """Frames from the beginning, or from where `seek` went; a packet that is damaged is passed over."""
         packets = self._container.demux(self._stream)
         while True:
-            try:
-                packet = next(packets, None)
-            except MemoryError:
-                raise
-            except self._failures:
-                packet, self.broken = None, True
+            packet = self._attempt(next, packets, END)
+            self.broken = packet is None
+            packet = None if packet is END else packet
             if packet is not None and self.head is None and self._timed and packet.pts is not None:
                 self.head = packet.pts, bytes(packet)
-            try:
-                yield from self._stream.decode(packet)
-            except MemoryError:
-                raise
-            except self._failures:
-                pass
+            yield from self._attempt(self._stream.decode, packet) or ()
             if packet is None:
                 return
+
+    def _attempt(self, call: Callable[..., Any], *arguments: Any) -> Any:
+        """What a call of FFmpeg gives; None where it fails."""
+        try:
+            return call(*arguments)
+        except MemoryError:
+            raise
+        except self._failures:
+            return None
 
     def stamps(self) -> list[float] | None:
         """Seconds of all frames by their packets, in order; None where a packet has none. No frame is decoded."""
@@ -176,7 +179,10 @@ class Decoder:
     def levels(self, frame: VideoFrame) -> Levels:
         """``(H, W, 3)`` RGB of a frame, upright: uint8, or uint16 of a file that has 16 bits a colour."""
         deep = frame.format.components[0].bits == 16
-        converted = self._converter.reformat(frame, format="rgb48le" if deep else "rgb24", threads=1)
+        convert = partial(self._converter.reformat, format="rgb48le" if deep else "rgb24", threads=1)
+        converted = self._attempt(convert, frame)
+        if converted is None:
+            raise RunError(f"{self.name}: its pictures, {frame.format.name}, cannot be converted to RGB")
         turns = frame.rotation // 90 if frame.rotation % 90 == 0 else 0
         levels: Levels = np.asarray(converted.to_ndarray())
         return np.ascontiguousarray(np.rot90(levels, turns))
@@ -195,14 +201,6 @@ class Decoder:
             container.close()
         if self._file is not None:
             self._file.close()
-
-    def __enter__(self) -> Decoder:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def _refuse(address: str, *_: Any) -> NoReturn:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import re
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,23 +14,13 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError, lacks_memory
-from tsuiseki.tracking.formats.mot_sequence import (
-    IMAGE_SUFFIXES,
-    is_sequence,
-    list_images,
-    name_parts,
-    read_sequence,
-)
+from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES, is_sequence, left_out, list_images, read_sequence
 from tsuiseki.tracking.formats.single import IMAGE_FOLDERS, LABEL_NAMES
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.frame_source import DEFAULT_FRAME_RATE, Size, Source, fingerprint_of
 from tsuiseki.tracking.video.levels import BYTE, SAMPLES, Levels, depth_of, eight_bits
 
-# A name that ends in the number of a frame.
-FRAME_NAME = re.compile(r"(|.*\D)(\d+)", re.DOTALL | re.ASCII)
-# What stands before a fraction of a second.
-WHOLE_SECONDS = re.compile(r".*\d\.", re.DOTALL)
 # Kinds of images that may hold several, of which only the first would be read.
 PAGED = ("TIFF", "WEBP", "PNG")
 # EXIF's tag of how a camera was held.
@@ -66,23 +54,19 @@ class ImageFolder(Source):
     depth: int = BYTE
 
     @classmethod
-    def of_image(cls, path: Path, frame_range: FrameRange) -> ImageFolder:
-        """The image at ``path`` as a video of one frame; raises RequestError where it is none."""
-        size, depth, frames = one_image(path), _depth((path,)), frame_range.within(1)
-        return cls(
-            name=path.name, address=str(path), frames_wanted=frames, size=size, length=1, images=(path,), depth=depth
-        )
-
-    @classmethod
     def open(cls, folder: Path, frame_range: FrameRange) -> ImageFolder:
-        """The images of ``folder``, a sequence's or its own, up to the end of what is wanted.
+        """The images of ``folder``, a sequence's or its own, or one image file, up to the end of what is wanted.
 
         Raises:
             RequestError: they are none, or differ in size, or something else lies among them.
         """
         sequence = read_sequence(folder) if is_sequence(folder) else None
-        images = _of_one_target(folder) or _images_only(folder) if sequence is None else sequence.images
-        _check_numbers(folder, images, None if sequence is None else frame_range)
+        images = _images(folder) if sequence is None else sequence.images
+        gap = left_out(images)
+        if gap and sequence is not None:
+            raise RequestError(f"{folder}: {gap}; labels and detections go by the numbers, so add them")
+        if gap:
+            warnings.warn(f"{folder}: {gap}; frames are counted on as if none were", InputWarning, stacklevel=3)
         length = len(images) or (sequence.length if sequence else 0) or None
         size = _common_size(images) if images else (sequence.width, sequence.height) if sequence else (0, 0)
         return cls(
@@ -130,9 +114,9 @@ def read_image(path: Path, size: Size | None = None, depth: int | None = None) -
     levels = _levels(path)
     if size is not None and levels.shape[1::-1] != size:
         raise RunError(f"{path}: expected {size[0]}x{size[1]} pixels, got {levels.shape[1]}x{levels.shape[0]}")
-    if levels.dtype == np.uint8:
-        return np.asarray(levels, dtype=np.uint8)
-    return eight_bits(levels, depth_of([levels], path.name) if depth is None else depth)
+    if depth is None and levels.dtype != np.uint8:
+        depth = depth_of([levels], path.name)
+    return eight_bits(levels, depth or BYTE)
 
 
 def _levels(path: Path) -> Levels:
@@ -174,6 +158,11 @@ def not_an_image(path: Path) -> str:
     return f"{path}: expected an image, got something that cannot be decoded"
 
 
+def _images(place: Path) -> tuple[Path, ...]:
+    """The images at a place that is no sequence of MOTChallenge."""
+    return (place,) if place.is_file() else _of_one_target(place) or _images_only(place)
+
+
 def _of_one_target(folder: Path) -> tuple[Path, ...]:
     """The images of a sequence of OTB, UAV123 or VOT, which lie beside its labels; none where it is something else."""
     labelled = any(LABEL_NAMES.fullmatch(path.name) for path in folder.iterdir())
@@ -196,39 +185,6 @@ def _images_only(folder: Path) -> tuple[Path, ...]:
     if strange:
         raise RequestError(f"{folder}: expected only images, found {strange[0]}; move it elsewhere")
     return images
-
-
-def _check_numbers(folder: Path, images: tuple[Path, ...], labelled: FrameRange | None) -> None:
-    """Tell of numbers that are left out in the names of ``images``, which follow each other as frames.
-
-    Args:
-        folder: for messages.
-        images: in the order of their numbers.
-        labelled: the frames to be read of a sequence whose labels and detections go by the numbers.
-
-    Raises:
-        RequestError: two images have one number, or labelled frames are left out.
-    """
-    for image, follower in pairwise(images):
-        if name_parts(image.stem) == name_parts(follower.stem):
-            raise RequestError(f"{folder}: expected one image a number, got {image.name} and {follower.name}")
-    names = [name for image in images if (name := FRAME_NAME.fullmatch(image.stem))]
-    prefixes = {name[1] for name in names}
-    if len(names) < max(2, len(images)) or len(prefixes) > 1 or WHOLE_SECONDS.fullmatch(names[0][1]):
-        return
-    steps = np.diff([int(name[2]) for name in names])
-    usual = float(np.median(steps))
-    if usual < 1 or (steps == usual).all():
-        return
-    gap = int(np.argmax(steps))
-    missing = int(np.maximum(np.round(steps / usual) - 1, 0).sum())
-    gap_note = f"{folder}: {missing} images are left out, the first after {images[gap].name}"
-    if labelled is None:
-        warnings.warn(f"{gap_note}; frames are counted on as if none were", InputWarning, stacklevel=4)
-    elif labelled.last is None or labelled.last > gap:
-        raise RequestError(
-            f"{gap_note}; labels and detections go by the numbers: add them, or give the `frames` before"
-        )
 
 
 def _common_size(images: tuple[Path, ...]) -> Size:
@@ -262,10 +218,8 @@ def one_image(path: Path) -> Size:
             turned = "exif" in image.info and image.getexif().get(ORIENTATION_TAG) in TURNED_ORIENTATIONS
             return (image.height, image.width) if turned else (image.width, image.height)
     except Image.DecompressionBombError as error:
-        megapixels = 2 * (Image.MAX_IMAGE_PIXELS or 0) // 1_000_000
-        raise RequestError(
-            f"{path}: expected at most {megapixels} million pixels, got more; write it smaller"
-        ) from error
+        limit = 2 * (Image.MAX_IMAGE_PIXELS or 0) // 1_000_000
+        raise RequestError(f"{path}: expected at most {limit} million pixels, got more; write it smaller") from error
     except (UnidentifiedImageError, OSError, SyntaxError) as error:
         raise RequestError(not_an_image(path)) from error
 
@@ -291,6 +245,7 @@ class GivenFrames(Source):
         return cls(name="images", items=items, frames_wanted=frame_range, length=len(items), size=(width, height))
 
     def frames(self) -> Iterator[Frame]:
+        """See `Source.frames`."""
         size: tuple[int, ...] | None = None
         for index, item in enumerate(self.items):
             if self.frames_wanted.last is not None and index > self.frames_wanted.last:
@@ -309,5 +264,5 @@ def _image(item: Any, index: int) -> ImageArray:
     image = item.image if isinstance(item, Frame) else item
     if isinstance(image, np.ndarray) and image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8:
         return image
-    got = f"shape {image.shape} {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
-    raise RequestError(f"expected a video file, or images (H, W, 3) uint8 RGB; image {index} is of {got}")
+    kind = f"shape {image.shape} {image.dtype}" if isinstance(image, np.ndarray) else type(image).__name__
+    raise RequestError(f"expected a video file, or images (H, W, 3) uint8 RGB; image {index} is of {kind}")

@@ -61,7 +61,7 @@ class LiveSource(Source):
                 rate, ends = float(capture.get(cv2.CAP_PROP_FPS)), capture.get(cv2.CAP_PROP_FRAME_COUNT) > 0
             rate = rate if math.isfinite(rate) and 0 < rate <= FASTEST else DEFAULT_FRAME_RATE
             return cls(name=name, address=address, frame_rate=rate, frames_wanted=frame_range, ends=ends)
-        with Decoder(address, stream, PICTURE) as decoder:
+        with closing(Decoder(address, stream, PICTURE)) as decoder:
             return cls(
                 name=name,
                 address=address,
@@ -171,7 +171,7 @@ class _Reader:
                 yield np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), dtype=np.uint8)
 
     def _from_stream(self, address: str, stream: int) -> Generator[ImageArray]:
-        with Decoder(address, stream, PICTURE) as decoder:
+        with closing(Decoder(address, stream, PICTURE)) as decoder:
             for frame in decoder.frames():
                 self.head = decoder.head
                 yield eight_bits(decoder.levels(frame), DEPTHS[-1])

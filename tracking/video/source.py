@@ -11,7 +11,7 @@ import math
 import re
 import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -86,7 +86,7 @@ def _opened(text: str, frame_range: FrameRange, stream: int | None) -> Source:
         return ImageFolder.open(path, frame_range)
     if path.is_file():
         if path.suffix.lower() in IMAGE_SUFFIXES:
-            return ImageFolder.of_image(path, frame_range)
+            return ImageFolder.open(path, frame_range)
         return VideoFile.open(path, frame_range, stream)
     if text.isdecimal() and len(text) < 10:
         return LiveSource.open(text, f"webcam {text}", frame_range)
@@ -146,7 +146,7 @@ class VideoFile(Source):
         with path.open("rb") as file:
             if file.read(16).startswith(PLAYLIST_HEADERS):
                 raise RequestError(f"{path} is a playlist, which may lead anywhere; give the video itself")
-        with Decoder(path, stream) as decoder:
+        with closing(Decoder(path, stream)) as decoder:
             frames = decoder.frames()
             first, second = next(frames, None), next(frames, None)
             if first is None:
@@ -157,9 +157,7 @@ class VideoFile(Source):
         # A raw stream has no times.
         timed = start is not None and follower is not None and follower > start
         promised, rate = decoder.promised, decoder.rate or DEFAULT_FRAME_RATE
-        if promised and max(frame_range.first, frame_range.last or 0) >= promised + _slack(promised):
-            frame_range.within(promised)
-        return cls(
+        opened = cls(
             name=path.name,
             path=path,
             stream=1 if stream is None else stream,
@@ -174,11 +172,14 @@ class VideoFile(Source):
             first_time=start or 0.0,
             size=(levels.shape[1], levels.shape[0]),
         )
+        if promised and max(frame_range.first, frame_range.last or 0) >= promised + opened.slack:
+            frame_range.within(promised)
+        return opened
 
     @property
     def slack(self) -> float:
         """By how many frames the header of a sound file may be wrong."""
-        return _slack(self.promised)
+        return max(3.0, 0.02 * self.promised)
 
     @property
     def fingerprint(self) -> str:
@@ -186,7 +187,7 @@ class VideoFile(Source):
 
     def frames(self) -> Iterator[Frame]:
         times, stamp = list[float](), None
-        with Decoder(self.path, self.stream) as decoder:
+        with closing(Decoder(self.path, self.stream)) as decoder:
             frames = decoder.frames()
             while self.frames_wanted.last is None or len(times) <= self.frames_wanted.last:
                 decoded, index = next(frames, None), len(times)
@@ -224,8 +225,7 @@ class VideoFile(Source):
         """Seconds since the first frame of the frame after those at ``times``; ``stamp`` is its container's."""
         if self.timed_by == "frame rate":
             return len(times) / self.frame_rate
-        stated = math.nan if stamp is None else stamp - self.first_time
-        return container_time(stated, times, self.frame_rate)
+        return container_time(math.nan if stamp is None else stamp - self.first_time, times, self.frame_rate)
 
     def refuse_early_end(self, frames: int, seconds: float) -> None:
         """Tell a truncated file from one whose header only estimates its length.
@@ -241,10 +241,6 @@ class VideoFile(Source):
             raise RunError(
                 f"{self.path}: expected {self.promised} frames, but the video breaks off after frame {frames}"
             )
-
-
-def _slack(promised: int) -> float:
-    return max(3.0, 0.02 * promised)
 
 
 # Frames before the wanted one from which a file is first asked to begin; each further attempt four times as many.
@@ -276,7 +272,7 @@ class SeekableVideo:
             return cls(video, np.empty(0), np.arange(len(video.images)) / video.frame_rate)
         if not isinstance(video, VideoFile):
             return None
-        with Decoder(video.path, video.stream) as decoder:
+        with closing(Decoder(video.path, video.stream)) as decoder:
             stamps = np.array(decoder.stamps() or [], dtype=np.float64)
         if len(stamps) < 2 or not (np.diff(stamps) > 0).all():
             return None
@@ -313,12 +309,12 @@ class SeekableVideo:
         assert isinstance(self.video, VideoFile)
         back = LEAD
         while True:
-            decoder = stack.enter_context(Decoder(self.video.path, self.video.stream))
+            decoder = stack.enter_context(closing(Decoder(self.video.path, self.video.stream)))
             frames = decoder.frames()
             if first <= back or not decoder.seek(self.stamps[first - back]):
                 return decoder, islice(frames, first, None)
-            previous = self.stamps[first - 1]
-            if next((t for t in map(decoder.stamp, frames) if t is None or t >= previous), None) == previous:
+            preceding = self.stamps[first - 1]
+            if next((t for t in map(decoder.stamp, frames) if t is None or t >= preceding), None) == preceding:
                 return decoder, frames
             back *= 4
 

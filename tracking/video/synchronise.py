@@ -94,15 +94,10 @@ def moments_with_images(
     for moment in moments:
         images: list[ImageArray | None] = []
         for video, number in zip(videos, moment.frames, strict=True):
-            image = None
-            while number is not None:
-                frame = next(video, None)
-                if frame is None:
-                    return
-                if frame.index == number:
-                    image = frame.image
-                    break
-            images.append(image)
+            frame = None if number is None else next((frame for frame in video if frame.index == number), None)
+            if number is not None and frame is None:
+                return
+            images.append(None if frame is None else frame.image)
         yield moment, images
 
 

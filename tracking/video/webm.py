@@ -35,8 +35,8 @@ class Encoder:
 VP8 = Encoder("libvpx", 0.125, {"deadline": "realtime", "cpu-used": "-8", "crf": "10", "lag-in-frames": "0"})
 # The fastest of VP9: it stands in where H.264 is not there.
 VP9 = Encoder("libvpx-vp9", 0.125, {"deadline": "realtime", "cpu-used": "8", "crf": "30", "lag-in-frames": "0"})
-# Its quality by default, with a bound for noise.
-H264 = Encoder("libx264", 0.15, {"preset": "veryfast", "crf": "23"})
+# With frames between two others x264 reads memory that it has not written, and files of the same pictures may differ.
+H264 = Encoder("libx264", 0.15, {"preset": "veryfast", "crf": "23", "bf": "0"})
 # By the end of a file's name, the best first: not all builds of FFmpeg have that of H.264.
 ENCODERS = {".webm": (VP8, VP9), ".mp4": (H264, VP9)}
 # Bits a second below which an encoder leaves pictures out.

@@ -253,7 +253,7 @@ def test_tracking_never_imports_torch(inputs: Any, tmp_path: Path) -> None:
 def test_help_of_a_group_imports_next_to_nothing(words: list[str]) -> None:
     done = python(
         f"import sys; from tsuiseki.tracking.cli import main; status = main({words!r});"
-        "sys.exit(' '.join({'numpy', 'scipy', 'cv2', 'yaml', 'pydantic'} & set(sys.modules)) or status)"
+        "sys.exit(' '.join({'numpy', 'scipy', 'cv2', 'av', 'yaml', 'pydantic'} & set(sys.modules)) or status)"
     )
     assert (done.returncode, done.stderr) == (0, "")
     assert "tsuiseki" in done.stdout

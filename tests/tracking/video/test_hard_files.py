@@ -204,6 +204,7 @@ def test_58_17_a_file_tells_size_rate_first_time_length_and_what_it_is(tmp_path:
     assert open_source(copy).fingerprint != source.fingerprint
 
 
+@pytest.mark.skipif(int(av.__version__.split(".")[0]) < 18, reason="PyAV 17 cannot write it")
 @pytest.mark.parametrize("turned", [0, 90, 180, 270])
 def test_a_turned_video_is_turned_upright(turned: int, tmp_path: Path) -> None:
     source = open_source(write(tmp_path / "a.mp4", turned=turned))

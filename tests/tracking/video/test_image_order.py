@@ -11,7 +11,6 @@ from PIL import Image
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.mot_sequence import list_images
-from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.source import open_source
 
 
@@ -43,7 +42,7 @@ def test_58_9_names_are_ordered_by_their_numbers(names: tuple[str, ...], tmp_pat
 
 def test_58_9_two_files_of_one_number_are_refused(tmp_path: Path) -> None:
     make(tmp_path, "1.jpg", "1.png", "2.jpg")
-    with pytest.raises(RequestError, match=r"expected one image a number, got 1.jpg and 1.png"):
+    with pytest.raises(RequestError, match=r"1.jpg: expected one image a number, got 1.png, too"):
         open_source(tmp_path)
 
 
@@ -55,7 +54,6 @@ def test_58_9_numbers_that_are_left_out_are_said_or_refused(tmp_path: Path) -> N
     sequence = make(tmp_path / "sequence" / "img1", *(f"{n:06d}.png" for n in numbers)).parent
     with pytest.raises(RequestError, match=r"4 images are left out, the first after 000007.png; labels .* add them"):
         open_source(sequence)
-    assert len(list(open_source(sequence, FrameRange(0, 6)).frames())) == 7
     # Each tenth of a video leaves nothing out.
     open_source(make(tmp_path / "tenth" / "img1", *(f"{n:06d}.png" for n in range(1, 100, 10))).parent)
 
