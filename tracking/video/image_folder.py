@@ -245,7 +245,6 @@ class GivenFrames(Source):
         return cls(name="images", items=items, frames_wanted=frame_range, length=len(items), size=(width, height))
 
     def frames(self) -> Iterator[Frame]:
-        """See `Source.frames`."""
         size: tuple[int, ...] | None = None
         for index, item in enumerate(self.items):
             if self.frames_wanted.last is not None and index > self.frames_wanted.last:
