@@ -16,6 +16,7 @@ from typing import Any, Literal, TypeAlias, get_args
 import numpy as np
 
 from benchmarks.papers.outcome import Outcome
+from benchmarks.papers.paired_bootstrap import COUNTS, SCORES, paired_bootstrap, score_sums, scores_of
 from benchmarks.papers.peer_programs import LINKERS
 from benchmarks.papers.peers import Peer, find_peer, skipped
 from benchmarks.papers.store import Cached, Store
@@ -28,7 +29,6 @@ from tsuiseki.tracking.association.smoothing import fill_gaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.coverage import owners_of
 from tsuiseki.tracking.evaluation.multi import SequencePair, restrict
-from tsuiseki.tracking.evaluation.paired_bootstrap import COUNTS, SCORES, paired_bootstrap, score_sums, scores_of
 from tsuiseki.tracking.evaluation.result_files import read_truths
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, write_detections
 from tsuiseki.tracking.formats.mot_sequence import read_sequence, write_sequence_info

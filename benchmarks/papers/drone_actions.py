@@ -17,6 +17,7 @@ from cyclopts.types import PositiveInt
 from matplotlib.figure import Figure
 
 from benchmarks.papers.outcome import Outcome
+from benchmarks.papers.paired_bootstrap import paired_bootstrap, score_sums
 from benchmarks.papers.plots import Curve, curves
 from benchmarks.papers.store import Cached, Store, write_planned
 from benchmarks.papers.tables import Table
@@ -40,7 +41,6 @@ from tsuiseki.tracking.evaluation.actions import (
     read_labelled_actions,
 )
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
-from tsuiseki.tracking.evaluation.paired_bootstrap import paired_bootstrap, score_sums
 from tsuiseki.tracking.features.action import LOCAL_STREAMS, STREAMS, ActionRecogniser, StreamName, averaged
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import Appearance, Detector

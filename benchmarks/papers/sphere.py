@@ -27,7 +27,7 @@ from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, SphereC
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.space import DistanceScores, distance_scores, distance_to_path
+from tsuiseki.tracking.evaluation.space import distance_to_path
 from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.resampling import Covering
 from tsuiseki.tracking.runs.progress import progress
@@ -36,6 +36,35 @@ from tsuiseki.tracking.sphere.points import track_sphere_points, triangulate
 from tsuiseki.tracking.sphere.settings import SphereSettings, chosen_motion
 from tsuiseki.tracking.sphere.tracker import SphereTracker, TimedViews
 from tsuiseki.tracking.types import FloatArray, ImageArray
+
+
+@dataclass(frozen=True)
+class DistanceScores:
+    """Summary of distances, metres; their deviation is the standard deviation."""
+
+    mean: float
+    maximum: float
+    deviation: float
+    median: float
+    count: int
+
+
+def distance_scores(distances: FloatArray) -> DistanceScores:
+    """The summary of distances ``(T,)``.
+
+    Raises:
+        ValueError: there is none.
+    """
+    if len(distances) == 0:
+        raise ValueError("expected at least one distance, got none")
+    return DistanceScores(
+        float(distances.mean()),
+        float(distances.max()),
+        float(distances.std()),
+        float(np.median(distances)),
+        len(distances),
+    )
+
 
 RADIUS = 0.10
 """Of the ball, metres; seen from 4 m it is 35 pixels across."""

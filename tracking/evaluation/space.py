@@ -2,40 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.tracks import Path3D
-
-
-@dataclass(frozen=True)
-class DistanceScores:
-    """Summary of distances, metres; their deviation is the standard deviation."""
-
-    mean: float
-    maximum: float
-    deviation: float
-    median: float
-    count: int
-
-
-def distance_scores(distances: FloatArray) -> DistanceScores:
-    """The summary of distances ``(T,)``.
-
-    Raises:
-        ValueError: there is none.
-    """
-    if len(distances) == 0:
-        raise ValueError("expected at least one distance, got none")
-    return DistanceScores(
-        float(distances.mean()),
-        float(distances.max()),
-        float(distances.std()),
-        float(np.median(distances)),
-        len(distances),
-    )
 
 
 def distance_to_position(track: Path3D, truth: Path3D) -> FloatArray:

@@ -13,7 +13,7 @@ import pytest
 
 from benchmarks.papers import sphere
 from benchmarks.papers.__main__ import main
-from benchmarks.papers.sphere import turned
+from benchmarks.papers.sphere import distance_scores, turned
 from tsuiseki.datamodules.scenes.sphere_clip import CarriedBallSettings, SphereClip, ball_cameras
 
 
@@ -97,3 +97,10 @@ def test_wrong_requests_get_one_line(
     assert main(["stereo-sphere", "--out", str(tmp_path / "out"), *words]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert expected in line
+
+
+def test_the_summary_of_distances():
+    scores = distance_scores(np.array([1.0, 2.0, 6.0]))
+    assert (scores.mean, scores.maximum, scores.median, scores.count) == (3.0, 6.0, 2.0, 3)
+    with pytest.raises(ValueError, match="at least one"):
+        distance_scores(np.empty(0))

@@ -5,7 +5,6 @@ import pytest
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.space import (
-    distance_scores,
     distance_to_path,
     distance_to_position,
 )
@@ -25,13 +24,6 @@ def test_beyond_the_ends_the_path_is_its_end_and_the_position_unknown():
     truth = Path3D(np.array([0.0, 1.0]), np.array([[0.0, 0, 0], [1, 0, 0]]))
     assert distance_to_path(np.array([[4.0, 4.0, 0.0]]), truth.points)[0] == pytest.approx(5.0)
     assert np.isnan(distance_to_position(Path3D(np.array([1.5]), np.zeros((1, 3))), truth)).all()
-
-
-def test_the_summary_of_distances():
-    scores = distance_scores(np.array([1.0, 2.0, 6.0]))
-    assert (scores.mean, scores.maximum, scores.median, scores.count) == (3.0, 6.0, 2.0, 3)
-    with pytest.raises(ValueError, match="at least one"):
-        distance_scores(np.empty(0))
 
 
 def test_a_track_is_read_back(tmp_path):

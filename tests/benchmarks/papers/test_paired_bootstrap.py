@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.papers.paired_bootstrap import SCORES, paired_bootstrap, score_sums, scores_of
 from tsuiseki.tracking.evaluation.multi import SequencePair, evaluate_sequences
-from tsuiseki.tracking.evaluation.paired_bootstrap import SCORES, paired_bootstrap, score_sums, scores_of
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
 
