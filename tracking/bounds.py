@@ -11,7 +11,8 @@ infinity, and a number out of the bounds of its field, whether they are made in 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Mapping
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 from pydantic import ConfigDict, Field, ValidationError
@@ -55,15 +56,16 @@ def as_settings(settings: S | None, kind: type[S], name: str = "settings") -> S:
     return settings
 
 
-def changed(settings: S, kind: type[S], **changes: object) -> S:
-    """The settings with those of the changes that are not None.
+def changed(settings: S, kind: type[S], values: Mapping[str, object]) -> S:
+    """The settings with those of the values, by the names of fields, that are not None; other names say nothing.
 
     Raises:
         RequestError: the settings are of another kind.
         ValidationError: a change is out of its bounds.
     """
     settings = as_settings(settings, kind)
-    return replace(settings, **{name: value for name, value in changes.items() if value is not None})
+    names = [option.name for option in fields(kind) if values.get(option.name) is not None]
+    return replace(settings, **{name: values[name] for name in names})
 
 
 def refusal(error: ValidationError, prefix: str = "") -> str:

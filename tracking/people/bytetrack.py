@@ -93,19 +93,7 @@ class ByteTrack(LifecycleTracker[ByteTrackSettings]):
         motion: BoxMotion | None = None,
     ) -> None:
         start_follows = high_score is not None and start_score is None and settings is BYTETRACK
-        settings = changed(
-            settings,
-            ByteTrackSettings,
-            high_score=high_score,
-            low_score=low_score,
-            min_iou=min_iou,
-            min_iou_low=min_iou_low,
-            min_hits=min_hits,
-            max_age=max_age,
-            start_score=start_score,
-            boxes=boxes,
-            motion=motion,
-        )
+        settings = changed(settings, ByteTrackSettings, locals())
         if start_follows:
             settings = replace(settings, start_score=settings.high_score + 0.1)
         super().__init__(settings, seed)

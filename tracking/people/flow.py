@@ -75,7 +75,7 @@ class FlowTracker:
         frame_rate: float = 25.0,
         size: tuple[int, int] | None = None,
         camera: CameraPath | StandingCamera | None = None,
-        seed: int = 0,  # noqa: ARG002
+        seed: int = 0,
         changes: CostNetwork | None = None,
         delay: float | None = None,
         drop_straddling: bool = False,
@@ -88,7 +88,7 @@ class FlowTracker:
             raise RequestError(f"expected a frame rate above 0 and a stride from 1, got {frame_rate} and {stride}")
         if delay is not None and not 0 <= delay < np.inf:
             raise RequestError(f"expected a delay of 0 seconds or more, got {delay}")
-        settings = changed(settings, FlowSettings, min_time=min_time, fill=fill, smoothing=smoothing)
+        settings = changed(settings, FlowSettings, locals())
         if delay is not None or changes is not None:
             settings = settings.alike()
         self.settings = settings

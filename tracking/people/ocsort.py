@@ -105,19 +105,7 @@ class OcSort(LifecycleTracker[OcSortSettings]):
     ) -> None:
         if start_score is None and settings is OCSORT:
             start_score = min_score
-        settings = changed(
-            settings,
-            OcSortSettings,
-            min_score=min_score,
-            min_iou=min_iou,
-            direction_weight=direction_weight,
-            direction_span=direction_span,
-            min_hits=min_hits,
-            max_age=max_age,
-            start_score=start_score,
-            boxes=boxes,
-            motion=motion,
-        )
+        settings = changed(settings, OcSortSettings, locals())
         super().__init__(settings, seed)
         columns, none = self.settings.direction_span + 1, start_boxes(np.empty((0, 4)), self.settings.motion)
         self._history = History(none, none.boxes, np.empty((0, columns, 2)), np.empty((0, columns)))

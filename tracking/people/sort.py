@@ -80,16 +80,7 @@ class Sort(LifecycleTracker[SortSettings]):
         boxes: ReportedBox | None = None,
         motion: BoxMotion | None = None,
     ) -> None:
-        settings = changed(
-            settings,
-            SortSettings,
-            min_iou=min_iou,
-            min_hits=min_hits,
-            max_age=max_age,
-            start_score=start_score,
-            boxes=boxes,
-            motion=motion,
-        )
+        settings = changed(settings, SortSettings, locals())
         super().__init__(settings, seed)
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets:
@@ -150,20 +141,7 @@ class DeepSort(LifecycleTracker[DeepSortSettings]):
         boxes: ReportedBox | None = None,
         motion: BoxMotion | None = None,
     ) -> None:
-        settings = changed(
-            settings,
-            DeepSortSettings,
-            feature_gate=feature_gate,
-            position_gate=position_gate,
-            memory=memory,
-            reach=reach,
-            reach_growth=reach_growth,
-            min_hits=min_hits,
-            max_age=max_age,
-            start_score=start_score,
-            boxes=boxes,
-            motion=motion,
-        )
+        settings = changed(settings, DeepSortSettings, locals())
         super().__init__(settings, seed)
         self._appearance = np.empty((0, 0))
 
