@@ -17,7 +17,7 @@ import numpy as np
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.multi import rows_by_frame
 from tsuiseki.tracking.formats.rotated import RotatedBoxes, read_rotated_detections, read_rotated_labels
-from tsuiseki.tracking.geometry import areas, intersections, iou_pairs, rotated_iou
+from tsuiseki.tracking.geometry import areas, intersections, iou_matrix, rotated_iou
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -90,8 +90,7 @@ def evaluate_detections(
     count = sum(int((~image.ignored).sum()) for image in truth)
     if count == 0:
         raise RequestError("expected labelled boxes to evaluate against, got none that counts; check the frame range")
-    right, counted, scores = _match(truth, _scored(detections), iou_threshold)
-    return scores_of_matches(right[counted], scores[counted], count)
+    return scores_of_matches(*_match(truth, _scored(detections), iou_threshold), count)
 
 
 def evaluate_classes(
@@ -169,41 +168,29 @@ def average_precision(recall: FloatArray, precision: FloatArray) -> float:
 
 def _match(
     truth: Sequence[LabelledBoxes], detections: Sequence[Detections], iou_threshold: float
-) -> tuple[BoolArray, BoolArray, FloatArray]:
-    """Right, counted and score of every detection, ``(images, most detections)`` arrays; padding is not counted.
-
-    The loop runs over ranks, each step over all images at once.
-    """
-    images, longest = len(detections), max((len(d) for d in detections), default=0)
-    boxes = np.zeros((images, longest, 4))
-    scores = np.full((images, longest), -np.inf)
-    for n, image in enumerate(detections):
-        order = np.argsort(-image.scores, kind="stable")
-        boxes[n, : len(image)], scores[n, : len(image)] = image.boxes[order], image.scores[order]
-    labels, free, ignored = _padded(truth)
-    overlaps = iou_pairs(boxes[:, :, None], labels[:, None])
-    right = np.zeros((images, longest), dtype=np.bool_)
-    everyone = np.arange(images)
-    for rank in range(longest if labels.shape[1] else 0):
-        candidates = np.where(free, overlaps[:, rank], -1.0)
-        best = candidates.argmax(axis=1)
-        right[:, rank] = candidates[everyone, best] >= iou_threshold
-        free[everyone, best] &= ~right[:, rank]
-    covered = intersections(boxes[:, :, None], labels[:, None]) >= iou_threshold * areas(boxes)[:, :, None]
-    excused = ~right & (covered & ignored[:, None]).any(axis=2)
-    return right, np.isfinite(scores) & ~excused, scores
+) -> tuple[BoolArray, FloatArray]:
+    """Which detections are right, and their scores, image by image from the best down; without the excused ones."""
+    right, scores = [np.empty(0, dtype=np.bool_)], [np.empty(0)]
+    for labels, image in zip(truth, detections, strict=True):
+        image = image.select(np.argsort(-image.scores, kind="stable"))
+        hit = _taken(iou_matrix(image.boxes, labels.boxes[~labels.ignored]), image.scores, iou_threshold) >= 0
+        shared = intersections(image.boxes[:, None], labels.boxes[None, labels.ignored])
+        excused = ~hit & (shared >= iou_threshold * areas(image.boxes)[:, None]).any(axis=1)
+        right.append(hit[~excused])
+        scores.append(image.scores[~excused])
+    return np.concatenate(right), np.concatenate(scores)
 
 
-def _padded(truth: Sequence[LabelledBoxes]) -> tuple[FloatArray, BoolArray, BoolArray]:
-    """Boxes ``(I, M, 4)``, and which of them ``(I, M)`` count and are to be ignored; padding is neither."""
-    longest = max((len(image.boxes) for image in truth), default=0)
-    boxes = np.zeros((len(truth), longest, 4))
-    counting, ignored = (np.zeros((len(truth), longest), dtype=np.bool_) for _ in range(2))
-    for n, image in enumerate(truth):
-        boxes[n, : len(image.boxes)] = image.boxes
-        counting[n, : len(image.boxes)] = ~image.ignored
-        ignored[n, : len(image.boxes)] = image.ignored
-    return boxes, counting, ignored
+def _taken(overlaps: FloatArray, scores: FloatArray, iou_threshold: float) -> IntArray:
+    """``(N,)`` the label that each detection takes, -1 for none, by ``(N, M)`` overlaps, from the best score down."""
+    matches, overlaps = np.full(len(scores), -1, dtype=np.int64), overlaps.copy()
+    order = np.argsort(-scores, kind="stable")
+    for k in order[(overlaps[order] >= iou_threshold).any(axis=1)].tolist():
+        best = int(overlaps[k].argmax())
+        if overlaps[k, best] >= iou_threshold:
+            overlaps[:, best] = -1.0
+            matches[k] = best
+    return matches
 
 
 def evaluate_rotated_file(truth: Path, result: Path, iou: float = 0.5) -> DetectionEvaluation:
@@ -230,21 +217,10 @@ def evaluate_rotated(
         raise RequestError("expected labelled boxes to evaluate against, got none")
     matches = [
         np.empty(0, np.int64),
-        *(_taken(image, truth[name].boxes, iou_threshold) for name, image in detections.items()),
+        *(
+            _taken(rotated_iou(image.boxes, truth[name].boxes), image.scores, iou_threshold)
+            for name, image in detections.items()
+        ),
     ]
     scores = [np.empty(0), *(image.scores for image in detections.values())]
     return scores_of_matches(np.concatenate(matches) >= 0, np.concatenate(scores), count)
-
-
-def _taken(detections: RotatedBoxes, labels: FloatArray, iou_threshold: float) -> IntArray:
-    """``(N,)`` the label that each detection takes, -1 for none."""
-    matches = np.full(len(detections.boxes), -1, dtype=np.int64)
-    if not len(labels):
-        return matches
-    overlaps = rotated_iou(detections.boxes, labels)
-    for k in np.argsort(-detections.scores, kind="stable"):
-        best = int(overlaps[k].argmax())
-        if overlaps[k, best] >= iou_threshold:
-            overlaps[:, best] = -1.0
-            matches[k] = best
-    return matches
