@@ -156,7 +156,6 @@ class DelayedFlow:
         self._answered = end
 
     def _absorb(self) -> None:
-        """Take in the waiting frames."""
         if not self._waiting:
             return
         table, scores, origin = self.input.rows(self._waiting)
@@ -209,7 +208,10 @@ class DelayedFlow:
         """
         table, free = self.window.table, (self._owner < 0) & (tracks >= 0)
         people = self._people_of(tracks, free)
-        confirmed = (people.ids > 0) | self._confirmed(people.sums)
+        detections, logits = people.sums[:, 0], people.sums[:, 1]
+        enough = detections >= self.settings.fewest(self.input.frame_rate, self._frame)
+        good = logits >= least_logit(self.input.observation) * np.maximum(detections, 1)
+        confirmed = (people.ids > 0) | (enough & good)
         until = np.append(np.where(confirmed, end, min(end, self._frame + 1 - self.window.overlap)), -1)
         bound = free & (table.frames < until[tracks])
         settled = np.flatnonzero((self._owner >= 0) | bound)
@@ -226,13 +228,7 @@ class DelayedFlow:
         joined = (tracks[earlier] == tracks[later]) & (self.window.follower[earlier] != table.numbers[later])
         return (table.numbers[earlier[joined]], table.numbers[later[joined]]), ids
 
-    def _confirmed(self, sums: FloatArray) -> BoolArray:
-        """``(M,)`` which tracks have enough detections, and good ones, to be answered."""
-        enough = sums[:, 0] >= self.settings.fewest(self.input.frame_rate, self._frame)
-        return np.asarray(enough & (sums[:, 1] >= least_logit(self.input.observation) * np.maximum(sums[:, 0], 1)))
-
     def _answer(self, tracks: IntArray, ids: IntArray, end: int) -> None:
-        """Answer the frames before ``end`` that are not answered yet."""
         table, longest = self.window.table, round(self.settings.fill * self.input.frame_rate)
         people, images = [], []
         for rows in long_tracks(tracks):

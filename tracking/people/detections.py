@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
-from typing import get_args
 
 from tsuiseki.tracking.association.clutter import ScoreChoice
 from tsuiseki.tracking.association.video_evidence import ScoreScale
@@ -230,12 +229,7 @@ def ground_of(detect: Detect | Sequence[Detections], ground: Ground, source: Sou
         detect: given detections, those of other people's functions, and other classes than people keep their scores.
         ground: ``auto`` weighs wherever one ground explains the detections, ``off`` never.
         source: the video.
-
-    Raises:
-        RequestError: it is neither.
     """
-    if ground not in get_args(Ground):
-        raise RequestError(f"`ground`: expected {' or '.join(get_args(Ground))}, got {ground!r}")
     network = inner_detector(detect)
     if ground == "off" or not isinstance(network, Detector | ForeignDetector) or not network.people_only:
         return None

@@ -87,7 +87,7 @@ class FlowTracker:
         if not (0 < frame_rate < np.inf and 1 <= stride < np.inf):
             raise RequestError(f"expected a frame rate above 0 and a stride from 1, got {frame_rate} and {stride}")
         if delay is not None and not 0 <= delay < np.inf:
-            raise RequestError(f"expected a delay of 0 seconds or more, got {delay}")
+            raise RequestError(f"expected `delay` of 0 seconds or more, got {delay:g}")
         settings = changed(settings, FlowSettings, locals())
         if delay is not None or changes is not None:
             settings = settings.alike()

@@ -163,10 +163,14 @@ class FlowInput:
         self.evidence.add(rows.frames, boxes, rows.scores, len(self.camera) - 1, times)
         last = rows.frames == len(self.camera) - 1
         self._last = Detections(rows.boxes[last], rows.scores[last])
+        # By how much more than r each measurement deviates.
+        noise = (
+            1 + UNSURE * (1 - self.evidence.probability(rows.scores)) + HIDDEN * hidden_parts(rows.frames, rows.boxes)
+        )
         measured = Measurements(
             self.inferences.seconds(rows.frames),
             np.concatenate([centres(boxes), np.log(sizes(boxes))], axis=1),
-            self._noise(rows),
+            noise,
             self.camera.variance(rows.frames),
         )
         table = DetectionTable(
@@ -228,12 +232,6 @@ class FlowInput:
             return costs
         return replace(costs, link=costs.link.at_speed(self.evidence.speed()))
 
-    def _noise(self, rows: DetectionRows) -> FloatArray:
-        """``(N,)`` by how much more than r each measurement deviates."""
-        hidden = hidden_parts(rows.frames, rows.boxes)
-        unsure = 1 - self.evidence.probability(rows.scores)
-        return 1 + UNSURE * unsure + HIDDEN * hidden
-
     def _follow_camera(self, rows: DetectionRows, first: int, count: int) -> None:
         """Extend the trajectory by ``count`` frames from ``first`` on."""
         if self.path is not None:
@@ -250,12 +248,13 @@ class FlowInput:
         still, self._still = self._still[:count], self._still[count:]
         for index in range(1, count + 1):
             if index <= len(still) and still[index - 1]:
-                self._stand_still()
+                self.stood_still += 1
+                self._shifts = [*self._shifts, 0.0][-round(max(self.frame_rate, 2)) :]
+                self.camera.append(np.eye(3)[:2])
             else:
                 self._append_step(steps, index, float(rate[index]))
 
     def _follow_images(self, rows: DetectionRows, count: int) -> None:
-        """The same by what the images showed."""
         height = float(np.median(sizes(rows.boxes).max(axis=1))) if len(rows) else 1.0
         while len(self._steps) < count:
             self.meet()
@@ -264,12 +263,6 @@ class FlowInput:
             measured = np.isfinite(step.deviation)
             deviation = step.deviation / height if measured else LOST
             self.camera.append(step.similarity, deviation, reliable=measured, moving=not measured)
-
-    def _stand_still(self) -> None:
-        """Pictures show that the camera did not move into a frame."""
-        self.stood_still += 1
-        self._shifts = [*self._shifts, 0.0][-round(max(self.frame_rate, 2)) :]
-        self.camera.append(np.eye(3)[:2])
 
     def _append_step(self, steps: CameraSteps, index: int, rate: float) -> None:
         shift, support = float(steps.shift[index]), float(steps.support[index])

@@ -79,7 +79,6 @@ def given_detections(
 
 
 def _checked_entries(entries: Iterable[DetectionsLike], length: int | None) -> GivenRows:
-    """Detections of a call for a video of so many frames."""
     if not isinstance(entries, Iterable) or isinstance(entries, Mapping):
         raise RequestError(f"`detections`: expected a file, or boxes of each frame, got {type(entries).__name__}")
     entries, bad = list(entries), BadBoxes()

@@ -133,14 +133,7 @@ class LifecycleTracker(Generic[S]):
     def _advance(self, paired: IntArray, detected: IntArray, detections: Detections) -> tuple[Targets, Survivors]:
         """Update the tracks ``paired`` by the detections they were matched to, keep or drop the others, start new ones.
 
-        Args:
-            paired: rows of the matched tracks.
-            detected: the detection of each.
-            detections: all of the frame.
-
-        Returns:
-            The confirmed tracks of the frame: those detected, those kept, and those deleted in it; and where the live
-            tracks come from.
+        It gives the confirmed tracks of the frame, those deleted in it included, and where the live tracks come from.
         """
         parts = self._divide(paired, detected, detections)
         lost = self._numbers[parts.lost], self._belief.boxes[parts.lost], self._votes.classes()[parts.lost]
@@ -320,14 +313,9 @@ class Votes:
         self._counts = np.zeros((0, 0), dtype=np.int64)
 
     def follow(self, old: IntArray, started: int, rows: IntArray, detected: IntArray, detections: Detections) -> None:
-        """Take the next frame.
+        """Take the next frame, in which the tracks ``old`` live on and so many start, after them.
 
-        Args:
-            old: rows of the earlier tracks that live on, in their order.
-            started: number of tracks that start, after them.
-            rows: ``(D,)`` the tracks, as they are now, with a detection.
-            detected: ``(D,)`` the detection of each.
-            detections: all of the frame.
+        The tracks in ``rows`` ``(D,)``, as they are now, were detected.
         """
         classes = np.empty(0, np.int64) if detections.classes is None else detections.classes
         numbers = np.union1d(self._numbers, classes[classes >= 0]) if len(classes) else self._numbers

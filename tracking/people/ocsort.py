@@ -165,15 +165,7 @@ class History(Columns):
 
 
 def _continued(history: History, parts: Survivors, misses: IntArray, boxes: FloatArray, belief: BoxBelief) -> History:
-    """The history after a frame.
-
-    Args:
-        history: before it.
-        parts: where the tracks after the frame come from.
-        misses: ``(N,)`` inferences since each track before was detected.
-        boxes: ``(M, 4)`` the detections of the frame.
-        belief: of the tracks after the frame.
-    """
+    """The history after a frame with detections ``boxes`` ``(M, 4)``; ``misses`` ``(N,)`` are those before it."""
     paired, coasting = parts.matched, parts.coasting
     now = boxes[np.concatenate([parts.detected, parts.started])]
     columns = history.ages.shape[1]

@@ -104,7 +104,6 @@ def facts_of(opened: OpenedPeople, milliseconds: float) -> tuple[dict[str, Any],
 
 
 def _lines_on_flow(tracker: FlowTracker) -> list[str]:
-    """What of the facts of a flow is worth a line."""
     lines = []
     camera = tracker.camera
     if camera.lost:

@@ -30,7 +30,7 @@ from tsuiseki.tracking.bounds import SETTINGS, Age, CosineDistance, PositiveShar
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
-from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, ReportedBox, Survivors
+from tsuiseki.tracking.people.lifecycle import LifecycleSettings, LifecycleTracker, ReportedBox
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Targets
 
 
@@ -160,7 +160,9 @@ class DeepSort(LifecycleTracker[DeepSortSettings]):
         paired, detected = assign(self._feature_costs(predicted, detections, features), self.settings.feature_gate)
         paired, detected = self._match_rest(predicted, detections, paired, detected)
         targets, parts = self._advance(paired, detected, detections)
-        self._appearance = self._updated_appearance(parts, features)
+        earlier, now = self._appearance[parts.matched], features[parts.detected]
+        mean = running_mean(earlier, now, self.settings.memory, 1 - self.settings.memory)
+        self._appearance = np.concatenate([mean, self._appearance[parts.coasting], features[parts.started]])
         return targets
 
     def _checked_features(self, detections: Detections) -> FloatArray:
@@ -193,12 +195,6 @@ class DeepSort(LifecycleTracker[DeepSortSettings]):
         overlaps = iou_matrix(predicted[tracks], detections.boxes[free])
         rows, columns = assign(1 - overlaps, 1 - (1 - self.settings.position_gate) / self._slack)
         return np.concatenate([paired, tracks[rows]]), np.concatenate([detected, free[columns]])
-
-    def _updated_appearance(self, parts: Survivors, features: FloatArray) -> FloatArray:
-        """``(N, D)`` the appearance of the live tracks after a frame."""
-        earlier, now = self._appearance[parts.matched], features[parts.detected]
-        mean = running_mean(earlier, now, self.settings.memory, 1 - self.settings.memory)
-        return np.concatenate([mean, self._appearance[parts.coasting], features[parts.started]])
 
 
 def running_mean(earlier: FloatArray, now: FloatArray, old: float, new: float) -> FloatArray:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from math import inf
 from pathlib import Path
 from typing import Any
 
@@ -67,14 +66,10 @@ def people_tracker(
         stride: frames from one inference to the next.
 
     Raises:
-        RequestError: there is no such method, or another than the flow shall have a delay.
+        RequestError: another method than the flow shall have a delay.
     """
     if delay is not None and method != "flow":
         raise RequestError(f"expected `delay` with the method flow, got it with {method}, which answers at once")
-    if delay is not None and not 0 <= delay < inf:
-        raise RequestError(f"expected `delay` of 0 seconds or more, got {delay:g}")
-    if method not in METHODS:
-        raise RequestError(f"expected the method {', '.join(METHODS)} or a tracker, got {method!r}")
     settings = settings or MethodSettings()
     if method == "flow":
         pairs = affinity if isinstance(affinity, Affinity) else None

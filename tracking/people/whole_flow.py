@@ -176,7 +176,6 @@ class WholeFlow:
         )
 
     def _absorb(self) -> None:
-        """Take in the waiting frames."""
         if not self._waiting:
             return
         table, scores, origin = self.input.rows(self._waiting)
@@ -193,7 +192,6 @@ class WholeFlow:
         self._tracklets.add(decision.numbers[used], decision.follower[used], features)
 
     def _table(self) -> DetectionTable:
-        """The rows of all detections."""
         for part in self._parts:
             self._rows = self._rows.and_then(part)
         self._parts = []
@@ -222,7 +220,6 @@ class WholeFlow:
         return list(itertools.compress(finished, apart))
 
     def _piece(self, table: DetectionTable, piece: IntArray) -> FinishedTrack:
-        """The track of some rows."""
         numbers = table.numbers[piece]
         scores, origin = np.nan_to_num(self._scores[numbers]), self._origin[numbers]
         track = Track(1, table.frames[piece], table.boxes[piece], scores, origin=origin, names=self.input.names)
