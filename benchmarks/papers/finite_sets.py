@@ -30,7 +30,7 @@ from tsuiseki.datamodules.scenes.blob_clip import BlobClip, BlobSceneSettings, a
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.point_distances import PointScores, PointTracks, evaluate_points
 from tsuiseki.tracking.features.colour_region import NAMED_COLOURS, ColourImage
-from tsuiseki.tracking.filters.base import Filter, Running, SetInfo
+from tsuiseki.tracking.filters.base import Filter, SetInfo
 from tsuiseki.tracking.filters.finite_sets import point_model
 from tsuiseki.tracking.filters.finite_sets import region_likelihoods as likelihoods
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
@@ -49,7 +49,6 @@ from tsuiseki.tracking.types import Detections, FloatArray, Frame, sensing_model
 from tsuiseki.tracking.types.measurements import Scan
 from tsuiseki.tracking.types.sensing_model import SensingModel
 
-PointFilter = Running[Any, FloatArray, SetInfo]
 METHODS = ("phd-literal", "phd", "labelled")
 CUT_OFF = 100.0
 BIRTHS_ANYWHERE = 0.1
@@ -121,6 +120,18 @@ def run_scenario(path: Path, rate: int, method: str, particles: int, run: int) -
     return {**asdict(scores), "milliseconds": 1e3 * float(np.median(seconds))}
 
 
+class PointFilter:
+    """A filter at work: it keeps the state from one step to the next."""
+
+    def __init__(self, chosen: Filter[Any, FloatArray, SetInfo], state: object, rng: np.random.Generator) -> None:
+        self.chosen, self.state, self.rng = chosen, state, rng
+
+    def step(self, measurements: FloatArray) -> SetInfo:
+        """One observation ``(M, Z)`` further."""
+        self.state, info = self.chosen.step(self.state, measurements, self.rng)
+        return info
+
+
 def start_filter(method: str, settings: dict[str, Any], clutter: float, particles: int, seed: int) -> PointFilter:
     """A fresh filter at work on a scenario.
 
@@ -144,7 +155,7 @@ def start_filter(method: str, settings: dict[str, Any], clutter: float, particle
         ),
     }
     columns = 4 if settings["kind"] == "linear" else 5
-    return Running(filters[method], filters[method].init(np.empty((0, columns))), np.random.default_rng(seed))
+    return PointFilter(filters[method], filters[method].init(np.empty((0, columns))), np.random.default_rng(seed))
 
 
 def run_filter(running: PointFilter, measurements: Iterable[FloatArray]) -> tuple[PointTracks, FloatArray]:

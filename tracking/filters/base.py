@@ -22,7 +22,7 @@ filters learn a template from images.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Generic, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
@@ -30,7 +30,6 @@ from tsuiseki.tracking.types import Columns, FloatArray, IntArray
 
 State = TypeVar("State")
 Observation = TypeVar("Observation")
-Info = TypeVar("Info")
 ObservationIn = TypeVar("ObservationIn", contravariant=True)
 InfoOut = TypeVar("InfoOut", covariant=True)
 
@@ -123,24 +122,6 @@ class Filter(Protocol[State, ObservationIn, InfoOut]):
     def init(self, particles: FloatArray) -> State: ...
 
     def step(self, state: State, observation: ObservationIn, rng: np.random.Generator) -> tuple[State, InfoOut]: ...
-
-
-class Running(Generic[State, Observation, Info]):
-    """A filter at work: it keeps the state from one step to the next.
-
-    Args:
-        chosen: the filter.
-        state: the first one, of its ``init``.
-        rng: random numbers of all steps.
-    """
-
-    def __init__(self, chosen: Filter[State, Observation, Info], state: State, rng: np.random.Generator) -> None:
-        self.chosen, self.state, self.rng = chosen, state, rng
-
-    def step(self, observation: Observation) -> Info:
-        """One observation further."""
-        self.state, info = self.chosen.step(self.state, observation, self.rng)
-        return info
 
 
 def whole_frames(seconds: float) -> int:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.features.colour_region import ColourImage
-from tsuiseki.tracking.filters.base import BornParticles, Running, bootstrap
+from tsuiseki.tracking.filters.base import BornParticles, bootstrap
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
 from tsuiseki.tracking.filters.finite_sets.phd import PhdFilter
@@ -113,8 +113,7 @@ def test_filters_of_several_targets_begin_with_none_or_with_a_count(name):
     chosen, _ = FILTERS[name]
     columns = 6 if name.startswith("region") else 4
     nothing = ColourImage.of_mask(np.zeros_like(MASK)) if columns == 6 else np.empty((0, 2))
-    running = Running(chosen, chosen.init(np.empty((0, columns))), np.random.default_rng(0))
-    info = running.step(nothing)
+    _, info = chosen.step(chosen.init(np.empty((0, columns))), nothing, np.random.default_rng(0))
     assert info.expected_count <= 0.1  # what may have been born
     assert len(info.estimates.ids) == len(info.estimates.states) == len(info.estimates.weights)
     with pytest.raises(ValueError, match="finite particles"):

@@ -85,7 +85,11 @@ class WithoutOthers(EachAlone):
         _, masses, means = cluster_means(state)
         boxes, starts = boxes_of(means), cluster_starts(state.labels)
         counted = masses > COVERING
-        touching = _touching(boxes, _reach(grown(boxes_of(state.particles), self.margin), starts), counted)
+        # The least box around all of each cluster's boxes, with the margin.
+        low, high = np.split(grown(boxes_of(state.particles), self.margin), 2, axis=1)
+        reach = np.column_stack([np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)])
+        touching = (intersections(reach[:, None], boxes[None]) > 0) & counted
+        np.fill_diagonal(touching, val=False)
         front = touching & _fits_better(region_contrast(image, boxes, self.margin), counted)
         count = min(int(touching.sum(axis=1).max()), MOST_OTHERS)
         apart = np.linalg.norm(means[:, None, :2] - means[None, :, :2], axis=2)
@@ -123,19 +127,6 @@ def background_level(image: ColourImage, state: LabelledParticles, margin: float
     if len(boxes) == 0:
         return 0.05
     return max(float(np.quantile(region_contrast(image, boxes, margin), 0.95)), 0.05)
-
-
-def _reach(boxes: FloatArray, starts: IntArray) -> FloatArray:
-    """The least box ``(G, 4)`` around all of each cluster's boxes ``(N, 4)``."""
-    low, high = np.minimum.reduceat(boxes[:, :2], starts, axis=0), np.maximum.reduceat(boxes[:, 2:], starts, axis=0)
-    return np.concatenate([low, high], axis=1)
-
-
-def _touching(boxes: FloatArray, reach: FloatArray, counted: BoolArray) -> BoolArray:
-    """Which counted boxes lie in each cluster's reach ``(G, G)``, itself excepted."""
-    near = (intersections(reach[:, None], boxes[None]) > 0) & counted[None, :]
-    np.fill_diagonal(near, val=False)
-    return near
 
 
 def _fits_better(fit: FloatArray, counted: BoolArray) -> BoolArray:

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.evaluation.point_distances import PointTracks, evaluate_points
-from tsuiseki.tracking.filters.base import Running
 from tsuiseki.tracking.filters.finite_sets.births import MeasurementBirths, MixtureBirths, newborn
 from tsuiseki.tracking.filters.finite_sets.clusters import by_clusters, by_measurements
 from tsuiseki.tracking.filters.finite_sets.labelled_multi_bernoulli import LabelledMultiBernoulliFilter
@@ -60,8 +59,11 @@ def simulate(steps, seed, clutter=5.0, detection=0.95, starts=((0.0, 3.0, 0.0, 2
 
 
 def run(chosen, measurements, seed=0):
-    running = Running(chosen, chosen.init(np.empty((0, 4))), np.random.default_rng(seed))
-    return [running.step(found) for found in measurements]
+    state, rng, infos = chosen.init(np.empty((0, 4))), np.random.default_rng(seed), []
+    for found in measurements:
+        state, info = chosen.step(state, found, rng)
+        infos.append(info)
+    return infos
 
 
 def test_the_newborn_at_known_places_have_any_of_the_motions():
