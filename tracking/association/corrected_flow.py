@@ -232,7 +232,6 @@ class CorrectedFlow:
         self._grow(*returns(self.network, self.labels(), np.array([*self.parted()], dtype=np.int64)))
 
     def _grow(self, tail: IntArray, head: IntArray, cost: FloatArray, boxes: Sequence[Box] = ()) -> None:
-        """Add links, and before them detections for boxes."""
         if not len(tail) and not boxes:
             return
         network, graph, added = self.network, self.network.graph, len(boxes)

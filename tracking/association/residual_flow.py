@@ -16,7 +16,7 @@ import numpy as np
 import scipy
 
 from tsuiseki.tracking.association.network_flow import SCALE, FlowGraph, FlowSolution, predecessors, scaled, solution_of
-from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types import FloatArray, IntArray
 
 # Status of an arc that the flow may use or not.
 FREE = 0
@@ -57,7 +57,9 @@ class ResidualFlow:
     def __init__(self, graph: FlowGraph, solution: FlowSolution) -> None:
         self.graph, self.count = graph, len(graph)
         self._number_arcs()
-        self.used = _used_arcs(graph, solution)
+        used, follower = solution.used, solution.follower
+        starts, ends = used & (predecessors(follower) < 0), used & (follower < 0)
+        self.used = np.concatenate([used, starts, ends, follower[graph.tail] == graph.head])
         self.status = np.zeros(len(self.cost), dtype=np.int64)
         self.potential = _first_potentials(self, solution)
         if (np.where(self.used, -self.reduced, self.reduced) < 0).any():
@@ -207,12 +209,6 @@ class ResidualFlow:
     def link(self, i: int, j: int) -> int:
         """The number of the arc of the transition from one detection to another; -1 where there is none."""
         return self.arc_between(2 * i + 1, 2 * j)
-
-
-def _used_arcs(graph: FlowGraph, solution: FlowSolution) -> BoolArray:
-    used, follower = solution.used, solution.follower
-    starts, ends = used & (predecessors(follower) < 0), used & (follower < 0)
-    return np.concatenate([used, starts, ends, follower[graph.tail] == graph.head])
 
 
 def _first_potentials(flow: ResidualFlow, solution: FlowSolution) -> FloatArray:

@@ -210,10 +210,6 @@ def _read_projective(entry: Mapping[str, Any], where: str, values: Mapping[str, 
     return PinholeCamera(width=width, height=height, distortion=distortion, **fields)
 
 
-def _write_projective(camera: PinholeCamera) -> dict[str, Any]:
-    return {name: _plain(getattr(camera, name)) for name in ("focal", "principal_point", "distortion")}
-
-
 def _read_omnidirectional(entry: Mapping[str, Any], where: str, values: Mapping[str, FloatArray]) -> AnyCamera:
     width, height = map(int, values["image_size"])
     lens = OmnidirectionalLens(
@@ -258,7 +254,10 @@ def _plain(array: FloatArray) -> list[Any]:
 # By the name in the file.
 MODELS: Mapping[str, CameraModel] = {
     "projective": CameraModel(
-        PinholeCamera, {"focal": (2,), "principal_point": (2,)}, _read_projective, _write_projective
+        PinholeCamera,
+        {"focal": (2,), "principal_point": (2,)},
+        _read_projective,
+        lambda camera: {name: _plain(getattr(camera, name)) for name in ("focal", "principal_point", "distortion")},
     ),
     "omnidirectional": CameraModel(
         OmnidirectionalCamera, {"direct": (), "centre": (2,)}, _read_omnidirectional, _write_omnidirectional

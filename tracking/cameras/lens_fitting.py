@@ -130,7 +130,10 @@ def fit_omnidirectional(lens: EquidistantLens, degree: int = DEGREE) -> Omnidire
 
     F is fitted to the cotangents of the angles, which it is linear in, and then to the pixels.
     """
-    points = _directions()
+    # Unit directions evenly over the field.
+    grid = np.meshgrid(np.linspace(0.01, WIDEST, GRID), np.linspace(0, 2 * np.pi, RING, endpoint=False))
+    theta, turn = grid[0].ravel(), grid[1].ravel()
+    points = np.stack([np.sin(theta) * np.cos(turn), np.sin(theta) * np.sin(turn), np.cos(theta)], axis=1)
     pixels = lens.project(points)
     inside = np.isfinite(pixels).all(axis=1) & (pixels >= 0).all(axis=1)
     inside &= (pixels <= [lens.width, lens.height]).all(axis=1)
@@ -175,13 +178,6 @@ def fit_inverse(lens: OmnidirectionalLens) -> OmnidirectionalLens:
     angle = -np.arctan2(lens.forward(rho), rho)
     fitted = np.polynomial.Polynomial.fit(angle, rho, INVERSE_DEGREE).convert()
     return replace(lens, inverse=np.asarray(fitted.coef, dtype=np.float64))
-
-
-def _directions() -> FloatArray:
-    """``(N, 3)`` unit directions evenly over the field."""
-    grid = np.meshgrid(np.linspace(0.01, WIDEST, GRID), np.linspace(0, 2 * np.pi, RING, endpoint=False))
-    theta, turn = grid[0].ravel(), grid[1].ravel()
-    return np.stack([np.sin(theta) * np.cos(turn), np.sin(theta) * np.sin(turn), np.cos(theta)], axis=1)
 
 
 def image_rays(lens: OmnidirectionalLens) -> tuple[FloatArray, FloatArray]:

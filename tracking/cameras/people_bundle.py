@@ -152,7 +152,6 @@ def _common_times(times: FloatArray, camera: FloatArray) -> FloatArray:
 
 
 def _own_times(common: FloatArray, camera: FloatArray) -> FloatArray:
-    """The other way round."""
     return np.asarray((common - camera[..., OFFSET]) / (1 + camera[..., DRIFT]))
 
 

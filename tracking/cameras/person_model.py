@@ -149,7 +149,10 @@ def outlines(
     low, high = outline.min(axis=1), outline.max(axis=1)
     limit = np.array([camera.width, camera.height])
     upright = np.concatenate([np.clip(low, 0, limit), np.clip(high, 0, limit)], axis=1)
-    rotated = _smallest_boxes(outline.astype(np.float32), head - foot, foot - _below(camera))
+    # The pixel of the floor right under the camera, or the image's middle where that is not seen.
+    nadir, depth = camera.project(np.array([[camera.position[0], camera.position[1], 0.0]]))
+    below = nadir[0] if depth[0] > 0 else np.array([camera.width, camera.height]) / 2
+    rotated = _smallest_boxes(outline.astype(np.float32), head - foot, foot - below)
     return upright, rotated, feet[visible]
 
 
@@ -189,12 +192,6 @@ def check_height(camera: AnyCamera, person: PersonModel) -> None:
             f"expected a camera above the person of {person.height:g} m, got one at a height of "
             f"{camera.position[2]:g} m; check the pose, or the person's height"
         )
-
-
-def _below(camera: AnyCamera) -> FloatArray:
-    """``(2,)`` the pixel of the floor right under the camera, or the image's middle where that is not seen."""
-    pixel, depth = camera.project(np.array([[camera.position[0], camera.position[1], 0.0]]))
-    return pixel[0] if depth[0] > 0 else np.array([camera.width, camera.height]) / 2
 
 
 def _smallest_boxes(outline: NDArray[np.float32], upward: FloatArray, outward: FloatArray) -> FloatArray:

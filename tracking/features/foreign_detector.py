@@ -403,7 +403,6 @@ class ForeignDetector:
 
 
 def _readable(layout: LayoutName, trial: Mapping[str, NDArray[Any]], size: Size) -> bool:
-    """Whether the user's choice can be read at all."""
     outputs = list(trial.values())
     # Paddle may count its rows, and NanoDet give the parts of its rows apart.
     if len(outputs) != LAYOUTS[layout].outputs and layout not in ("paddle", "nanodet", "nanodet-g"):

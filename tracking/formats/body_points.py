@@ -49,7 +49,6 @@ def read_poses_file(path: Path) -> PointTable:
 
 
 def _text_table(path: Path) -> PointTable:
-    """The points in a CSV file."""
     rows = read_rows(path, "points of animals")
     first = rows.cells[0] if rows.cells else []
     if first[:1] == [DLC_FIRST]:

@@ -242,7 +242,6 @@ def single(
 
 
 def _drawn(run: Run, image: ImageArray) -> FloatArray:
-    """The box that the user draws."""
     from tsuiseki.tracking.single.selection import select_box
 
     with run.waiting():

@@ -259,7 +259,6 @@ class GivenFrames(Source):
 
 
 def _image(item: Any, index: int) -> ImageArray:
-    """The image; raises RequestError where it is none."""
     image = item.image if isinstance(item, Frame) else item
     if isinstance(image, np.ndarray) and image.ndim == 3 and image.shape[2] == 3 and image.dtype == np.uint8:
         return image
