@@ -91,7 +91,8 @@ def _with_combined(evaluation: PeopleEvaluation | DetectionEvaluation) -> dict[s
 
 def cells(scores: Any, columns: Sequence[tuple[str, str, str]] = COLUMNS) -> list[str]:
     """One text for each of ``columns``: heading, field or property of the scores, and format."""
-    return [_number(getattr(scores, field), form) for _, field, form in columns]
+    values = [(getattr(scores, field), form) for _, field, form in columns]
+    return ["–" if isinstance(value, float) and np.isnan(value) else f"{value:{form}}" for value, form in values]
 
 
 def detection_table(results: Mapping[str, DetectionEvaluation], iou: float) -> Table:
@@ -131,7 +132,3 @@ def value_table(results: Mapping[str, Any], columns: Sequence[tuple[str, str, st
     """The scores of several results by their names, a row each; ``columns`` as for `cells`."""
     rows = [[name, *cells(scores, columns)] for name, scores in results.items()]
     return score_table(("Result",), [heading for heading, _, _ in columns], [rows])
-
-
-def _number(value: Any, form: str) -> str:
-    return "–" if isinstance(value, float) and np.isnan(value) else f"{value:{form}}"

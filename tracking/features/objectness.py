@@ -18,7 +18,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.rows import read_learnt, refusing
 from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
@@ -75,17 +75,13 @@ def read_objectness(path: Path) -> ObjectnessModel:
     Raises:
         RequestError: there is none, or it is no such file.
     """
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-        if content["format"] != FORMAT:
-            raise ValueError(content["format"])
+    content = read_learnt(path, "train objectness", FORMAT)
+    with refusing(f"{path}: expected a file of tsuiseki train objectness, got other arrays"):
         arrays = [np.array(content[key], dtype=np.float64) for key in ("weights", "sizes", "gains", "offsets")]
         count = len(arrays[1])
         shapes = [array.shape for array in arrays]
         if shapes != [(SIDE, SIDE), (count, 2), (count,), (count,)] or not count:
             raise ValueError(shapes)
-    except (OSError, UnicodeDecodeError, ValueError, KeyError, TypeError) as error:
-        raise RequestError(f"{path}: expected an objectness model from `tsuiseki train objectness`") from error
     return ObjectnessModel(arrays[0], arrays[1], arrays[2], arrays[3], str(content.get("trained_on", "")))
 
 

@@ -83,7 +83,7 @@ def test_models_survive_a_file(tmp_path):
 )
 def test_other_files_are_refused(tmp_path, content):
     (tmp_path / "m.json").write_text(content)
-    with pytest.raises(RequestError, match="expected an objectness model"):
+    with pytest.raises(RequestError, match="expected a file of tsuiseki train objectness"):
         read_objectness(tmp_path / "m.json")
 
 
