@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import field
-from typing import Annotated, Literal, TypeAlias, get_args
+from typing import Annotated, Any, Literal, TypeAlias, get_args
 
 from pydantic import Field, PositiveInt
 from pydantic.dataclasses import dataclass
@@ -14,14 +14,22 @@ from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.fields import OBJECTS, ClassNames, Commas, FileLike, Options, Threads
-from tsuiseki.tracking.people.bytetrack import ByteTrackSettings
+from tsuiseki.tracking.people.bytetrack import ByteTrack, ByteTrackSettings
+from tsuiseki.tracking.people.contract import PeopleTracker
 from tsuiseki.tracking.people.flow_input import FlowSettings
-from tsuiseki.tracking.people.ocsort import OcSortSettings
-from tsuiseki.tracking.people.sort import DeepSortSettings, SortSettings
+from tsuiseki.tracking.people.ocsort import OcSort, OcSortSettings
+from tsuiseki.tracking.people.sort import DeepSort, DeepSortSettings, Sort, SortSettings
 from tsuiseki.tracking.types.class_choice import ClassChoice
 
 PeopleMethod = Literal["flow", "deepsort", "sort", "bytetrack", "ocsort"]
 METHODS: tuple[PeopleMethod, ...] = get_args(PeopleMethod)
+# Methods that answer at once, from their settings, which `MethodSettings` has under the same name, and a seed.
+ONLINE: Mapping[PeopleMethod, Callable[[Any, int], PeopleTracker]] = {
+    "deepsort": DeepSort,
+    "sort": Sort,
+    "bytetrack": ByteTrack,
+    "ocsort": OcSort,
+}
 # Tiles across and down, as a word.
 Tiles: TypeAlias = Annotated[str, Field(coerce_numbers_to_str=True)]
 # Whether scores go by the heights of people on one ground.

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
 
 from tsuiseki.tracking.association.costs import ProbabilityCost, ScoreCost
 from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
@@ -16,24 +14,15 @@ from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.view_choice import inner_detector, scores_are_probabilities
 from tsuiseki.tracking.onnx import kind_of
-from tsuiseki.tracking.people.bytetrack import ByteTrack
 from tsuiseki.tracking.people.contract import PeopleTracker
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.motion_compensated import MotionCompensated
-from tsuiseki.tracking.people.ocsort import OcSort
-from tsuiseki.tracking.people.settings import METHODS, NONE, MethodSettings, PeopleMethod
-from tsuiseki.tracking.people.sort import DeepSort, Sort
+from tsuiseki.tracking.people.settings import METHODS, NONE, ONLINE, MethodSettings, PeopleMethod
 from tsuiseki.tracking.video.frame_source import DEFAULT_FRAME_RATE
 from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.weights import shipped
 
 APPEARANCE = ("flow", "deepsort")
-
-
-# Methods that answer at once, from their settings and a seed.
-ONLINE: Mapping[PeopleMethod, Callable[[Any, int], PeopleTracker]] = {
-    "deepsort": DeepSort, "sort": Sort, "bytetrack": ByteTrack, "ocsort": OcSort,
-}  # fmt: skip
 # What `--affinity` takes: costs learnt on pairs, or on whole tracks.
 LearntCosts = Affinity | CostNetwork
 

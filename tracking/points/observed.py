@@ -163,9 +163,12 @@ def _births(model: SensingModel, sensor: GaussianSensor, particles: int) -> Birt
 
 
 def _motion(motion: MotionSettings, dimensions: int) -> Motion:
-    if motion.model == "coordinated-turn":
-        return coordinated_turn(motion.acceleration, motion.turn, dimensions)
-    return straight(motion.acceleration, dimensions)
+    # A type checker sees where a model has no case.
+    match motion.model:
+        case "constant-velocity":
+            return straight(motion.acceleration, dimensions)
+        case "coordinated-turn":
+            return coordinated_turn(motion.acceleration, motion.turn, dimensions)
 
 
 def _inside(sensor: GaussianSensor, region: Sequence[tuple[float, float]]) -> StateTest:

@@ -57,6 +57,9 @@ class SensorSettings:
         return ("bearing", "range") if self.dimensions == 2 else ("bearing", "elevation", "range")
 
 
+MotionName = Literal["constant-velocity", "coordinated-turn"]
+
+
 @dataclass(frozen=True, config=SETTINGS)
 class MotionSettings:
     """How a target moves.
@@ -67,7 +70,7 @@ class MotionSettings:
         turn: standard deviation of the change of the rate of turn, radians a second squared.
     """
 
-    model: Literal["constant-velocity", "coordinated-turn"] = "constant-velocity"
+    model: MotionName = "constant-velocity"
     acceleration: NonNegative = 1.0
     turn: NonNegative = 0.02
 

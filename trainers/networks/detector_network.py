@@ -67,15 +67,18 @@ def build_detector(
         if weights == "coco":
             return coco_start("ssd300" if architecture == "ssd300" else "ssdlite320")
         start: Literal["imagenet"] | None = "imagenet" if weights == "imagenet" else None
-        if architecture == "people":
-            return people_detector(build_trunk(trunk, start), size, anchors, channels, classes)
-        if architecture == "branched":
-            return branched_detector(build_trunk(trunk), size, anchors, channels)
-        if architecture == "ssd512":
-            return ssd512(classes, trunk=build_trunk("vgg16", start))
-        if architecture == "ssd300":
-            return ssd300(classes, trunk=build_trunk("vgg16", start))
-        return ssdlite320(classes, trunk=None if start is None else build_trunk("mobilenet_v3_large", start))
+        # A type checker sees where an architecture has no case.
+        match architecture:
+            case "people":
+                return people_detector(build_trunk(trunk, start), size, anchors, channels, classes)
+            case "branched":
+                return branched_detector(build_trunk(trunk), size, anchors, channels)
+            case "ssdlite320":
+                return ssdlite320(classes, trunk=None if start is None else build_trunk("mobilenet_v3_large", start))
+            case "ssd300":
+                return ssd300(classes, trunk=build_trunk("vgg16", start))
+            case "ssd512":
+                return ssd512(classes, trunk=build_trunk("vgg16", start))
     except (ValueError, ConnectionError) as error:
         raise RequestError(str(error)) from error
 

@@ -78,7 +78,11 @@ def test_answers_bring_their_tables_and_text_stays_text(tmp_path, video):
     assert "shop, s" in text
     stayed = dict(zip(found.tables["stays"]["id"], found.tables["stays"]["seconds"], strict=True))
     assert f"<td>{stayed[1]:.1f}</td>" in text
-    assert {"occupancy.png", "crossings.png", "places.png", "turns.csv"} <= {path.name for path in tmp_path.iterdir()}
+    written = {path.name for path in tmp_path.iterdir()}
+    assert {"occupancy.png", "crossings.png", "places.png", "turns.csv"} <= written
+    # A table that nobody is in has no section.
+    unlinked = {name for name in written if name.endswith(".png")} - set(re.findall(r'href="([^"]+)"', text))
+    assert unlinked <= {"turns.png"}
 
 
 def test_nobody_is_a_page_too(tmp_path):

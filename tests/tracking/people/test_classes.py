@@ -3,30 +3,28 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
 
+from tests.tracking.people.families import LIFECYCLE
 from tsuiseki.tracking.counts.page import with_page
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import as_detector
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.people.api import follow_people, track_people
-from tsuiseki.tracking.people.bytetrack import ByteTrack
 from tsuiseki.tracking.people.contract import PeopleTracker
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.people.ocsort import OcSort
-from tsuiseki.tracking.people.sort import DeepSort, Sort
+from tsuiseki.tracking.people.sort import Sort
+from tsuiseki.tracking.people.tracker_choice import people_tracker
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.class_choice import ClassChoice
 
 NAMES = {0: "person", 2: "car", 7: "truck"}
 METHODS: dict[str, Callable[[], PeopleTracker]] = {
-    "sort": Sort,
-    "bytetrack": ByteTrack,
-    "ocsort": OcSort,
-    "deepsort": DeepSort,
+    **{method: partial(people_tracker, method) for method in LIFECYCLE},
     "flow": lambda: FlowTracker(frame_rate=10.0),
     "delayed": lambda: FlowTracker(frame_rate=10.0, delay=0.5),
 }

@@ -9,19 +9,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.tracking.people.families import LIFECYCLE
 from tsuiseki.tracking.association.inference_times import inferred_frames, named_frames
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion, per_longer_frame, predict_boxes, start_boxes, update_boxes
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.people.api import follow_people, track_people
-from tsuiseki.tracking.people.bytetrack import ByteTrack
 from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
-from tsuiseki.tracking.people.ocsort import OcSort
-from tsuiseki.tracking.people.sort import DeepSort, Sort
+from tsuiseki.tracking.people.sort import Sort
 from tsuiseki.tracking.types import Detections, Track
 
-ONLINE = [Sort, DeepSort, ByteTrack, OcSort]
-METHODS = ["flow", "sort", "deepsort", "bytetrack", "ocsort"]
+CLASSES = [*LIFECYCLE.values()]
+METHODS = ["flow", *LIFECYCLE]
 
 
 def at(time: float, people: int = 3) -> Detections:
@@ -121,7 +120,7 @@ def test_inference_frames_need_detections(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("start", [1000, 1.8e9], ids=["1000", "since 1970"])
-@pytest.mark.parametrize("make", ONLINE)
+@pytest.mark.parametrize("make", CLASSES)
 def test_even_times_change_nothing_at_any_rate(make: Callable[[], Sort], start: float) -> None:
     plain, timed = make(), make()
     for t in range(40):
@@ -133,7 +132,7 @@ def test_even_times_change_nothing_at_any_rate(make: Callable[[], Sort], start: 
         np.testing.assert_allclose(one.boxes, other.boxes, atol=1e-9 if start < 1e6 else 1e-3)
 
 
-@pytest.mark.parametrize("make", [*ONLINE, lambda: FlowTracker(frame_rate=10)])
+@pytest.mark.parametrize("make", [*CLASSES, lambda: FlowTracker(frame_rate=10)])
 def test_who_walks_is_followed_through_uneven_times(make: Callable[[], Sort]) -> None:
     """At 30 a second, then two seconds of every third, then with gaps of up to half a second."""
     rng, tracker = np.random.default_rng(2), make()
@@ -158,7 +157,7 @@ def test_gaps_are_filled_by_time() -> None:
         np.testing.assert_allclose(track.boxes, truth, atol=1e-6)
 
 
-@pytest.mark.parametrize("make", [*ONLINE, FlowTracker, lambda: FlowTracker(delay=1.0)])
+@pytest.mark.parametrize("make", [*CLASSES, FlowTracker, lambda: FlowTracker(delay=1.0)])
 @pytest.mark.parametrize("bad", ["0.5", float("nan"), float("inf"), True, [1.0], 0.2])
 def test_bad_times_are_refused(make: Callable[[], Sort], bad: object) -> None:
     tracker = make()
@@ -170,7 +169,7 @@ def test_bad_times_are_refused(make: Callable[[], Sort], bad: object) -> None:
     tracker.update(at(0.1), time=0.5)
 
 
-@pytest.mark.parametrize("make", ONLINE)
+@pytest.mark.parametrize("make", CLASSES)
 def test_in_a_frame_that_nobody_looked_at_people_are_expected(make: Callable[[], Sort]) -> None:
     tracker = make()
     for t in range(0, 60, 2):
@@ -233,7 +232,7 @@ def test_detections_without_a_track_are_never_silent(
 
 
 def test_boxes_without_scores_start_tracks() -> None:
-    for make in ONLINE:
+    for make in CLASSES:
         tracker = make()
         for t in range(10):
             tracker.update(Detections(at(t / 25).boxes, np.full(3, np.nan)))

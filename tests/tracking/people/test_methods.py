@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
+
 import numpy as np
 import pytest
 
 from tsuiseki.tracking.association.costs import ProbabilityCost
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.people import tracker_choice as methods
-from tsuiseki.tracking.people.settings import METHODS, MethodSettings
+from tsuiseki.tracking.people.settings import METHODS, ONLINE, MethodSettings
 from tsuiseki.tracking.people.tracker_choice import people_tracker, score_scale, straddles
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.weights import shipped
+
+
+def test_a_method_has_its_tracker_and_its_settings() -> None:
+    assert {*METHODS} == {"flow", *ONLINE} == {field.name for field in fields(MethodSettings)}
 
 
 @pytest.mark.parametrize(("score", "expected"), [(0.65, [60]), (0.6, [])])

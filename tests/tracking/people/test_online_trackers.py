@@ -1,27 +1,25 @@
-"""What every online tracker of many keeps to: the contract in `trackers.base`."""
+"""What online trackers of many keep to: the contract in `people.contract`."""
 
 from __future__ import annotations
 
 import inspect
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any, get_type_hints
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from tests.tracking.people.families import LIFECYCLE
 from tsuiseki import (
     ByteTrack,
     ByteTrackSettings,
-    DeepSort,
-    DeepSortSettings,
     FlowSettings,
     FlowTracker,
     OcSort,
     OcSortSettings,
-    Sort,
-    SortSettings,
 )
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.people.contract import OnlineTracker
@@ -29,13 +27,9 @@ from tsuiseki.tracking.people.lifecycle import with_area
 from tsuiseki.tracking.types import Targets, Track
 
 LIFE: dict[str, Any] = {"min_hits": 3, "max_age": 2, "start_score": 0.5}
-MAKERS: dict[str, Callable[[], OnlineTracker]] = {
-    "sort": lambda: Sort(SortSettings(**LIFE), seed=1),
-    "deepsort": lambda: DeepSort(DeepSortSettings(**LIFE), seed=1),
-    "bytetrack": lambda: ByteTrack(ByteTrackSettings(**LIFE), seed=1),
-    "ocsort": lambda: OcSort(OcSortSettings(**LIFE), seed=1),
-}
-EACH = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
+MAKERS = [partial(kind, seed=1, **LIFE) for kind in LIFECYCLE.values()]
+EACH = pytest.mark.parametrize("make", MAKERS, ids=LIFECYCLE)
+EACH_CLASS = pytest.mark.parametrize("make", LIFECYCLE.values(), ids=LIFECYCLE)
 
 
 def walk(person: int, frame: int) -> list[float]:
@@ -129,7 +123,7 @@ def test_a_box_that_shrank_to_nothing_keeps_a_pixel() -> None:
     np.testing.assert_allclose(with_area(boxes), [[0, 0, 10, 10], [3.5, 5, 4.5, 9]])
 
 
-@pytest.mark.parametrize("make", [Sort, ByteTrack, OcSort, DeepSort])
+@EACH_CLASS
 @pytest.mark.parametrize("score", [0.75, 0.95])
 def test_a_sure_detection_is_shown_within_three_frames(make: Callable[..., OnlineTracker], score: float) -> None:
     tracker = make()
@@ -139,7 +133,7 @@ def test_a_sure_detection_is_shown_within_three_frames(make: Callable[..., Onlin
     assert len(make(min_hits=1).update([walk(1, 0)])) == 1
 
 
-@pytest.mark.parametrize("make", [Sort, ByteTrack, OcSort, DeepSort])
+@EACH_CLASS
 def test_settings_by_name_are_those_of_the_settings(make: Callable[..., Any]) -> None:
     named = make(max_age=7, min_hits=4, start_score=0.4, boxes="detected")
     assert named.settings == type(named.settings)(min_hits=4, max_age=7, start_score=0.4, boxes="detected")
@@ -151,7 +145,7 @@ def test_settings_by_name_are_those_of_the_settings(make: Callable[..., Any]) ->
         make(30)
 
 
-@pytest.mark.parametrize("make", [Sort, ByteTrack, OcSort, DeepSort])
+@EACH_CLASS
 def test_keywords_are_the_settings(make: Callable[..., Any]) -> None:
     """The keywords of a tracker have the names and types of the fields of its settings."""
     keywords = inspect.signature(make, eval_str=True).parameters

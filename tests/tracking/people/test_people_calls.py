@@ -193,8 +193,8 @@ def test_targets_of_a_frame_out_of_tracks() -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"method": "best"}, "`method`: expected 'flow', 'deepsort', 'sort', 'bytetrack' or 'ocsort'"),
-        ({"method": 7}, "expected the method flow, deepsort, sort, bytetrack, ocsort or a tracker, got 7"),
+        ({"method": "best"}, "`method`: expected 'flow', 'deepsort', "),
+        ({"method": 7}, "expected the method flow, deepsort, .* or a tracker, got 7"),
         ({"detector": 7}, "a function from an image to boxes, got int"),
         ({"detector": lambda image: image.shape}, "what the detector <lambda> returned: expected detections"),
         ({"detector": lambda _: []}, None),

@@ -4,32 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from tests.tracking.people.families import LIFECYCLE
 from tsuiseki.tracking.association.costs import ObservationCost, ProbabilityCost
 from tsuiseki.tracking.association.flow_window import FlowCosts
-from tsuiseki.tracking.people.bytetrack import ByteTrack
 from tsuiseki.tracking.people.contract import PeopleTracker, run_tracker
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowSettings
 from tsuiseki.tracking.people.lifecycle import LifecycleSettings
-from tsuiseki.tracking.people.ocsort import OcSort
+from tsuiseki.tracking.people.settings import METHODS
 from tsuiseki.tracking.people.sort import DeepSort, DeepSortSettings, Sort, SortSettings
+from tsuiseki.tracking.people.tracker_choice import people_tracker
 from tsuiseki.tracking.types import Detections, Track
 
-MAKERS: dict[str, Callable[[], PeopleTracker]] = {
-    "sort": Sort,
-    "deepsort": DeepSort,
-    "bytetrack": ByteTrack,
-    "ocsort": OcSort,
-    "flow": lambda: FlowTracker(FlowSettings(decide_every=None)),
+FLOWS: dict[str, Callable[[], PeopleTracker]] = {
+    "whole flow": lambda: FlowTracker(FlowSettings(decide_every=None)),
     "sliding flow": lambda: FlowTracker(FlowSettings(decide_every=0.3)),
     "flow with a delay": lambda: FlowTracker(delay=0.5),
 }
-EACH = pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS.keys())
+CONFIRMING = {method: partial(people_tracker, method) for method in LIFECYCLE} | FLOWS
+ANY = {method: partial(people_tracker, method) for method in METHODS} | FLOWS
+# Trackers that report only whom several detections confirm.
+EACH = pytest.mark.parametrize("make", CONFIRMING.values(), ids=CONFIRMING.keys())
+# What the contract asks of a tracker of any method.
+CONTRACT = pytest.mark.parametrize("make", ANY.values(), ids=ANY.keys())
 
 
 def crowd(
@@ -92,7 +95,7 @@ def test_detections_without_features_do(make: Callable[[], PeopleTracker]) -> No
     assert sorted(map(tuple, owners(tracks, truth))) == [(0,), (1,), (2,), (3,)]
 
 
-@EACH
+@CONTRACT
 def test_same_input_same_tracks_and_own_ids(make: Callable[[], PeopleTracker]) -> None:
     video, _ = crowd(np.random.default_rng(3), 6, 30, miss=0.2, clutter=1.0)
     one, two = make(), make()
@@ -105,7 +108,7 @@ def test_same_input_same_tracks_and_own_ids(make: Callable[[], PeopleTracker]) -
         np.testing.assert_array_equal(a.boxes, b.boxes)
 
 
-@EACH
+@CONTRACT
 def test_the_input_is_never_written_to(make: Callable[[], PeopleTracker]) -> None:
     video, _ = crowd(np.random.default_rng(4), 4, 15, clutter=1.0)
     for found in video:
@@ -115,7 +118,7 @@ def test_the_input_is_never_written_to(make: Callable[[], PeopleTracker]) -> Non
     assert run_tracker(video, make())
 
 
-@EACH
+@CONTRACT
 def test_asking_for_tracks_early_changes_nothing(make: Callable[[], PeopleTracker]) -> None:
     video, _ = crowd(np.random.default_rng(5), 4, 31, miss=0.2, clutter=0.5)
     quiet, asked = make(), make()
@@ -137,7 +140,7 @@ def test_no_frames_no_detections_one_frame(make: Callable[[], PeopleTracker]) ->
     assert run_tracker(video, make()) == []
 
 
-@EACH
+@CONTRACT
 def test_empty_frames_count_as_frames(make: Callable[[], PeopleTracker]) -> None:
     video, _ = crowd(np.random.default_rng(7), 2, 12)
     tracks = run_tracker([Detections.empty()] * 5 + video, make())

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.tracking.people.families import LIFECYCLE
 from tsuiseki import track_people
 from tsuiseki.tracking.association.clutter import LOWEST, ScoreChoice, score_choice
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
@@ -89,7 +90,7 @@ def walkers_and_flicker(t: int) -> Detections:
     return Detections(np.concatenate([corner, corner + np.array([20, 50])], axis=1), np.repeat([0.7, 0.2], 5))
 
 
-@pytest.mark.parametrize("method", ["sort", "deepsort", "bytetrack", "ocsort"])
+@pytest.mark.parametrize("method", LIFECYCLE)
 @pytest.mark.parametrize("scale", SCALES)
 def test_scores_of_any_scale_are_tracked_alike(method: Any, scale: str) -> None:
     images = [np.zeros((1000, 2000, 3), np.uint8)] * 60

@@ -16,6 +16,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.cli.commands import all_commands
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot import read_tracks
+from tsuiseki.tracking.people.settings import METHODS
 from tsuiseki.tracking.types import Detections, ImageArray
 from tsuiseki.tracking.video.source import open_source
 
@@ -37,7 +38,7 @@ NUMBERS = "counts.csv counts.png paths.csv paths.png people.csv places.csv place
 REPORT = ["report.html", *(f"report/{name}" for name in NUMBERS.split())]
 
 
-@pytest.mark.parametrize("method", ["sort", "deepsort", "bytetrack", "ocsort", "flow"])
+@pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("source", ["video", "images"])
 def test_a_person_is_tracked_from_any_source_by_any_method(
     inputs: Any, tmp_path: Path, method: str, source: str, capsys: pytest.CaptureFixture[str]

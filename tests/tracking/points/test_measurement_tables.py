@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import pytest
 import tsuiseki
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.types.sensing_model import MotionName
 
 MODEL = {
     "sensor": {"model": "linear", "deviation": 5},
@@ -67,6 +69,14 @@ def test_two_targets_are_followed_at_uneven_times(method: str, dimensions: int, 
         position = track.covariances[:, ::2, ::2]
         nees = np.einsum("td,tde,te->t", error, np.linalg.inv(position), error)[5:]
         assert 0.3 * dimensions < nees.mean() < 3 * dimensions
+
+
+@pytest.mark.parametrize("motion", get_args(MotionName))
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_targets_are_followed_by_a_motion_of_any_name(motion: str, dimensions: int) -> None:
+    chosen = model(dimensions, motion={"model": motion})
+    found = tsuiseki.track_measurements(scans(dimensions), chosen, particles=300, shortest=10)  # type: ignore[arg-type]
+    assert len(found) == 2
 
 
 def test_the_motion_in_force_is_told() -> None:
