@@ -7,6 +7,7 @@ import collections
 import doctest
 import importlib
 import pkgutil
+import re
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -16,27 +17,34 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 FOLDERS = ("models", "datamodules", "trainers", "tracking")
+LAYERS = tuple(
+    sorted(
+        path.stem
+        for path in (REPOSITORY / "tracking").iterdir()
+        if (path.is_dir() or path.suffix == ".py") and not path.stem.startswith("__")
+    )
+)
+
+
+def storeys() -> list[set[str]]:
+    """What `tracking` has, storey by storey from the bottom, as the table of CONTRIBUTING.md says.
+
+    What stands in no row of that table lies at the bottom.
+    """
+    text = (REPOSITORY / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    rows = text.partition("| storey | folders |\n|---|---|\n")[2].partition("\n\n")[0].splitlines()
+    above = [set(re.findall(r"`(\w+)`", row.split("|")[2])) for row in rows[-2::-1]]
+    return [set(LAYERS).difference(*above), *above]
+
+
+STOREYS = storeys()
 ALLOWED = {
     "models": {"models"},
     "tracking": {"tracking"},
-    "datamodules": {"datamodules", "tracking.types", "tracking.errors", "tracking.formats", "tracking.cameras",
-                    "tracking.geometry", "tracking.onnx", "tracking.preprocessing", "tracking.output",
-                    "tracking.processes", "tracking.devices", "tracking.features.action",
-                    "tracking.features.optical_flow", "tracking.features.exported", "tracking.video"},
+    "datamodules": {"datamodules", *(f"tracking.{layer}" for storey in STOREYS[:2] for layer in storey)},
     "trainers": {"trainers", "models", "datamodules", "tracking"},
     "configs": set(),
-}  # fmt: skip
-# Inside `tracking` a module imports only what stands before it here; batch runs commands.
-STOREYS = (
-    ("errors", "bounds", "fields", "output", "weights", "types", "geometry", "processes", "devices",
-     "onnx", "preprocessing", "interchange", "formats", "video", "stages"),  # nouns and borders
-    ("cameras", "features", "filters", "association", "evaluation"),  # methods, which know no target
-    ("report", "result", "runs"),
-    ("people", "single", "drone", "fisheye", "animals", "bodies", "points", "sphere"),  # rooms: what is followed
-    ("review", "counts", "hiding", "linking", "floor", "calibrate", "demo"),  # applications: steps on a result
-    ("cli", "batch"),
-)  # fmt: skip
-LAYERS = tuple(layer for storey in STOREYS for layer in storey)
+}
 # Calls that list all options of a command as keywords, each with its line.
 LISTING = ("track_people", "follow_people")
 TORCH_FREE = ("tracking", "datamodules/scenes", *(f"datamodules/{name}.py" for name in (
@@ -100,15 +108,27 @@ def test_imports_flow_one_way(folder):
 
 @pytest.mark.parametrize("layer", LAYERS)
 def test_tracking_has_no_back_arrow(layer):
-    root = REPOSITORY / "tracking"
-    assert {path.stem for path in root.iterdir() if path.is_dir() or path.suffix == ".py"} - set(LAYERS) <= {
-        "__init__", "__pycache__"
-    }, "a new module of tracking needs its place in LAYERS"  # fmt: skip
-    files = sorted((root / layer).rglob("*.py")) if (root / layer).is_dir() else [root / f"{layer}.py"]
-    later = {f"tsuiseki.tracking.{name}" for name in LAYERS[LAYERS.index(layer) + 1 :]}
-    for path in files:
-        wrong = {name for name in imported_modules(path) if starts_with(name, later)}
-        assert not wrong, f"{path.relative_to(root)} imports {sorted(wrong)}"
+    (place,) = [number for number, storey in enumerate(STOREYS) if layer in storey]
+    above = {name for storey in STOREYS[place + 1 :] for name in storey}
+    wrong = sorted(imported_layers(layer) & above)
+    assert not wrong, f"tracking/{layer} imports {wrong}, which stand above it in the table of CONTRIBUTING.md"
+
+
+def imported_layers(layer: str) -> set[str]:
+    """What a folder or module of `tracking` imports of the others."""
+    place = f"tracking/{layer}" if (REPOSITORY / "tracking" / layer).is_dir() else f"tracking/{layer}.py"
+    modules = {module for path in source_files(place) for module in imported_modules(path)}
+    return {name for name in LAYERS if any(starts_with(m, {f"tsuiseki.tracking.{name}"}) for m in modules)} - {layer}
+
+
+def test_the_table_of_storeys_names_what_there_is():
+    listed = [layer for storey in STOREYS for layer in storey]
+    assert sorted(listed) == sorted(LAYERS)
+    assert len(STOREYS) == 6
+
+
+def test_folders_of_tracking_import_each_other_in_no_circle():
+    TopologicalSorter({layer: imported_layers(layer) for layer in LAYERS}).prepare()
 
 
 def test_modules_import_each_other_in_no_circle():
