@@ -17,7 +17,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import yaml
 
 from benchmarks.papers import __main__ as papers
 from benchmarks.papers.records import MARK
@@ -115,17 +114,8 @@ def test_every_page_and_picture_is_used() -> None:
     used = {
         (page.parent / name).resolve() for page in EVERY_PAGE for name in re.findall(r"\]\(([^)#]+)", text_of(page))
     }
-    assert [path.name for path in (DOCS / "images").iterdir() if path.resolve() not in used] == []
-    names = yaml.safe_load(text_of(REPOSITORY / "mkdocs.yml"))["nav"]
-    assert sorted(flat(names)) == [page.relative_to(DOCS).as_posix() for page in PAGES]
-
-
-def flat(entry: Any) -> list[str]:
-    """The file names in a navigation."""
-    if isinstance(entry, str):
-        return [entry]
-    parts = entry.values() if isinstance(entry, dict) else entry
-    return [name for part in parts for name in flat(part)]
+    files = [*(DOCS / "images").iterdir(), *PAGES]
+    assert [path.name for path in files if path.resolve() not in used] == []
 
 
 @each_page
