@@ -39,7 +39,7 @@ lint: $(VENV)/.dev
 	$(BIN)/mypy tests/typing/readme_calls.py
 
 docs: $(VENV)/.docs
-	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 	@echo "open out/site/index.html"
 
 wheel: $(VENV)/.dev
