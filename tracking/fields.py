@@ -24,8 +24,6 @@ T = TypeVar("T")
 
 def _parts(words: Any) -> Any:
     """The parts between the commas of words; lists of YAML and Python stay as they are."""
-    if isinstance(words, str):
-        words = [words]
     if not isinstance(words, list):
         return words
     return [part for word in words for part in (word.strip().split(",") if isinstance(word, str) else [word])]
@@ -33,7 +31,7 @@ def _parts(words: Any) -> Any:
 
 def _rows(words: Any) -> Any:
     """Likewise of lists in a list: a word each."""
-    return [_parts(word) for word in words] if isinstance(words, list) else words
+    return [_parts([word]) if isinstance(word, str) else word for word in words] if isinstance(words, list) else words
 
 
 def converted(kind: Any, tokens: Sequence[Any]) -> Any:
@@ -67,6 +65,11 @@ FrameRate: TypeAlias = Annotated[float, Field(gt=0, le=1000)]
 Threads: TypeAlias = Annotated[int, Field(ge=0, le=10_000)]
 # What the command line does not show.
 HIDDEN = Parameter(parse=False)
+
+
+def showing(*names: str) -> Parameter:
+    """Of a group of settings, these fields alone are on the command line; the group itself and those between too."""
+    return Parameter(parse=f"^({'|'.join(names)})$")
 
 
 @Parameter(name="*")

@@ -13,14 +13,16 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
-import onnxruntime
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.devices import Device, device_of, opened_on
 from tsuiseki.tracking.errors import RequestError, a_path, lacks_memory
+
+if TYPE_CHECKING:
+    import onnxruntime
 
 Kind = Literal["detector", "appearance", "action", "affinity", "association", "objectness"]
 METADATA_KEY = "tsuiseki"
@@ -126,6 +128,8 @@ def open_session(path: str | Path, threads: int = 0, device: Device = "cpu") -> 
         RequestError: the file or one of its weights is missing, it is not ONNX, or newer than onnxruntime can read; or
             the device does not work.
     """
+    import onnxruntime
+
     path = a_path(path)
     if not path.is_file():
         raise RequestError(f"expected an ONNX file at {path}, found none; check the path, or export one")

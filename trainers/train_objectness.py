@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -25,7 +26,7 @@ from tsuiseki.tracking.features.objectness import (
     propose,
     recall,
 )
-from tsuiseki.tracking.fields import Commas
+from tsuiseki.tracking.fields import HIDDEN, Commas
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.formats.single import find_single_sequences
@@ -236,7 +237,7 @@ def train_objectness(
     data: Commas[list[Path] | None] = None,
     test: Commas[list[Path] | None] = None,
     interval: PositiveInt = 10,
-    images: PositiveInt = 800,
+    images: Annotated[PositiveInt, HIDDEN] = 800,
 ) -> None:
     """Learn binarised normed gradients (BING) from labelled boxes, and report the recall by number of windows.
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from tsuiseki.tracking.association.nearby import sizes
@@ -101,6 +100,8 @@ def place_costs(counts: EntryCounts, boxes: FloatArray, size: tuple[int, int] | 
         """How many of some boxes lie within the kernel, which is 1 in its middle, around each cell."""
         index = _cells(which, low, cell, shape)
         table = np.bincount(index, minlength=int(shape.prod())).reshape(shape[1], shape[0]).astype(np.float64)
+        import cv2
+
         smooth = cv2.GaussianBlur(table, (reach, reach), sigma, borderType=cv2.BORDER_CONSTANT)
         return np.asarray(smooth * max(2 * np.pi * sigma**2, 1.0))
 

@@ -86,9 +86,7 @@ def join_files(jobs: Sequence[Job], sources: Sequence[str], states: Sequence[Pat
     camera, places, size, end, shift = StandingCamera(), list[tuple[int, int, int]](), None, 0, 0
     for job, source, state in zip(jobs, sources, states, strict=True):
         arguments, plan = job.request(source, state).arguments.arguments, SegmentPlan.read(state / PLAN)
-        opened = open_people(
-            arguments["video"].open(), arguments["finding"], arguments["linking"], arguments["output"].seed
-        )
+        opened = open_people(arguments["video"].open(), arguments["finding"], arguments["linking"], 0)
         if isinstance(opened.inputs.camera, CameraPath):
             raise RequestError("`continuous`: expected a camera that stands still, got `moving_camera`")
         rate = opened.inputs.source.frame_rate

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeAlias
 
-from cyclopts import Parameter
+from cyclopts import App, Parameter
 from pydantic import NonNegativeFloat, PositiveFloat
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.batch.continuous import in_order
 from tsuiseki.tracking.batch.executors import Processes, RayTasks
 from tsuiseki.tracking.batch.jobs import STATE, Job, Place, options_of
-from tsuiseki.tracking.batch.schedule import JOURNAL, Row, Schedule, note
+from tsuiseki.tracking.batch.schedule import JOURNAL, Row, Schedule, note, status
 from tsuiseki.tracking.batch.sources import jobs_of
 from tsuiseki.tracking.batch.tasks import TOKEN, Doing
 from tsuiseki.tracking.bounds import SETTINGS
@@ -245,30 +245,25 @@ def _size(job: Job) -> float:
 Words: TypeAlias = Annotated[str, Parameter(allow_leading_hyphen=True, show=False)]
 
 
-def track(*words: Words, how: BatchOptions) -> int:
-    """Track what is in each of many videos: `tsuiseki batch track people VIDEO…`, with the options of track people.
+BATCH = App("batch")
+BATCH.command(status)
 
-    A VIDEO is a file, a folder of such, a glob, an address that fsspec reads (s3://, gs://, https://), or a manifest:
-    CSV or YAML with a row a video, its source, name, and options of its own. Instead of people anything that
-    `tsuiseki track` follows can be named.
+
+@BATCH.default
+def on_many(*words: Words, how: BatchOptions) -> int:
+    """Do a command on many videos: `tsuiseki batch track people VIDEO… --out DIR`, with options of the command.
+
+    After batch stand `track` or `evaluate` and what, or `count`, and what the command is given, once for each video. A
+    VIDEO is a file, a folder of such, a glob, an address that fsspec reads (s3://, gs://, https://), or a manifest: CSV
+    or YAML with a row a video, its source, name, and options of its own. In an option, {name} stands for the name of
+    the video, such as in `batch evaluate people TRUTH… --results results/{name}/tracks.txt`.
     """
-    return _of_words(("track", *words), 2, how)
-
-
-def evaluate(*words: Words, how: BatchOptions) -> int:
-    """Score many results: `tsuiseki batch evaluate people TRUTH… --results RESULT`, with options of evaluate people.
-
-    In RESULT, {name} stands for the name of a TRUTH. Instead of people anything that `tsuiseki evaluate` scores can be
-    named.
-    """
-    if not any(word.partition("=")[0] == "--results" for word in words):
+    group, what = {"track": 2, "evaluate": 2, "count": 1}, words[0] if words else "nothing"
+    if what not in group:
+        raise RequestError(f"expected `tsuiseki batch` and one of {', '.join(group)}, got {what}")
+    if what == "evaluate" and not any(word.partition("=")[0] == "--results" for word in words):
         raise RequestError("missing: `results`, such as results/{name}/tracks.txt")
-    return _of_words(("evaluate", *words), 2, how)
-
-
-def count(*words: Words, how: BatchOptions) -> int:
-    """Count in many results: `tsuiseki batch count RESULT… --scene FILE`, with the options of count."""
-    return _of_words(("count", *words), 1, how)
+    return _of_words(words, group[what], how)
 
 
 def _of_words(words: Sequence[str], length: int, how: BatchOptions) -> int:

@@ -70,19 +70,17 @@ class LensSizes(ImageSize):
     """Of the calibration, and of the images that it is used on.
 
     Attributes:
-        resize: WIDTH,HEIGHT of the images, where it is not the calibration's, which is then scaled.
-        resize_by: whether those show a part of what was calibrated (cut) or more at the sides (widen).
+        resize: WIDTH,HEIGHT of the images, where it is not the calibration's, which is then cut and scaled.
     """
 
     resize: Pixels = None
-    resize_by: Literal["cut", "widen"] = "cut"
 
     def read(self, file: Path) -> tuple[OmnidirectionalLens, FloatArray]:
         """The fisheye lens in ``file``, for images of the wanted size; and see `read_lens_fitted`."""
         from tsuiseki.tracking.cameras.lens_files import read_lens_fitted
 
         lens, residuals = read_lens_fitted(file, self.image_size)
-        return (lens if self.resize is None else lens.resized(*self.resize, self.resize_by)), residuals
+        return (lens if self.resize is None else lens.resized(*self.resize, "cut")), residuals
 
 
 @dataclass(frozen=True, kw_only=True, config=SETTINGS)

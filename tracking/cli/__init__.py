@@ -7,8 +7,14 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from io import TextIOWrapper
+from typing import TYPE_CHECKING
 
+from tsuiseki.tracking.cli.commands import APP, PROGRAM, command_of, example_of, takes_all
+from tsuiseki.tracking.cli.help import PlainHelp
 from tsuiseki.tracking.runs.ending import DONE, WRONG_REQUEST, ended
+
+if TYPE_CHECKING:
+    from cyclopts import App
 
 HELP, NESTED = "--help", "--help-all"
 
@@ -26,30 +32,33 @@ def _run(words: list[str]) -> int:
     """The exit status of a command."""
     # OpenCV writes lines of its own to stderr; errors are worded here.
     os.environ.setdefault("OPENCV_LOG_LEVEL", "SILENT")
-    from tsuiseki.tracking.cli.commands import APP, command_of
-    from tsuiseki.tracking.cli.help import PlainHelp
-
     chain, command = command_of(words)
     function, arguments = command.default_command, words[len(chain) :]
     if function is not None and not command.help_flags:
         return _status(function(arguments))
-    APP.help_formatter = PlainHelp(NESTED in arguments)
+    APP.help_formatter, APP.help_epilogue = PlainHelp(NESTED in arguments), "" if function else example_of(chain)
     if words == ["--version"]:
         APP.version_print()
-        return DONE
-    if function is None and arguments[:1] in ([], [HELP], ["-h"]):
-        # Without what the commands need.
-        APP.help_print(chain)
+    elif {*arguments} & {"-h", HELP, NESTED} or (function is None and not arguments):
+        _help(chain, command)
+        if takes_all(command) and (inner := command_of(arguments))[0]:
+            print()
+            _help(*inner)
         return DONE if arguments else WRONG_REQUEST
-    from tsuiseki.tracking.cli.request import request_of
+    else:
+        from tsuiseki.tracking.cli.request import request_of
 
+        return _status(request_of(words).run())
+    return DONE
+
+
+def _help(chain: Sequence[str], command: App) -> None:
     # Beside the others stands the summary, alone the docstring.
-    summary, command.help = command.help, command.help if function is None else None
-    try:
-        request = request_of([HELP if word == NESTED else word for word in words])
-        return _status(request.run())
-    finally:
-        command.help = summary
+    function, summary = command.default_command, command.help
+    command.usage = " ".join([PROGRAM, *chain, "… [OPTIONS]" if function else "COMMAND"])
+    command.help = None if function else summary
+    APP.help_print(chain)
+    command.help = summary
 
 
 def _status(result: object) -> int:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import metadata
+from inspect import signature
 from itertools import takewhile
 from typing import Any, TypeAlias
 
@@ -32,11 +33,7 @@ TRAIN = {
     "detector": (".networks.fit:fit_detector", "where people are"),
     "appearance": (".networks.fit:fit_appearance", "what they look like"),
     "action": (".networks.fit:fit_action", "what they do"),
-    "affinity": (".association.affinity_fit:fit_affinity", "whether two detections are the same person"),
-    "affinity-drone": (
-        ".association.action_cost_fit:fit_action_costs",
-        "what differences of actions cost under a drone",
-    ),
+    "affinity": (".association.affinity_fit:affinity", "whether two detections are the same person"),
     "association": (".networks.fit:fit_association", "who follows whom, by whole tracks"),
     "objectness": (".train_objectness:train_objectness", "which boxes look like an object"),
     "body": (".learn_body:train_body", "a body that bends, from silhouettes"),
@@ -76,71 +73,34 @@ EVALUATE = {
     "detection": "detections: average precision",
     "appearance": "appearance networks: ranks and average precision of finding a person again",
     "single": "one target: success and precision",
-    "coverage": "tracks of many on one labelled person: coverage and switches",
     "points": "tracked points: OSPA, GOSPA and more",
     "states": "bodies that bend: position, heading, identity",
     "action": "what people do: F1 and average precision",
     "floor": "people on one floor: IDF1, MOTA, HOTA, MODA and more",
 }
-BATCH = {
-    "track": (".run:track", "track what is in each of many videos"),
-    "count": (".run:count", "answers of many results"),
-    "evaluate": (".run:evaluate", "scores of many results"),
-    "status": (".schedule:status", "how far a batch is"),
-}
 EXTRA = "(needs the train extra)"
-DIRECT = {
+# Place and summary of each command; of a group also what is in it.
+COMMANDS: Mapping[str, tuple[str, str] | tuple[str, str, Commands]] = {
     "demo": ("tracking.demo.run:demo", "run the whole path on a generated labelled clip and write a report"),
+    "simulate": ("tracking.cli.simulate", "make labelled video with exact truth", SIMULATE),
+    "train": ("trainers", "fit a model to labelled video (all but body and motion need the train extra)", TRAIN),
     "adapt": ("trainers.adapt.run:adapt", f"learn a camera from its unlabelled video {EXTRA}"),
+    "export": ("trainers.exporting", f"turn a trained model into ONNX {EXTRA}", EXPORT),
+    "models": ("tracking.cli.models", "networks of other projects that can be downloaded", MODELS),
+    "calibrate": ("tracking.calibrate.run", "calibrate the lens and pose of cameras", CALIBRATE),
+    "track": ("tracking", "follow something through a video with exported models", TRACK),
     "detect": ("tracking.cli.detect:detect", "write what a network detects in a video, without tracking"),
     "scene": ("tracking.counts.run:scene", "draw lines and zones to count in, on a page in the browser"),
     "hide": ("tracking.hiding.run:hide_people", "hide people in a video that was tracked"),
     "count": ("tracking.counts.run:count", "who crosses lines and stays in zones, from a finished result"),
     "review": ("tracking.review.run:review", "look through a result on a page in the browser, and correct it"),
     "link": ("tracking.linking.run:link_results", "the same ids in cameras that do not overlap"),
+    "evaluate": ("tracking.cli.evaluate", "score results against labels", EVALUATE),
+    "batch": ("tracking.batch.run:BATCH", "a command on many videos, on all cores or on Ray"),
     "convert": ("tracking.cli.convert:convert", "write a result into the file of another program"),
 }
-GROUPS: Mapping[str, tuple[str, str, Commands]] = {
-    "simulate": ("make labelled video with exact truth", "tracking.cli.simulate", SIMULATE),
-    "train": ("fit a model to labelled video (all but body and motion need the train extra)", "trainers", TRAIN),
-    "export": (f"turn a trained model into ONNX {EXTRA}", "trainers.exporting", EXPORT),
-    "models": ("networks of other projects that can be downloaded", "tracking.cli.models", MODELS),
-    "calibrate": ("calibrate the lens and pose of cameras", "tracking.calibrate.run", CALIBRATE),
-    "track": ("follow something through a video with exported models", "tracking", TRACK),
-    "evaluate": ("score results against labels", "tracking.cli.evaluate", EVALUATE),
-    "batch": ("a command on many videos, on all cores or on Ray", "tracking.batch", BATCH),
-}
-ORDER = [
-    "demo",
-    "simulate",
-    "train",
-    "adapt",
-    "export",
-    "models",
-    "calibrate",
-    "track",
-    "detect",
-    "scene",
-    "hide",
-    "count",
-    "review",
-    "link",
-    "evaluate",
-    "batch",
-    "convert",
-]
 # Functions that take the words as they are, for Lightning.
 FORWARDED = "trainers.networks.fit:"
-
-
-def _add(app: App, base: str, commands: Commands) -> None:
-    for number, (name, row) in enumerate(commands.items()):
-        place, summary = (f":{name}", row) if isinstance(row, str) else row
-        flags: Mapping[str, tuple[()]] = (
-            {"help_flags": (), "version_flags": ()} if f"{base}{place}".startswith(FORWARDED) else {}
-        )
-        order = ORDER.index(name) if app is APP else number
-        app.command(f"tsuiseki.{base}{place}", name=name, help=summary, sort_key=order, help_epilogue="", **flags)
 
 
 def _converted(kind: Any, tokens: Sequence[Any]) -> Any:
@@ -152,7 +112,6 @@ def _converted(kind: Any, tokens: Sequence[Any]) -> Any:
 APP = App(
     PROGRAM,
     help="Track people and objects in video.",
-    help_epilogue="`tsuiseki track people --help` lists the options of one. To see it all at work: tsuiseki demo",
     version=lambda: f"{PROGRAM} {metadata.version(PROGRAM)}",
     result_action="return_value",
     exit_on_error=False,
@@ -160,32 +119,52 @@ APP = App(
     help_format="plaintext",
     default_parameter=Parameter(negative_iterable=(), allow_repeating=True, converter=_converted),
 )
-_add(APP, "", DIRECT)
-for _name, (_summary, _base, _commands) in GROUPS.items():
-    _example = f"`{PROGRAM} {_name} {next(iter(_commands))} --help` lists the options of one."
-    _group = App(_name, help=_summary, help_epilogue=_example, sort_key=ORDER.index(_name))
-    _add(_group, _base, _commands)
-    APP.command(_group)
+
+
+def _grow() -> None:
+    """Give `APP` all commands, none of which is loaded."""
+    for order, (name, (place, summary, *inside)) in enumerate(COMMANDS.items()):
+        if not inside:
+            APP.command(f"tsuiseki.{place}", name=name, help=summary, sort_key=order)
+            continue
+        group = App(name, help=summary, sort_key=order)
+        for number, (inner, row) in enumerate(inside[0].items()):
+            where, what = (f":{inner}", row) if isinstance(row, str) else row
+            forwarded = f"{place}{where}".startswith(FORWARDED)
+            flags: dict[str, tuple[()]] = {"help_flags": (), "version_flags": ()} if forwarded else {}
+            group.command(f"tsuiseki.{place}{where}", name=inner, help=what, sort_key=number, **flags)
+        APP.command(group)
+
+
+_grow()
+
+
+def example_of(group: Sequence[str]) -> str:
+    """What to type for the help of one of the commands of a group, or of all commands."""
+    first = next((words for words in all_commands() if words[:1] == tuple(group)), ("track", "people"))
+    demo = "" if group else f" To see it all at work: {PROGRAM} demo"
+    return f"`{PROGRAM} {' '.join(first)} --help` lists the options of one.{demo}"
 
 
 def all_commands() -> Iterator[tuple[str, ...]]:
     """The words of each command."""
-    yield from ((name,) for name in DIRECT)
-    yield from ((group, name) for group, (_, _, commands) in GROUPS.items() for name in commands)
+    for name, (_, _, *inside) in COMMANDS.items():
+        yield from ((name, inner) for inner in inside[0]) if inside else [(name,)]
+    yield ("batch", "status")
 
 
 def command_of(words: Sequence[str]) -> tuple[tuple[str, ...], App]:
     """The command that words begin with."""
     try:
         chain, apps, _ = APP.parse_commands(list(takewhile(lambda word: not word.startswith("-"), words)))
+        return chain, apps[-1]
     except ImportError as error:
         # cyclopts wraps what went wrong.
-        raise error.__cause__ or error from None
-    return chain, apps[-1]
+        cause = error.__cause__ or error
+    raise cause
 
 
 def takes_all(command: App) -> bool:
     """Whether a command passes on words that it does not know."""
-    return command.default_command is not None and any(
-        argument.is_var_positional() for argument in command.assemble_argument_collection(parse_docstring=False)
-    )
+    parameters = signature(command.default_command).parameters.values() if command.default_command else ()
+    return any(parameter.kind is parameter.VAR_POSITIONAL for parameter in parameters)

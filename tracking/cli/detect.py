@@ -14,7 +14,7 @@ from tsuiseki.tracking.fields import ClassNames, Options, Threads
 from tsuiseki.tracking.formats.measurement_tables import write_points
 from tsuiseki.tracking.formats.mot import write_detections
 from tsuiseki.tracking.people.detections import network_detections
-from tsuiseki.tracking.people.settings import PeopleFinding, Tiles
+from tsuiseki.tracking.people.settings import ForeignDetector, PeopleFinding, Tiles
 from tsuiseki.tracking.runs.following import SourceOptions, count
 from tsuiseki.tracking.runs.options import OutputFile
 from tsuiseki.tracking.runs.progress import progress
@@ -37,7 +37,7 @@ class DetectSettings(Options):
     """
 
     detector: Path | None = None
-    detector_options: DetectorOptions = field(default_factory=DetectorOptions)
+    detector_options: ForeignDetector = field(default_factory=DetectorOptions)
     score_threshold: Share = 0.1
     classes: ClassNames | None = None
     view: Tiles = "auto"

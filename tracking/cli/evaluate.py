@@ -17,7 +17,7 @@ from pydantic.dataclasses import dataclass
 from tsuiseki.tracking.bounds import SETTINGS, PositiveShare, Share
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.result_files import result_names
-from tsuiseki.tracking.fields import ClassNames, Commas, Options, Threads
+from tsuiseki.tracking.fields import ClassNames, Commas, Options
 from tsuiseki.tracking.formats.okutama import Protocol
 from tsuiseki.tracking.runs.options import Files
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
@@ -44,13 +44,11 @@ class Comparison(Files, Evaluated):
     """Likewise, and where the scores go.
 
     Attributes:
-        names: of the results in the table, separated by commas; by default their files' or folders'.
         json: write all scores to this file.
     """
 
     file_options: ClassVar[Sequence[str]] = ("json",)
     _: KW_ONLY
-    names: Commas[list[str] | None] = None
     json: Path | None = None
 
     def check(self) -> None:
@@ -59,7 +57,7 @@ class Comparison(Files, Evaluated):
 
     def named(self) -> dict[str, Path]:
         """The results, each by a name as short as tells them apart."""
-        return dict(zip(result_names(self.results, self.names), self.results, strict=True))
+        return dict(zip(result_names(self.results), self.results, strict=True))
 
     def report(self, table: Table, values: Mapping[str, Any], right: Mapping[str, float] | None = None) -> None:
         """Print the scores, and write them where that is wanted; a 0 in ``right`` is reported, for it is no score."""
@@ -166,26 +164,6 @@ def action(
     compared.report(action_table(scores), action_values(scores))
 
 
-def coverage(compared: Comparison, *, scored: ScoredFrames = SCORED, overlap: PositiveShare = 0.5) -> None:
-    """Say how well tracks of many follow the one person who is labelled: share of frames, switches of identity.
-
-    Args:
-        compared.truth: a sequence folder with one labelled target (OTB, VOT, UAV123), a folder of them, or a folder of
-            label files NAME.txt.
-        compared.results: MOTChallenge text files, or folders that hold NAME.txt or NAME/tracks.txt for each sequence
-            NAME (for a single sequence also tracks.txt), as `track people` and `track drone` write them; several are
-            compared.
-        overlap: of boxes from which a track is on the target.
-    """
-    from tsuiseki.tracking.evaluation.coverage import cover_targets, coverage_table
-    from tsuiseki.tracking.formats.single import find_single_sequences
-
-    sequences = find_single_sequences(compared.truth)
-    scores = {name: cover_targets(sequences, path, overlap, scored.range) for name, path in compared.named().items()}
-    right = {name: sum(target.covered for target in by_sequence.values()) for name, by_sequence in scores.items()}
-    compared.report(coverage_table(scores), scores, right)
-
-
 def detection(
     compared: Comparison,
     *,
@@ -236,15 +214,14 @@ def _exported(result: Path, out: Path) -> Path:
     return out
 
 
-def floor(compared: Comparison, *, distance: PositiveFloat = 1.0, near: PositiveFloat = 0.5) -> None:
-    """Score people on a floor: IDF1, MOTA and HOTA by distance, MODA and MODP, GOSPA.
+def floor(compared: Comparison, *, distance: PositiveFloat = 1.0) -> None:
+    """Score people on a floor: IDF1, MOTA and HOTA by distance, GOSPA; MODA and MODP within 0.5 m.
 
     Args:
         compared.truth: a folder of WILDTRACK or Shelf or its table of places, or a CSV with time,id,x,y in seconds and
             metres.
         compared.results: world.csv of tsuiseki track floor, or folders with it; several are compared.
         distance: metres within which a track is on a person, for IDF1, MOTA, HOTA and GOSPA.
-        near: metres within which a detection is right, for MODA, MODP, recall and precision.
     """
     from tsuiseki.tracking.cameras.multicamera import read_placed_truth
     from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
@@ -253,7 +230,7 @@ def floor(compared: Comparison, *, distance: PositiveFloat = 1.0, near: Positive
     labels, scores = read_placed_truth(compared.truth), {}
     for name, path in compared.named().items():
         reported = read_placed_truth(path / "world.csv" if path.is_dir() else path, empty=True)
-        scores[name] = evaluate_on_floor(labels, reported, distance, near)
+        scores[name] = evaluate_on_floor(labels, reported, distance)
     compared.report(value_table(scores, FLOOR_COLUMNS), scores, {name: score.recall for name, score in scores.items()})
 
 
@@ -287,20 +264,19 @@ def people(compared: PlottedComparison, *, labels: Labels = LABELS, classes: Cla
     compared.draw(lambda path: save_comparison(scores, path))
 
 
-def appearance(compared: Comparison, *, threads: Threads = 0) -> None:
+def appearance(compared: Comparison) -> None:
     """Score appearance networks: how often a person is recognised among others, and mean average precision.
 
     Args:
         compared.truth: labelled video with pictures, in a layout that evaluate people takes; or the folder of
             Market-1501, with query and bounding_box_test.
         compared.results: appearance networks as ONNX, or the names of shipped or downloaded ones; several are compared.
-        threads: CPU cores; 0 takes all.
     """
     from tsuiseki.tracking.evaluation.reidentification import read_views, score_views
     from tsuiseki.tracking.evaluation.tables import score_table
     from tsuiseki.tracking.features.exported import as_describer
 
-    networks = {n: as_describer(p, threads) for n, p in compared.named().items()}
+    networks = {n: as_describer(p) for n, p in compared.named().items()}
     views = read_views(compared.truth)
     scores = {name: score_views(views, network) for name, network in networks.items()}
     rows = [[name, *(f"{v:.3f}" for v in (s.rank1, s.rank5, s.rank10, s.mean_average_precision)), str(s.queries)]
@@ -338,11 +314,15 @@ def points(
 def single(
     compared: PlottedComparison,
     *,
+    scored: ScoredFrames = SCORED,
     attributes: Path | None = None,
     by: Literal["sequence", "attribute"] = "sequence",
-    published_precision: bool = False,
+    of_many: bool = False,
 ) -> None:
     """Score a tracker of one target: area under the success curve, precision, curves, by sequence and attribute.
+
+    With --of-many, results hold tracks of many, as `track people` and `track drone` write them: say what share of the
+    frames a track is on the one labelled person, and how often its identity switches.
 
     Args:
         compared.truth: a sequence folder (OTB, VOT, UAV123), a folder of them, or a folder of label files NAME.txt.
@@ -350,17 +330,27 @@ def single(
             single sequence, or a folder of tracker_benchmark's score files (ALL.json and others); several are compared.
         attributes: a list like OTB's tb_50.txt, or a folder of tracker_benchmark's score files; only the sequences in
             it are scored.
+        scored.frames: with --of-many, score this segment only, counted from 1 with both ends, such as 301-400.
         by: what the rows of the table are.
-        published_precision: count boxes that start outside the image as tracker_benchmark's published curves do.
+        of_many: tracks of many are scored.
         compared.json: write all scores and curves to this file.
         compared.plot: write the curves to this file (PNG, SVG or PDF).
     """
+    from tsuiseki.tracking.evaluation.coverage import cover_targets, coverage_table
+    from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP
     from tsuiseki.tracking.evaluation.success_curves import compare, single_table, single_values
     from tsuiseki.tracking.formats.single import find_single_sequences
     from tsuiseki.tracking.report.plots import curves_figure
 
     sequences = find_single_sequences(compared.truth, attributes)
-    curves = {name: compare(sequences, path, published_precision) for name, path in compared.named().items()}
+    if of_many:
+        spans = {
+            name: cover_targets(sequences, path, MATCH_OVERLAP, scored.range) for name, path in compared.named().items()
+        }
+        covered = {name: sum(target.covered for target in targets.values()) for name, targets in spans.items()}
+        compared.report(coverage_table(spans), spans, covered)
+        return
+    curves = {name: compare(sequences, path) for name, path in compared.named().items()}
     compared.report(single_table(curves, by), single_values(curves))
     for name, result in curves.items():
         for sequence, scores in result.sequences.items():

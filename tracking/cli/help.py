@@ -12,14 +12,12 @@ if TYPE_CHECKING:
 # Characters of the widest line.
 WIDTH = 100
 # Characters of the column of options; a longer option has a line of its own.
-COLUMN = 26
-# Characters of a list of choices beside the option.
-LONGEST = 60
+COLUMN = 30
 PROGRAM_OPTIONS = (
-    ("--config FILE", "YAML file of options, or run.json of an earlier run; options given here win over it"),
+    ("--config FILE", "YAML of options, or run.json of an earlier run; options here win"),
     ("--print-config", "print all options as YAML for --config, and end"),
 )
-NESTED, NESTED_TEXT = "--help, --help-all", "show this help; with --help-all also the settings within {}"
+NESTED, NESTED_TEXT = "--help, --help-all", "show this help; --help-all also {}"
 
 
 class PlainHelp:
@@ -42,7 +40,7 @@ class PlainHelp:
                 groups[f"{name.partition('.')[0]}.*"] = None
             elif not {"--help", "--version"} & {*entry.names}:
                 rows.append((_label(entry), _description(entry)))
-        if panel.format == "parameter":
+        if panel.title == "Parameters":
             rows += PROGRAM_OPTIONS
             rows += [(NESTED, NESTED_TEXT.format(", ".join(groups)))] if groups else [("--help", "show this help")]
         width = min(WIDTH, console.width)
@@ -89,9 +87,9 @@ def _label(entry: HelpEntry) -> str:
 
 
 def _choices(entry: HelpEntry) -> str:
-    """What may be chosen, where that is short."""
+    """What may be chosen, where that fits beside the option."""
     choices = "{" + ",".join(entry.choices or ()) + "}"
-    return choices if 2 < len(choices) < LONGEST else ""
+    return choices if 2 < len(choices) < COLUMN - 4 - len(entry.positive_names[0]) else ""
 
 
 def _description(entry: HelpEntry) -> str:

@@ -128,35 +128,49 @@ def _fill(
     collections: list[ArgumentCollection],
     printed: bool,
 ) -> None:
-    """Give ``arguments`` what the words left open: of files, and the defaults of a group of which a part is given."""
+    """Give ``arguments`` what files say where the words leave it open."""
     del chain
     collections.append(arguments)
     for options in below:
         update_argument_collection(dict(options), "", arguments, root_keys=(), allow_unknown=False)
-    for argument in arguments:
-        default = argument.field_info.default
-        if is_dataclass(default) and argument.positives != ("*",) and (printed or argument.has_tokens):
-            options = {argument.name[2:]: plain(default)}
-            update_argument_collection(options, "", arguments, root_keys=(), allow_unknown=True)
     if printed:
         values: dict[str, Any] = {}
-        for argument in arguments:
-            if argument.parse and not argument.children:
-                put(values, argument.name[2:].replace("-", "_"), _value_of(argument))
+        for argument in (argument for argument in arguments if not argument.keys and argument.parse):
+            value = _described(argument, argument.field_info.default)
+            values |= value if argument.positives == ("*",) else {argument.field_info.name: value}
         print(yaml.safe_dump(plain(values), sort_keys=False, allow_unicode=True), end="")
         raise SystemExit(0)
 
 
-def _value_of(argument: Argument) -> Any:
-    """What words and files say for an option, or its default; None for none."""
+def _described(argument: Argument, default: Any) -> Any:
+    """What words and files say for an option, or its default; of a group for each of its fields. None for none."""
+    if argument.children:
+        fields = [(child, child.field_info) for child in argument.children if child.parse]
+        return {field.name: _described(child, getattr(default, field.name, field.default)) for child, field in fields}
     if not argument.tokens:
-        default = argument.field_info.default
         return None if default is argument.field_info.empty else default
     values = [
         yaml.safe_load(token.value) if token.implicit_value is UNSET else token.implicit_value
         for token in argument.tokens
     ]
     return values if argument.token_count()[1] or len(values) > 1 else values[0]
+
+
+def _shown(argument: Argument, value: Any) -> Any:
+    """The value of an option; of a group only what the command line has."""
+    if not (argument.children and is_dataclass(value)):
+        return value
+    return {c.field_info.name: _shown(c, getattr(value, c.field_info.name)) for c in argument.children if c.parse}
+
+
+def _over(default: Any, value: Any, argument: Argument) -> Any:
+    """A group of settings: its default, in which what was given is changed."""
+    changes = {}
+    for child in (child for child in argument.children if child.has_tokens):
+        name = child.field_info.name
+        usual, chosen = getattr(default, name), getattr(value, name)
+        changes[name] = _over(usual, chosen, child) if is_dataclass(usual) and is_dataclass(chosen) else chosen
+    return replace(default, **changes)
 
 
 def put(values: dict[str, Any], name: str, value: Any) -> None:
@@ -169,16 +183,18 @@ def put(values: dict[str, Any], name: str, value: Any) -> None:
 
 def _settings(arguments: ArgumentCollection, bound: inspect.BoundArguments) -> tuple[dict[str, Any], list[str]]:
     """Every option with its value: those of the command alone, then those that it shares; and which were given."""
-    alone, shared, chosen = dict[str, Any](), dict[str, Any](), list[str]()
+    own, shared, chosen = dict[str, Any](), dict[str, Any](), list[str]()
     for argument in (argument for argument in arguments if not argument.keys):
         group = bound.arguments[argument.field_info.name]
-        flat = argument.positives == ("*",)
+        flat, default = argument.positives == ("*",), argument.field_info.default
+        if argument.children and argument.has_tokens and is_dataclass(default):
+            group = bound.arguments[argument.field_info.name] = _over(default, group, argument)
         for option in argument.children if flat else [argument]:
             name = option.field_info.name
             if option.parse:
-                (shared if flat else alone)[name] = getattr(group, name) if flat else group
+                (shared if flat else own)[name] = _shown(option, getattr(group, name) if flat else group)
                 chosen += [name] if option.has_tokens else []
-    settings: dict[str, Any] = plain(alone | shared)
+    settings: dict[str, Any] = plain(own | shared)
     return settings, chosen
 
 
@@ -204,7 +220,7 @@ def worded(error: CycloptsError) -> str:
         return f"unknown command `{typed}`; {hint_at(error.unused_tokens[0], commands)}"
     if isinstance(error, UnknownOptionError):
         name = (error.token.keyword or error.token.value).replace("][", ".").strip("[]")
-        return unknown(name, [name for option in error.argument_collection for name in option.names])
+        return unknown(name, [name for option in error.argument_collection if option.parse for name in option.names])
     if isinstance(error, UnusedCliTokensError) and error.unused_tokens:
         return f"expected no further words, got {error.unused_tokens[0]!r}"
     if argument is None:

@@ -106,7 +106,6 @@ def street(
     output: SeededOutput,
     clip: StreetSize = STREET,
     people: Crowd = 10,
-    occluders: Things = 7,
     motion: Literal["walk", "dance", "sport"] = "walk",
 ) -> int:
     """Make a clip of people on a street, before a fixed camera, as a MOTChallenge sequence.
@@ -114,12 +113,11 @@ def street(
     Args:
         output.out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
         people: about how many are around at a time.
-        occluders: poles, bushes, parked cars and the like that may hide them.
         motion: walk, dance in step, or sport: they run fast, and turn at once.
     """
     from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 
-    settings = StreetSettings(**asdict(clip), people=people, occluders=occluders, motion=motion)
+    settings = StreetSettings(**asdict(clip), people=people, motion=motion)
     return _make(output, clip, partial(StreetClip, settings, output.seed))
 
 
@@ -153,7 +151,6 @@ def drone(
     camera: Literal["still", "calm", "violent"] = "violent",
     tilt: Commas[tuple[float, float]] = (45.0, 90.0),
     look_alikes: Share = 0.3,
-    layout: Literal["mot", "okutama"] = "mot",
 ) -> int:
     """Make a clip of people who act under a drone, with a box, an id and one or two actions each in every frame.
 
@@ -163,13 +160,10 @@ def drone(
         camera: how much the drone moves.
         tilt: flattest and steepest view under the horizon, degrees.
         look_alikes: share of people dressed much like somebody else.
-        layout: mot is a MOTChallenge sequence with gt/actions.txt as Okutama-Action's; okutama is that data set's own.
     """
     from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
 
-    settings = DroneSceneSettings(
-        **asdict(clip), people=people, camera=camera, tilt=tilt, look_alikes=look_alikes, layout=layout
-    )
+    settings = DroneSceneSettings(**asdict(clip), people=people, camera=camera, tilt=tilt, look_alikes=look_alikes)
     return _make(output, clip, partial(DroneClip, settings, output.seed))
 
 

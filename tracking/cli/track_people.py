@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING
 
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 from tsuiseki.tracking.runs.following import Video, count
-from tsuiseki.tracking.runs.options import SeededOutput
-from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.runs.options import Output
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.hiding.run import HideChoice, Hiding
     from tsuiseki.tracking.people.opening import OpenedPeople
     from tsuiseki.tracking.result import Result
     from tsuiseki.tracking.runs.run import Run
-    from tsuiseki.tracking.types import Track
+    from tsuiseki.tracking.types import Detections, Track
     from tsuiseki.tracking.video.source import Source
 
 FINDING, LINKING = PeopleFinding(), Linking()
@@ -26,7 +25,7 @@ FINDING, LINKING = PeopleFinding(), Linking()
 def people(
     video: Video,
     *,
-    output: SeededOutput,
+    output: Output,
     finding: PeopleFinding = FINDING,
     linking: Linking = LINKING,
     hide: str | None = None,
@@ -39,17 +38,15 @@ def people(
     flow flow.npz (what tsuiseki review asks about) and, with --overlay, overlay.webm.
 
     Args:
-        output.seed: of random numbers; kept in run.json, for the methods here draw none.
-        hide: in the overlay and in the pictures of the report hide people, heads, or all but the tracks with these
-            ids, such as all-but=3,5; see tsuiseki hide.
-        corrections: corrections.jsonl of tsuiseki review, to do again on this result what still applies.
+        hide: hide people, heads, or all-but=3,5 in overlay and report.
+        corrections: corrections.jsonl of tsuiseki review, to do again on this result.
     """
     return track(video, output, finding, linking, hide, corrections)
 
 
 def track(
     video: Video,
-    output: SeededOutput,
+    output: Output,
     finding: PeopleFinding,
     linking: Linking,
     hide: str | None = None,
@@ -69,7 +66,7 @@ def track(
     source = video.open(images=choice is not None, timed=True)
     if corrections is not None:
         check_corrections(corrections, source)
-    opened = open_people(source, finding, linking, output.seed)
+    opened = open_people(source, finding, linking, 0)
     with output.run() as run:
         run.facts |= report_models(opened.inputs.detect, opened.inputs.describe)
         if replayed is None:

@@ -6,17 +6,18 @@ Both are made of the same parts, which the demo of a drone shares: `DroneModels`
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 import numpy as np
+from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.association.costs import ActionCost
 from tsuiseki.tracking.association.detection_tables import rows_of
 from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE
-from tsuiseki.tracking.bounds import Share, as_settings
+from tsuiseki.tracking.bounds import SETTINGS, Share, as_settings
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.drone.drone_models import DroneMethod, DroneModels, tracks_as_detections
 from tsuiseki.tracking.drone.observations import Observation, observe, video_observations
@@ -26,8 +27,9 @@ from tsuiseki.tracking.errors import RequestError, RunError, a_path, check_choic
 from tsuiseki.tracking.features.action import averaged
 from tsuiseki.tracking.features.camera_path import line_on_camera
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
+from tsuiseki.tracking.features.foreign_options import DetectorOptions
 from tsuiseki.tracking.features.view_choice import devices_of, report_blank, report_models
-from tsuiseki.tracking.fields import Commas, refused
+from tsuiseki.tracking.fields import HIDDEN, Commas, refused, showing
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import detection_lines, write_tracks
 from tsuiseki.tracking.people.contract import shifted
@@ -38,7 +40,7 @@ from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.result import PageContent, Result, Writer
 from tsuiseki.tracking.runs.following import Video, count, open_checked
-from tsuiseki.tracking.runs.options import SeededOutput
+from tsuiseki.tracking.runs.options import Output
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.tracks import ActingTrack
@@ -48,7 +50,22 @@ from tsuiseki.tracking.weights import shipped
 # Probability above which an action is named.
 NAMED = 0.4
 DronePreset = Literal["default", "printed"]
-DRONE, FINDING = DroneSettings(), FindingOptions()
+DRONE = DroneSettings()
+SHOWN = showing(
+    "drone", "window", "flow", "input", "detection", "offset", "costs", "link", "action", "weight",
+    "neutral", "entry", "exit", "min_time", "fill",
+)  # fmt: skip
+
+
+@pydantic_dataclass(frozen=True, kw_only=True, config=SETTINGS)
+class DroneFinding(FindingOptions):
+    """Where the detections come from, under a drone."""
+
+    score_range: Annotated[Commas[tuple[float, float] | None], HIDDEN] = None
+    detector_options: Annotated[DetectorOptions, HIDDEN] = field(default_factory=DetectorOptions)
+
+
+FINDING = DroneFinding()
 
 
 def track_drone(
@@ -254,8 +271,8 @@ def _named(
 def drone(
     video: Video,
     *,
-    output: SeededOutput,
-    finding: FindingOptions = FINDING,
+    output: Output,
+    finding: DroneFinding = FINDING,
     method: DroneMethod = "flow-maf",
     actions: Commas[list[Path] | None] = None,
     tracks: Path | None = None,
@@ -264,7 +281,7 @@ def drone(
     keep_camera_motion: bool = False,
     threshold: Share = NAMED,
     cache: Path | None = None,
-    drone: DroneSettings = DRONE,
+    drone: Annotated[DroneSettings, SHOWN] = DRONE,
 ) -> int:
     """Track the people in a video from a drone, and name what each is doing.
 
@@ -288,7 +305,6 @@ def drone(
         threshold: an action is named where its probability is above, from 0 to 1.
         cache: folder that keeps what the networks say; a second run on the same video with other settings of method
             or --drone takes seconds.
-        output.seed: of random numbers; kept in run.json, for the methods here draw none.
         drone: settings of the flow and of what is reported.
     """
     costs = link_costs(affinity, preset, method, finding.threads)

@@ -120,16 +120,12 @@ VISIBLE = ((0.75, 1.01), (0.5, 0.75), (0.25, 0.5), (0.0, 0.25))
 USUAL_NAMES = ("tracks.txt", "tracks.json", "det.txt", "gt.txt", "states.csv")
 
 
-def result_names(results: Sequence[Path], names: Sequence[str] | None = None) -> list[str]:
-    """One name a result: the given ones, or the ends of their paths, as short as tells them apart.
+def result_names(results: Sequence[Path]) -> list[str]:
+    """One name a result: the ends of their paths, as short as tells them apart.
 
     Raises:
-        RequestError: as many names as results are wanted, all different; or a result stands twice.
+        RequestError: a result stands twice.
     """
-    if names is not None:
-        if len(names) != len(results) or len(set(names)) != len(names):
-            raise RequestError(f"`names`: expected {len(results)} different names, one a result, got {','.join(names)}")
-        return list(names)
     parts = [_distinctive_parts(path.resolve()) for path in results]
     if len(set(parts)) != len(parts):
         raise RequestError("expected different results to compare, got one twice")

@@ -152,6 +152,8 @@ class ImageInput:
 
         if self.resize == "as-is":
             return image, (1.0, 1.0)
+        # Loads OpenCV, which these settings do without.
+
         if self.resize == "stretch":
             return stretched(image, *size)
         return letterbox(image, *size, (self.fill,) * 3)
@@ -169,6 +171,7 @@ class ImageInput:
             return np.ascontiguousarray(images)
         if dtype == np.uint8:
             return np.ascontiguousarray(images.transpose(0, 3, 1, 2))
+
         largest = 255.0 if self.pixels == "unit" else 1.0
         return standardised(np.ascontiguousarray(images), largest, self.mean, self.std).astype(dtype, copy=False)
 

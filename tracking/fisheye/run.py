@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, get_args
+from typing import Annotated, Any, get_args
 
 import numpy as np
 from pydantic.dataclasses import dataclass as pydantic_dataclass
@@ -24,7 +24,7 @@ from tsuiseki.tracking.features.exported import (
     as_detector,
 )
 from tsuiseki.tracking.features.view_choice import devices_of
-from tsuiseki.tracking.fields import Commas
+from tsuiseki.tracking.fields import HIDDEN, Commas, showing
 from tsuiseki.tracking.fisheye.settings import CeilingOptions, FisheyeSettings
 from tsuiseki.tracking.fisheye.tracker import FloorMethod, link_on_floor
 from tsuiseki.tracking.fisheye.unrolled import DETECTORS, ceiling_detector
@@ -36,7 +36,7 @@ from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.result import Result, Writer
 from tsuiseki.tracking.runs.following import count
-from tsuiseki.tracking.runs.options import SeededOutput
+from tsuiseki.tracking.runs.options import Output
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
 from tsuiseki.tracking.types.tracks import FloorDetections, FloorTrack
@@ -49,7 +49,7 @@ from tsuiseki.tracking.weights import shipped
 class CeilingDetecting(Detecting):
     """The networks that detect and describe people under a ceiling camera."""
 
-    score_range: Commas[tuple[float, float] | None] = (0.0, 1.0)
+    score_range: Annotated[Commas[tuple[float, float] | None], HIDDEN] = (0.0, 1.0)
 
 
 DETECTING = CeilingDetecting()
@@ -120,12 +120,15 @@ def fisheye(
     source: list[str],
     *,
     cameras: Path,
-    output: SeededOutput,
+    output: Output,
     ceiling: CeilingOptions = OPTIONS,
     finding: CeilingDetecting = DETECTING,
     method: FloorMethod | None = None,
     detections: Commas[list[Path] | None] = None,
-    hungarian: FisheyeSettings = HUNGARIAN,
+    hungarian: Annotated[
+        FisheyeSettings,
+        showing("hungarian", "by_appearance", "by_place", "feature_gate", "place_feature_gate", "start_score"),
+    ] = HUNGARIAN,
 ) -> int:
     """Track the people under ceiling cameras: where each is in the image and on the floor, in metres.
 
@@ -143,7 +146,6 @@ def fisheye(
             score, or labels of CEPDOF, MW-R or HABBOF.
         finding.detector: detector of this toolkit or of another, as ONNX; by default the shipped detector_ceiling.onnx
             for unrolled views, detector_drone.onnx for images.
-        output.seed: of random numbers; kept in run.json, for nothing here draws any.
         hungarian: settings of --method hungarian.
     """
     from tsuiseki.tracking.features.view_choice import report_blank, report_models

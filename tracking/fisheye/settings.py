@@ -11,6 +11,7 @@ from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS, CosineDistance, Seconds
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
+from tsuiseki.tracking.fields import HIDDEN
 from tsuiseki.tracking.runs.following import Drawing
 
 
@@ -67,7 +68,7 @@ class CeilingOptions(Drawing):
     """
 
     view: Literal["unrolled", "image"] = "unrolled"
-    detector_options: DetectorOptions = field(default_factory=DetectorOptions)
+    detector_options: Annotated[DetectorOptions, HIDDEN] = field(default_factory=DetectorOptions)
     crops: Literal["upright", "image"] = "upright"
     person_height: Annotated[float, Field(gt=0, le=3)] = 1.7
     body_radius: Annotated[float, Field(gt=0, le=3)] = 0.25

@@ -13,7 +13,7 @@ from tsuiseki.tracking.bounds import SETTINGS, Share
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
-from tsuiseki.tracking.fields import OBJECTS, ClassNames, Commas, FileLike, Options, Threads
+from tsuiseki.tracking.fields import HIDDEN, OBJECTS, ClassNames, Commas, FileLike, Options, Threads, showing
 from tsuiseki.tracking.people.bytetrack import ByteTrack, ByteTrackSettings
 from tsuiseki.tracking.people.contract import PeopleTracker
 from tsuiseki.tracking.people.flow_input import FlowSettings
@@ -34,6 +34,15 @@ ONLINE: Mapping[PeopleMethod, Callable[[Any, int], PeopleTracker]] = {
 Tiles: TypeAlias = Annotated[str, Field(coerce_numbers_to_str=True)]
 # Whether scores go by the heights of people on one ground.
 Ground = Literal["auto", "off"]
+# Of a detector of another project.
+ForeignDetector: TypeAlias = Annotated[
+    DetectorOptions,
+    showing(
+        "detector_options", "layout", "classes", "person", "scores", "height", "width", "resize", "colour", "pixels"
+    ),
+]
+# Of the settings of every online method.
+LIFE = ("min_hits", "max_age", "start_score")
 # The word that does without a network.
 NONE = "none"
 
@@ -43,19 +52,17 @@ class Detecting(Options):
     """The networks that detect and describe people. Python calls give functions and arrays, too, for files.
 
     Attributes:
-        detector: exported detector; by default the shipped one. A bare word names another shipped one, such as street,
-            or a downloaded one, such as yolox-s (see tsuiseki models list).
-        score_threshold: least score of a detection, from 0 to 1; by default 0.3, and none with --detections. In track
-            people the beginning of the video tells it for detectors of other projects.
-        score_range: smallest and largest score that the rows of --detections may have; by default any.
-        appearance: exported appearance network; by default the shipped appearance_people.onnx; none does without.
+        detector: ONNX file, or the name of a shipped or downloaded one (models list).
+        score_threshold: least score of a detection, 0 to 1; by default 0.3, none for files.
+        score_range: smallest and largest score that rows of --detections may have.
+        appearance: ONNX file or name of an appearance network; none does without.
         threads: CPU cores of the networks; 0 takes all.
-        device: what the networks run on: cpu, cuda (a GPU, with onnxruntime-gpu), or auto (cuda where it works).
+        device: what the networks run on.
     """
 
     detector: FileLike = None
     score_threshold: Share | None = None
-    score_range: Commas[tuple[float, float] | None] = None
+    score_range: Annotated[Commas[tuple[float, float] | None], HIDDEN] = None
     appearance: FileLike = None
     threads: Threads = 0
     device: Device = "auto"
@@ -76,14 +83,14 @@ class FindingOptions(Detecting):
     Attributes:
         detections: MOTChallenge detections (det.txt) to use instead of a detector.
         detector_options: reading of another project's detector, where its file leaves it open.
-        view: overlapping tiles of a frame for the detector: 1 is the whole frame alone, tiles across
-            such as 2, across and down such as 3x2, tiles (as many as show more), or auto (as many as find more people).
+        view: tiles of a frame: 1 is the whole frame alone; across such as 2, or 3x2; tiles, or auto.
         batch_size: frames of one call of the detector.
-        threads: CPU cores of the networks, which work on several frames at a time; 0 takes all.
+        threads: CPU cores of the networks; 0 takes all.
     """
 
+    score_range: Commas[tuple[float, float] | None] = None
     detections: FileLike = None
-    detector_options: DetectorOptions = field(default_factory=DetectorOptions)
+    detector_options: ForeignDetector = field(default_factory=DetectorOptions)
     view: Tiles = "1"
     batch_size: PositiveInt = 4
 
@@ -109,25 +116,18 @@ class PeopleFinding(FindingOptions):
     """Where the detections come from, and who is compared by appearance.
 
     Attributes:
-        detector: detector as ONNX; by default the shipped detector_people.onnx; a bare word names another shipped one,
-            such as street, or a downloaded one, such as yolox-s (tsuiseki models list). One of other projects (YOLO,
-            YOLOX, RT-DETR, RF-DETR, torchvision) is recognised by its inputs and outputs.
-        view: overlapping tiles of a frame for the detector: auto (as many as detect more people, by trials
-            at some frames), tiles across such as 3 (1 is the whole frame alone), across and down such as 3x2, or tiles
-            (as many as show more than fewer).
-        ground: auto lowers the scores of boxes that are not as high as people on one ground are in their row, once
-            those detected so far tell; off leaves all scores as they are. Those of --detections are never touched.
-        appearance: appearance network as ONNX for deepsort and flow; by default the shipped appearance_people.onnx;
-            none does without. One of other projects may be anything from crops to features.
+        detector: ONNX file, or the name of a shipped or downloaded one (models list).
+        view: tiles of a frame: auto by trials, tiles, 3 across, 3x2, or 1 for none.
+        ground: auto lowers scores of boxes that fit nobody on the ground.
+        appearance: ONNX file or name of an appearance network; none does without.
         appearance_options: what the file of another project's appearance network does not tell.
-        classes: track these classes, by number or name, such as person,car or 1,3; tracks.txt then has the class in
-            column 8. By default people, and of --detections (column 8) and functions all, as one class.
-        across_classes: with --classes, one track may go through several of them; by default each is tracked apart.
+        classes: numbers or names, such as person,car; by default people.
+        across_classes: one track may go through several of --classes.
     """
 
     view: Tiles = "auto"
     ground: Ground = "auto"
-    appearance_options: AppearanceOptions = field(default_factory=AppearanceOptions)
+    appearance_options: Annotated[AppearanceOptions, HIDDEN] = field(default_factory=AppearanceOptions)
     classes: ClassNames | None = None
     across_classes: bool = False
 
@@ -157,11 +157,22 @@ class MethodSettings(Options):
         flow: settings of --method flow.
     """
 
-    sort: SortSettings = field(default_factory=SortSettings)
-    deepsort: DeepSortSettings = field(default_factory=DeepSortSettings)
-    bytetrack: ByteTrackSettings = field(default_factory=ByteTrackSettings)
-    ocsort: OcSortSettings = field(default_factory=OcSortSettings)
-    flow: FlowSettings = field(default_factory=FlowSettings)
+    sort: Annotated[SortSettings, showing("sort", *LIFE, "min_iou")] = field(default_factory=SortSettings)
+    deepsort: Annotated[
+        DeepSortSettings,
+        showing("deepsort", *LIFE, "feature_gate", "position_gate", "memory", "reach", "reach_growth"),
+    ] = field(default_factory=DeepSortSettings)
+    bytetrack: Annotated[
+        ByteTrackSettings, showing("bytetrack", *LIFE, "high_score", "low_score", "min_iou", "min_iou_low")
+    ] = field(default_factory=ByteTrackSettings)
+    ocsort: Annotated[
+        OcSortSettings, showing("ocsort", *LIFE, "min_score", "min_iou", "direction_weight", "direction_span")
+    ] = field(default_factory=OcSortSettings)
+    flow: Annotated[
+        FlowSettings,
+        showing("flow", "input", "detection", "offset", "costs", "link", "miss", "appearance", "neutral", "entry",
+                "exit", "places", "min_time", "fill", "smoothing"),
+    ] = field(default_factory=FlowSettings)  # fmt: skip
 
 
 @dataclass(frozen=True, kw_only=True, config=SETTINGS)
@@ -169,17 +180,11 @@ class Linking(MethodSettings):
     """How detections are linked.
 
     Attributes:
-        method: sort follows positions; bytetrack, through low scores, too; ocsort, through gaps; deepsort compares
-            appearance, too; flow links the whole video at once, which is the most accurate and gives its result at the
-            end, or with --delay a fixed time after each frame.
-        affinity: exported link costs for flow; by default the shipped affinity_people.onnx after a detector, and
-            hand-set costs after --detections, whose scores it does not know; none takes hand-set costs always.
-        preset: printed makes of flow the thesis's MCF as printed, by the overlap and appearance of pairs; for
-            comparison. Its costs come from train affinity --features thesis.
-        moving_camera: estimate how the camera moves from its pictures and link people as if it stood still. Without it
-            the flow sees in them where the camera stands still, and takes the motion of the boxes elsewhere.
-        delay: seconds after which --method flow decides on a frame for good, such as 1.0, with memory that does not
-            grow but for the result; by default it decides at the end.
+        method: flow links the whole video at once, the others frame by frame.
+        affinity: exported link costs of flow; none takes hand-set ones.
+        preset: printed is the thesis's flow as printed.
+        moving_camera: estimate the camera's motion from its pictures, and remove it.
+        delay: seconds after which flow decides on a frame; by default at the end.
     """
 
     method: Annotated[PeopleMethod, OBJECTS] = "flow"

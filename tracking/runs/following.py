@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any, Literal
 
-from pydantic import PositiveInt, field_validator
+from pydantic import field_validator
 from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS
@@ -30,7 +30,7 @@ class Drawing(Options):
 
     Attributes:
         overlay: also write a video with the result drawn in.
-        overlay_format: of that video; mp4 has H.264 where PyAV writes it, or else VP9.
+        overlay_format: of that video.
     """
 
     overlay: bool = False
@@ -58,18 +58,15 @@ class SourceOptions(Options):
     """The source and its frames.
 
     Attributes:
-        source: a video file, a folder of images, a sequence folder (MOTChallenge, OTB, UAV123, VOT), the number of a
-            webcam (0, 1, …) or the address of a stream.
+        source: a video, a folder of images, a sequence folder, a webcam's number or a stream.
         frames: these only, counted from 1 with both ends, such as 301-400.
-        fps: frames a second, where the source does not state it or is wrong; by default 25 without a stated rate.
-        stream: which of several video streams, from 1; by default the first.
+        fps: frames a second, where the source does not state it or is wrong.
     """
 
     source: str
     _: KW_ONLY
     frames: str | None = None
     fps: FrameRate | None = None
-    stream: PositiveInt | None = None
 
     @field_validator("frames")
     @classmethod
@@ -79,14 +76,13 @@ class SourceOptions(Options):
 
     def open(self, **checks: Any) -> Source:
         """The source, checked; see `open_checked`."""
-        return open_checked(self.source, self.frames, self.fps, self.stream, **checks)
+        return open_checked(self.source, self.frames, self.fps, **checks)
 
 
 def open_checked(
     source: SourceLike,
     frames: str | None = None,
     fps: float | None = None,
-    stream: int | None = None,
     *,
     images: bool = False,
     replayable: bool = False,
@@ -99,7 +95,6 @@ def open_checked(
         source: whatever `open_source` takes.
         frames: the first and the last, such as 301-400.
         fps: frames a second, where the source does not state it.
-        stream: which of several video streams, from 1; by default the first.
         images: refuse a sequence that is text only.
         replayable: refuse a webcam or stream.
         timed: the result depends on the frame rate, so say where it is not known.
@@ -110,7 +105,7 @@ def open_checked(
     """
     from tsuiseki.tracking.video.source import open_source
 
-    opened = open_source(source, parse_frames(frames), fps, stream)
+    opened = open_source(source, parse_frames(frames), fps)
     if timed and opened.rate_missing:
         warnings.warn(
             f"{opened.name} does not say its frame rate: {opened.frame_rate:g} a second are taken; give `fps`",

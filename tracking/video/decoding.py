@@ -104,11 +104,12 @@ class Decoder:
         if self._container.format.name == TEXT_FORMAT or not streams:
             raise RequestError(f"{self.name}: expected a video that FFmpeg can decode, found no video in it")
         if not 1 <= (number or 1) <= len(streams):
-            raise RequestError(f"{self.name}: expected `stream` within 1-{len(streams)}, got {number}")
+            raise RequestError(f"{self.name}: expected a stream within 1-{len(streams)}, got {number}")
         if len(streams) > 1 and number is None:
             sizes = ", ".join(f"{n} of {s.width}x{s.height}" for n, s in enumerate(streams, 1))
             warnings.warn(
-                f"{self.name} has {len(streams)} video streams, {sizes} pixels: 1 is read; give `stream` for another",
+                f"{self.name} has {len(streams)} video streams, {sizes} pixels: 1 is read; "
+                f"{self.name}#stream=2 names another",
                 InputWarning,
                 stacklevel=2,
             )

@@ -15,6 +15,7 @@ from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import Interrupted, RequestError
 from tsuiseki.tracking.features.foreign_options import DetectorOptions
 from tsuiseki.tracking.features.view_choice import report_models
+from tsuiseki.tracking.people.settings import ForeignDetector
 from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.types.frame_range import parse_frames
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, PEOPLE_DETECTOR, shipped, shipped_or_file
@@ -48,7 +49,7 @@ def adapt(
     teacher: Path | None = None,
     corrections: Path | None = None,
     view: str = "auto",
-    detector_options: DetectorOptions = DETECTOR_OPTIONS,
+    detector_options: ForeignDetector = DETECTOR_OPTIONS,
 ) -> int:
     """Learn a camera from its unlabelled video: who is tracked with confidence teaches the detector.
 

@@ -1,4 +1,4 @@
-"""Fitting the action term of the drone tracker's links to labelled clips: `tsuiseki train affinity-drone`.
+"""Fitting the action term of the drone tracker's links to labelled clips: `tsuiseki train affinity --features drone`.
 
 The flow without actions is solved over each clip, and every link between labelled people that it considered is one
 sample: what it cost, how far the actions at its ends differ, of single detections and of means along the tracks found,
@@ -33,7 +33,6 @@ from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser, average
 from tsuiseki.tracking.features.camera_motion import STANDS_STILL, CameraStep
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import Appearance, Detector
-from tsuiseki.tracking.fields import Commas
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import find_sequences
 from tsuiseki.tracking.output import check_output_file, output_file
@@ -151,10 +150,9 @@ def _logistic(columns: FloatArray, same: BoolArray, weight: FloatArray) -> Float
 
 
 def fit_action_costs(
-    *,
-    folders: Commas[list[Path]],
+    folders: Sequence[Path],
     out: Path,
-    actions: Commas[list[Path] | None] = None,
+    actions: Sequence[Path] | None = None,
     appearance: Path | None = None,
     detector: Path | None = None,
     cache: Path | None = None,
@@ -169,7 +167,7 @@ def fit_action_costs(
     Args:
         folders: MOTChallenge sequences with gt/gt.txt, or folders of them.
         out: YAML file to write.
-        actions: exported action streams, separated by commas; by default the shipped ones.
+        actions: exported action streams; by default the shipped ones.
         appearance: exported appearance network; by default the shipped one.
         detector: exported detector, or the name of a shipped one; by default that of `track drone`.
         cache: folder that keeps what the networks say.

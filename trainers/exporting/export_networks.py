@@ -6,7 +6,7 @@ import dataclasses
 import pickle
 import tempfile
 from pathlib import Path
-from typing import Literal, cast
+from typing import Annotated, Literal, cast
 
 import torch
 from pydantic import PositiveInt
@@ -19,6 +19,7 @@ from tsuiseki.models.ssd import CocoArchitecture, coco_person_detector
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import StreamName
 from tsuiseki.tracking.features.exported import Detector
+from tsuiseki.tracking.fields import HIDDEN
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
 from tsuiseki.trainers.exporting.export import ModelFile, ModelFiles, export_onnx, load_module
@@ -58,8 +59,8 @@ def export_detector(
     output: ModelFile,
     checkpoint: Path | None = None,
     weights: Literal["coco"] | None = None,
-    architecture: CocoArchitecture = "ssdlite320",
-    state: Path | None = None,
+    architecture: Annotated[CocoArchitecture, HIDDEN] = "ssdlite320",
+    state: Annotated[Path | None, HIDDEN] = None,
     calibrate: Path | None = None,
     height: PositiveInt | None = None,
     width: PositiveInt | None = None,

@@ -236,11 +236,11 @@ def test_models_of_another_kind(option: str, other: str, inputs: Any, complaint:
     [
         ("ovrlay: true", "unknown option --ovrlay; did you mean --overlay?"),
         ("flow:\n  fil: 3", "unknown option --flow.fil; did you mean --flow.fill?"),
-        ("seed: lots", "--seed: expected a valid integer, unable to parse string as an integer, got 'lots'"),
+        ("batch_size: lots", "--batch-size: expected a valid integer"),
         ("method: magic", "--method: expected 'flow', 'deepsort', "),
         ("flow:\n  fill: high", "--flow.fill: expected a valid number, unable to parse string as a number, got 'high'"),
         ("flow: {fill: -1}", "--flow.fill: expected a number greater than or equal to 0"),
-        ("seed: [1", "expected YAML of options"),
+        ("fps: [1", "expected YAML of options"),
     ],
 )
 def test_bad_configurations(yaml: str, line: str, inputs: Any, tmp_path: Path, complaint: Complaint) -> None:

@@ -140,7 +140,6 @@ def test_detections_are_scored(tmp_path: Path, truth: Path, capsys: pytest.Captu
         ("truth/A truth/B/gt", "expected the result of A as"),
         ("truth/A r.txt --frames 9-99", "expected frames within 1-12"),
         ("truth/A r.txt r.txt", "got one twice"),
-        ("truth/A r.txt --names a,b", "expected 1 different names"),
         ("truth/A r.txt --plot p.gif", "ending in .png"),
         ("truth/A r.txt --json r.txt", "already exists"),
         ("truth/A detections.txt", "are these detections?"),
@@ -197,7 +196,7 @@ def test_a_broken_ground_truth_is_no_score(tmp_path: Path, capsys: pytest.Captur
 
 @pytest.mark.parametrize(
     ("what", "row"),
-    [("points", "{k},1,{x},20"), ("floor", "{k},1,{x},20"), ("states", "{k},1,{x},20"), ("coverage", "")],
+    [("points", "{k},1,{x},20"), ("floor", "{k},1,{x},20"), ("states", "{k},1,{x},20"), ("single", "")],
 )
 def test_a_result_of_which_nothing_is_right_is_told(
     what: str, row: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -205,17 +204,19 @@ def test_a_result_of_which_nothing_is_right_is_told(
     heading = {"points": "frame,id,x,y", "floor": "time,id,x,y", "states": "frame,id,a,b"}.get(what, "")
     for name, x in (("there", 10), ("elsewhere", 9000)):
         lines = [heading, *(row.format(k=k, x=x) for k in range(1, 9))]
-        if what == "coverage":
+        if what == "single":
             lines = [f"{k},1,{x},20,10,30,1,-1,-1,-1" for k in range(1, 9)]
         (tmp_path / f"{name}.csv").write_text("\n".join(lines) + "\n")
     truth = tmp_path / "there.csv"
-    if what == "coverage":
+    if what == "single":
         truth = tmp_path / "sequence"
         (truth / "img").mkdir(parents=True)
         for k in range(8):
             Image.new("RGB", (64, 64)).save(truth / "img" / f"{k + 1:04}.png")
         (truth / "groundtruth_rect.txt").write_text("10,20,10,30\n" * 8)
-    assert main(["evaluate", what, str(truth), *(str(tmp_path / f"{n}.csv") for n in ("there", "elsewhere"))]) == 0
+    results = [str(tmp_path / f"{name}.csv") for name in ("there", "elsewhere")]
+    of_many = ["--of-many"] * (what == "single")
+    assert main(["evaluate", what, str(truth), *results, *of_many]) == 0
     said = capsys.readouterr().err
     assert "note: elsewhere: nothing in it is on a label" in said
     assert "note: there" not in said

@@ -206,7 +206,6 @@ def test_bad_input(clip: Path, action_streams: list[Path], tmp_path: Path, capsy
         "--threshold: expected a number less than or equal to 1": ["--threshold", "1.5"],
         "expected one of --detections, --detector and --tracks": ["--tracks", str(clip / "gt/gt.txt")],
         "--drone.window: expected a number greater than or equal to 0": ["--drone.window", "-1"],
-        "flow-maf averages the features of actions": ["--drone.flow.costs.link.action.features", "single"],
     }
     save_other(other)
     for message, more in cases.items():

@@ -66,12 +66,12 @@ def test_files(tmp_path):
     path = tmp_path / "truth.csv"
     rows = [f"{t},{i},{x},{y}" for t, i, (x, y) in zip(TIMES, IDS, PLACES, strict=True)]
     path.write_text("time,id,x,y\n" + "\n".join(rows) + "\n")
-    empty = tmp_path / "empty.csv"
+    empty = tmp_path / "none.csv"
     empty.write_text("time,id,x,y\n")
     words = ["evaluate", "floor", str(path), str(path), str(empty), "--json", str(tmp_path / "scores.json")]
-    assert main([*words, "--names", "same,none"]) == 0
+    assert main(words) == 0
     scores = json.loads((tmp_path / "scores.json").read_text())
-    assert scores["same"]["idf1"] == pytest.approx(1.0)
+    assert scores["truth"]["idf1"] == pytest.approx(1.0)
     assert (scores["none"]["mota"], scores["none"]["recall"]) == (0.0, 0.0)
     path.write_text("time,id,x,y\n0,1,0,0\n0,1,2,2\n")
     with pytest.raises(RequestError, match="expected each id once at a time"):

@@ -59,18 +59,15 @@ def files(tmp_path):
 
 
 def test_the_command_prints_a_row_and_writes_it(files, capsys):
-    command = ["evaluate", "coverage", str(files / "truth"), str(files / "result")]
+    command = ["evaluate", "single", "--of-many", str(files / "truth"), str(files / "result")]
     assert main([*command, "--json", str(files / "found.json")]) == 0
     row = next(line for line in capsys.readouterr().out.splitlines() if "walk" in line)
     assert row.split() == ["walk", "result", "10", "100.0", "2", "1", "5", "1", "0"]
     assert '"switches": 1' in (files / "found.json").read_text()
 
 
-def test_an_overlap_outside_its_range_and_a_missing_result_are_refused(files, capsys):
-    command = ["evaluate", "coverage", str(files / "truth"), str(files / "result")]
-    assert main([*command, "--overlap", "0"]) == 2
-    assert "--overlap: expected a number greater than 0" in capsys.readouterr().err
-    assert main([*command[:3], str(files)]) == 2
+def test_a_missing_result_is_refused(files, capsys):
+    assert main(["evaluate", "single", "--of-many", str(files / "truth"), str(files)]) == 2
     assert "the result of walk" in capsys.readouterr().err
 
 
@@ -79,7 +76,7 @@ def test_a_result_of_a_stretch_is_said_and_can_be_scored_alone(files, capsys):
     write_tracks(files / "part" / "tracks.txt", [track(2, range(3, 7))])
     run = {"files": ["tracks.txt"], "frames": {"frame": [4, 5, 6, 7]}, "partial": False}
     (files / "part" / "run.json").write_text(json.dumps(run))
-    command = ["evaluate", "coverage", str(files / "truth" / "walk.txt"), str(files / "part")]
+    command = ["evaluate", "single", "--of-many", str(files / "truth" / "walk.txt"), str(files / "part")]
 
     def row(*more):
         assert main([*command, *more]) == 0
@@ -96,7 +93,7 @@ def test_a_result_of_a_stretch_is_said_and_can_be_scored_alone(files, capsys):
 
 
 def test_tracks_outside_the_stretch_are_not_counted(files, capsys):
-    command = ["evaluate", "coverage", str(files / "truth"), str(files / "result"), "--frames", "1-5"]
+    command = ["evaluate", "single", "--of-many", str(files / "truth"), str(files / "result"), "--frames", "1-5"]
     assert main(command) == 0
     row = next(line for line in capsys.readouterr().out.splitlines() if "walk" in line)
     assert row.split() == ["walk", "result", "5", "100.0", "1", "0", "5", "1", "0"]

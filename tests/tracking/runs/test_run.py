@@ -303,7 +303,10 @@ def test_files_that_are_no_options(
 @pytest.mark.parametrize(
     ("words", "line"),
     [
-        ("people CLIP --seed -1 --out OUT", "--seed: expected a number greater than or equal to 0, got '-1'"),
+        (
+            "blobs CLIP --colour red --seed -1 --out OUT",
+            "--seed: expected a number greater than or equal to 0, got '-1'",
+        ),
         ("people CLIP --out -", "--out: expected a value after it"),
         ("single CLIP --method mil --box 0,0,128,96 --out OUT", "--box: expected a box with room around it"),
         ("blobs CLIP --colour red --size 20000,20000 --out OUT", "--size: expected at most the 128x96 pixels"),

@@ -160,17 +160,16 @@ def test_58_5_a_file_over_http_is_read_once(states_length: bool, server: str, mo
 
 def test_58_6_of_two_video_streams_the_one_that_is_read_is_said_and_chosen(tmp_path: Path) -> None:
     path = write(tmp_path / "a.mkv", sizes=((WIDTH, HEIGHT), (96, 80)))
-    with pytest.warns(InputWarning, match="2 video streams, 1 of 64x48, 2 of 96x80 pixels: 1 is read; give `stream`"):
+    with pytest.warns(InputWarning, match="2 video streams, 1 of 64x48, 2 of 96x80 pixels: 1 is read; a.mkv#stream=2"):
         first = open_source(path)
     assert first.size == (WIDTH, HEIGHT)
     second = open_source(path, stream=2)
     assert {frame.image.shape for frame in second.frames()} == {(80, 96, 3)}
     assert open_source(second.address).size == second.size == (96, 80)
-    with pytest.raises(RequestError, match="expected `stream` within 1-2, got 3"):
+    with pytest.raises(RequestError, match="expected a stream within 1-2, got 3"):
         open_source(path, stream=3)
-    assert (
-        main(["track", "single", str(path), "--stream", "2", "--box", "0,16,12,16", "--out", str(tmp_path / "o")]) == 0
-    )
+    words = ["track", "single", f"{path}#stream=2", "--box", "0,16,12,16"]
+    assert main([*words, "--out", str(tmp_path / "o")]) == 0
     assert '"size": [\n        96,\n        80' in (tmp_path / "o" / "run.json").read_text()
 
 

@@ -94,7 +94,9 @@ def test_the_command_writes_the_cost_of_actions(tmp_path: Path, monkeypatch: pyt
     write_sequence_info(clip, "one", 30.0, 40, 320, 240)
     monkeypatch.setattr(action_cost_fit, "video_observations", lambda *_: iter(observations))
     out = tmp_path / "drone.yaml"
-    assert main(["train", "affinity-drone", "--folders", str(tmp_path / "fit"), "--out", str(out)]) == 0
+    assert (
+        main(["train", "affinity", "--features", "drone", "--folders", str(tmp_path / "fit"), "--out", str(out)]) == 0
+    )
     fitted = fit_action_cost([link_samples(observations, truth, 30.0, (320, 240))])
     term = yaml.safe_load(out.read_text())["drone"]["flow"]["costs"]["link"]["action"]
     np.testing.assert_allclose(term["weight"], fitted.weight, rtol=0.05)
