@@ -22,8 +22,8 @@ from typing import Any
 import cv2
 import numpy as np
 
+from benchmarks.drone.flow_pairs import FlowPair, end_point_error
 from benchmarks.machine import machine
-from tsuiseki.datamodules.scenes.flow_pairs import FlowPair, end_point_error
 from tsuiseki.tracking.features.optical_flow import FLOW_METHODS, dis_flow, optical_flow, tv_l1
 from tsuiseki.tracking.types import ImageArray
 

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.drone.flow_pairs import FlowPair
 from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
-from tsuiseki.datamodules.scenes.flow_pairs import FlowPair
 from tsuiseki.datamodules.scenes.render.ground import ground_homography
 from tsuiseki.tracking.features.camera_motion import camera_flow, camera_motion, undone
 from tsuiseki.tracking.features.camera_path import CameraPath, move_boxes

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.datamodules.scenes.flow_pairs import FlowPair, end_point_error
+from benchmarks.drone.flow_pairs import FlowPair, end_point_error
 from tsuiseki.tracking.features.optical_flow import (
     ATTACHMENT,
     FLOW_METHODS,
