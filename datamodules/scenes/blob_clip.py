@@ -7,33 +7,38 @@ between targets however well a box fits.
 from __future__ import annotations
 
 import copy
-import math
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
+from pydantic import Field, NonNegativeInt, PositiveInt
+from pydantic.dataclasses import dataclass as settings_dataclass
 
-from tsuiseki.datamodules.scenes.clip import Clip, ClipSettings, FrameTruth, Moment, ground_truth
+from tsuiseki.datamodules.scenes.clip import Clip, ClipSettings, FrameTruth, Moment, Span, ground_truth
 from tsuiseki.datamodules.scenes.render.tracing import overlap
+from tsuiseki.tracking.bounds import SETTINGS, PositiveShare
 from tsuiseki.tracking.geometry import areas, intersections
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
 
+Colour = Literal["red", "orange", "yellow", "green", "cyan", "blue", "magenta"]
 # Hue of each colour, degrees.
-HUES = {"red": 0.0, "orange": 28.0, "yellow": 55.0, "green": 120.0, "cyan": 182.0, "blue": 230.0, "magenta": 300.0}
+HUES: dict[Colour, float] = {
+    "red": 0.0, "orange": 28.0, "yellow": 55.0, "green": 120.0, "cyan": 182.0, "blue": 230.0, "magenta": 300.0
+}  # fmt: skip
 # Browns, greys, dull greens: hue in degrees, saturation, value.
 NATURAL = np.array([[30, 0.35, 0.45], [42, 0.3, 0.6], [85, 0.3, 0.4], [100, 0.4, 0.3], [25, 0.5, 0.3], [210, 0.1, 0.6]])
 
 
-@dataclass(frozen=True)
+@settings_dataclass(frozen=True, config=SETTINGS)
 class BlobSceneSettings(ClipSettings):
     """A clip.
 
     Attributes:
         objects: how many appear in all.
-        colour: theirs, a key of ``HUES``.
+        colour: theirs, one of `HUES`.
         purity: least and greatest share of an object's pixels that has the colour; spread evenly over the objects.
         size: least and greatest side, pixels.
         speed: mean, pixels a frame.
@@ -44,27 +49,16 @@ class BlobSceneSettings(ClipSettings):
         stay: objects turn back at the border instead of leaving.
     """
 
-    objects: int = 5
-    colour: str = "red"
-    purity: tuple[float, float] = (0.45, 0.95)
-    size: tuple[float, float] = (26.0, 44.0)
+    objects: PositiveInt = 5
+    colour: Colour = "red"
+    purity: Span[PositiveShare] = (0.45, 0.95)
+    size: Span[Annotated[float, Field(ge=4)]] = (26.0, 44.0)
     speed: float = 3.0
-    clutter: int = 12
-    clutter_reach: float = 1 / 6
-    flashes: int = 0
+    clutter: NonNegativeInt = 12
+    clutter_reach: PositiveShare = 1 / 6
+    flashes: NonNegativeInt = 0
     enter: float = 0.4
     stay: bool = False
-
-    def __post_init__(self) -> None:
-        rules = (
-            (self.colour in HUES, f"a colour of {', '.join(HUES)}", repr(self.colour)),
-            (0 < self.purity[0] <= self.purity[1] <= 1, "purities in (0, 1]", self.purity),
-            (4 <= self.size[0] <= self.size[1], "sides from 4", self.size),
-            (0 < self.clutter_reach <= 1, "clutter_reach in (0, 1]", self.clutter_reach),
-            (self.objects >= 1, "at least one object", self.objects),
-            (min(self.clutter, self.flashes) >= 0, "no negative clutter or flashes", (self.clutter, self.flashes)),
-        )
-        self.expect("blob", math.ceil(4 * self.size[1]), *rules)
 
 
 class BlobClip(Clip[FloatArray]):

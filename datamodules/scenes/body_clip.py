@@ -11,13 +11,17 @@ from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
+from pydantic import Field, PositiveFloat
+from pydantic.dataclasses import dataclass as settings_dataclass
 
 from tsuiseki.datamodules.scenes.clip import IMAGES, Clip, ClipSettings, Moment
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.render.tracing import Window, overlap
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.formats.body_states import FOLDER, write_states
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.tracks import exact_track
@@ -126,7 +130,7 @@ class BodyClip(Clip[FloatArray]):
         self._places = rng.integers(_SHIFT + 1, size=(self.settings.frames, 2))
 
 
-@dataclass(frozen=True)
+@settings_dataclass(frozen=True, config=SETTINGS)
 class BouncingBallSettings(ClipSettings):
     """A clip.
 
@@ -134,13 +138,11 @@ class BouncingBallSettings(ClipSettings):
         balls: how many, 1 to 5; later ones are nearer.
     """
 
-    frame_rate: float = 30.0
-    balls: int = 1
-
-    def __post_init__(self) -> None:
-        self.expect(
-            "ball", 4 * int(DIAMETER), (1 <= self.balls <= MOST_BODIES, f"1 to {MOST_BODIES} balls", self.balls)
-        )
+    # A ball must have room to bounce.
+    width: Annotated[int, Field(ge=4 * int(DIAMETER))] = 640
+    height: Annotated[int, Field(ge=4 * int(DIAMETER))] = 480
+    frame_rate: PositiveFloat = 30.0
+    balls: Annotated[int, Field(ge=1, le=MOST_BODIES)] = 1
 
 
 class BouncingClip(BodyClip):

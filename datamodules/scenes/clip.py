@@ -9,13 +9,15 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeVar
+from typing import Annotated, Any, ClassVar, Generic, TypeAlias, TypeVar
 
 import cv2
 import numpy as np
+from pydantic import AfterValidator, Field, PositiveFloat, PositiveInt
+from pydantic.dataclasses import dataclass as settings_dataclass
 
 from tsuiseki.datamodules.scenes.render.composing import Sighting
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.geometry import areas, clip_boxes
@@ -28,6 +30,7 @@ QUALITY = 92
 IMAGES = "img1/{number:06d}.jpg"
 """Where MOTChallenge's layout keeps an image."""
 
+T = TypeVar("T")
 Truth = TypeVar("Truth")
 Moment = tuple[Sequence[ImageArray], Truth]
 """The images of all views at one time, and what is true then."""
@@ -97,18 +100,21 @@ def write_image(path: Path, image: ImageArray, quality: int = QUALITY) -> None:
     path.write_bytes(data.tobytes())
 
 
-def expect(kind: str, *rules: tuple[bool, str, object]) -> None:
-    """Refuse settings of a ``kind``: of each expectation whether it holds, what it is, and what was given.
-
-    Raises:
-        RequestError: something expected does not hold.
-    """
-    for holds, what, got in rules:
-        if not holds:
-            raise RequestError(f"{kind}: expected {what}, got {got}")
+def _in_order(bounds: tuple[Any, Any]) -> tuple[Any, Any]:
+    if not bounds[0] <= bounds[1]:
+        raise ValueError(f"expected (least, greatest), got {bounds}")
+    return bounds
 
 
-@dataclass(frozen=True)
+# (least, greatest) of what is drawn at random.
+Span: TypeAlias = Annotated[tuple[T, T], AfterValidator(_in_order)]
+# Of an image, pixels.
+Side: TypeAlias = Annotated[int, Field(ge=32)]
+# Along each side of a pixel.
+Rays: TypeAlias = Annotated[int, Field(ge=1, le=8)]
+
+
+@settings_dataclass(frozen=True, config=SETTINGS)
 class ClipSettings:
     """Settings of any clip of one size.
 
@@ -119,30 +125,10 @@ class ClipSettings:
         frame_rate: frames per second.
     """
 
-    width: int = 640
-    height: int = 480
-    frames: int = 150
-    frame_rate: float = 25.0
-
-    def expect(self, kind: str, smallest: int, *rules: tuple[bool, str, object]) -> None:
-        """Refuse settings that no clip can be made with.
-
-        Args:
-            kind: of clip, as the message calls it.
-            smallest: least width and height, pixels.
-            rules: whether what this kind of clip expects besides holds, what that is, and what was given.
-
-        Raises:
-            RequestError: something expected does not hold.
-        """
-        size, rate = (self.width, self.height), self.frame_rate
-        expect(
-            f"{kind} clip",
-            (min(size) >= smallest, f"at least {smallest}x{smallest} pixels", f"{size[0]}x{size[1]}"),
-            (self.frames >= 1, "at least one frame", self.frames),
-            (bool(np.isfinite(rate)) and rate > 0, "a positive frame_rate", rate),
-            *rules,
-        )
+    width: Side = 640
+    height: Side = 480
+    frames: PositiveInt = 150
+    frame_rate: PositiveFloat = 25.0
 
     def write_info(self, folder: Path, name: str, truth: GroundTruth | None = None) -> None:
         """Write ``seqinfo.ini`` of the sequence ``name``, and ``gt/gt.txt`` of its ``truth``."""

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
+from pydantic import Field, NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic.dataclasses import dataclass as settings_dataclass
 from scipy.ndimage import gaussian_filter1d
 
 from tsuiseki.datamodules.scenes import clip
+from tsuiseki.datamodules.scenes.clip import Rays, Side, Span
 from tsuiseki.datamodules.scenes.people.activities import CRATE_HEIGHT, in_hand, standing_prop
 from tsuiseki.datamodules.scenes.people.gathering import Gathering, facing
 from tsuiseki.datamodules.scenes.people.person import person_thing
@@ -22,6 +25,7 @@ from tsuiseki.datamodules.scenes.render.ground import Ground, GroundMap, ground_
 from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_light
 from tsuiseki.datamodules.scenes.things.street_things import bush, crate, reach_of
 from tsuiseki.datamodules.scenes.things.town import made
+from tsuiseki.tracking.bounds import SETTINGS, Share
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.okutama import ACTIONS_FILE, actions_of, write_okutama
@@ -84,7 +88,7 @@ MOTIONS: dict[Strength, FlightMotion] = {
 }
 
 
-@dataclass(frozen=True)
+@settings_dataclass(frozen=True, config=SETTINGS)
 class DroneSceneSettings(clip.ClipSettings):
     """A clip from a drone.
 
@@ -101,34 +105,20 @@ class DroneSceneSettings(clip.ClipSettings):
         layout: ``mot`` is MOTChallenge's with ``gt/actions.txt``; ``okutama`` is Okutama-Action's.
     """
 
-    width: int = 1280
-    height: int = 720
-    frames: int = 300
-    frame_rate: float = 30.0
-    people: int = 9
+    width: Side = 1280
+    height: Side = 720
+    frames: PositiveInt = 300
+    frame_rate: PositiveFloat = 30.0
+    people: PositiveInt = 9
     camera: Strength = "violent"
-    altitude: tuple[float, float] = (10.0, 45.0)
-    tilt: tuple[float, float] = (45.0, 90.0)
-    focal: tuple[float, float] = (1.0, 2.0)
-    look_alikes: float = 0.3
-    sun: float = 0.0
-    clutter: int = 4
-    samples: int = 2
+    altitude: Span[Annotated[float, Field(ge=3)]] = (10.0, 45.0)
+    tilt: Span[Annotated[float, Field(ge=45, le=90)]] = (45.0, 90.0)
+    focal: Span[PositiveFloat] = (1.0, 2.0)
+    look_alikes: Share = 0.3
+    sun: Share = 0.0
+    clutter: NonNegativeInt = 4
+    samples: Rays = 2
     layout: Layout = "mot"
-
-    def __post_init__(self) -> None:
-        shares = (self.look_alikes, self.sun)
-        rules = (
-            (self.people >= 1, "at least one person", self.people),
-            (self.camera in MOTIONS, f"a camera of {', '.join(MOTIONS)}", self.camera),
-            (3 <= self.altitude[0] <= self.altitude[1], "altitude as (lowest, highest) from 3 m", self.altitude),
-            (45 <= self.tilt[0] <= self.tilt[1] <= 90, "tilt as (flattest, steepest) within 45-90", self.tilt),
-            (0 < self.focal[0] <= self.focal[1], "focal as (shortest, longest)", self.focal),
-            (all(0 <= share <= 1 for share in shares), "look_alikes and sun in [0, 1]", shares),
-            (1 <= self.samples <= 8, "samples from 1 to 8", self.samples),
-            (self.clutter >= 0, "no negative clutter", self.clutter),
-        )
-        self.expect("drone", 64, *rules)
 
 
 class DroneClip(clip.Clip[clip.FrameTruth]):

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import Annotated
 
 import cv2
 import numpy as np
+from pydantic import Field, PositiveFloat
+from pydantic.dataclasses import dataclass as settings_dataclass
 from scipy.special import ndtri
 
 from tsuiseki.datamodules.scenes.body_clip import MOST_BODIES, BodyClip, Drawn, paint
@@ -13,6 +15,7 @@ from tsuiseki.datamodules.scenes.clip import ClipSettings
 from tsuiseki.datamodules.scenes.fish import FishAppearance, draw_fish, swim
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.render.tracing import overlap
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.types import FloatArray
 
 # Where the glass stands, from the image's border; pixels.
@@ -43,7 +46,7 @@ PEBBLES = 6
 NOISE = 4.0
 
 
-@dataclass(frozen=True)
+@settings_dataclass(frozen=True, config=SETTINGS)
 class GoldfishSettings(ClipSettings):
     """A clip.
 
@@ -51,11 +54,11 @@ class GoldfishSettings(ClipSettings):
         fish: how many, 1 to 5; nearer ones (later ids) cover farther ones.
     """
 
-    frame_rate: float = 15.0
-    fish: int = 2
-
-    def __post_init__(self) -> None:
-        self.expect("goldfish", 4 * int(LENGTH), (1 <= self.fish <= MOST_BODIES, f"1 to {MOST_BODIES} fish", self.fish))
+    # A fish must have room to turn.
+    width: Annotated[int, Field(ge=4 * int(LENGTH))] = 640
+    height: Annotated[int, Field(ge=4 * int(LENGTH))] = 480
+    frame_rate: PositiveFloat = 15.0
+    fish: Annotated[int, Field(ge=1, le=MOST_BODIES)] = 2
 
 
 def goldfish_states(settings: GoldfishSettings, rng: np.random.Generator) -> FloatArray:

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import Literal
+from typing import Annotated, Literal, TypeAlias
 
 import cv2
 import numpy as np
+from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic.dataclasses import dataclass as settings_dataclass
 
 from tsuiseki.datamodules.scenes import clip
+from tsuiseki.datamodules.scenes.clip import Side
 from tsuiseki.datamodules.scenes.people.walkers import dressed, wander
 from tsuiseki.datamodules.scenes.render import degrade
 from tsuiseki.datamodules.scenes.render.composing import OCCLUSION, Picture, Thing, both_shadows, draw_clusters, encoded
@@ -18,6 +21,7 @@ from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Surface, as_colour, boxes
 from tsuiseki.datamodules.scenes.render.tracing import RayCamera, extents
 from tsuiseki.datamodules.scenes.things.room import draw_shell, random_furniture, random_shell
+from tsuiseki.tracking.bounds import SETTINGS, Share
 from tsuiseki.tracking.cameras.camera_files import AnyCamera, CameraOverFloor, write_cameras
 from tsuiseki.tracking.cameras.lens_fitting import EquidistantLens, fit_omnidirectional
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens
@@ -67,7 +71,11 @@ PILLARS = 3
 TALL = (1.9, 2.1)
 
 
-@dataclass(frozen=True)
+# Of a side of the floor; there must be room to walk.
+Metres: TypeAlias = Annotated[float, Field(ge=2)]
+
+
+@settings_dataclass(frozen=True, config=SETTINGS)
 class RoomSettings(clip.ClipSettings):
     """A clip of a room.
 
@@ -77,24 +85,16 @@ class RoomSettings(clip.ClipSettings):
         repeated: probability of wearing the clothes of another, or nearly.
     """
 
-    size: tuple[float, float] = SIZES["large"]
-    frames: int = 900
-    frame_rate: float = 15.0
-    people: int = 6
-    repeated: float = 0.5
-    width: int = 1280
-    height: int = 960
-
-    def __post_init__(self) -> None:
-        rules = (
-            (self.people >= 1, "at least one person", self.people),
-            (min(self.size) >= 2, "a floor of at least 2 by 2 m", self.size),
-            (0 <= self.repeated <= 1, "repeated in [0, 1]", self.repeated),
-        )
-        self.expect("room", 64, *rules)
+    size: tuple[Metres, Metres] = SIZES["large"]
+    frames: PositiveInt = 900
+    frame_rate: PositiveFloat = 15.0
+    people: PositiveInt = 6
+    repeated: Share = 0.5
+    width: Side = 1280
+    height: Side = 960
 
 
-@dataclass(frozen=True)
+@settings_dataclass(frozen=True, config=SETTINGS)
 class FloorClipSettings(RoomSettings):
     """A clip of cameras of both kinds over one floor.
 
@@ -102,17 +102,8 @@ class FloorClipSettings(RoomSettings):
         cameras: how many, 3 to 7. The second and the fourth are fisheye cameras on the ceiling.
     """
 
-    size: tuple[float, float] = (9.0, 12.0)
-    cameras: int = 4
-
-    def __post_init__(self) -> None:
-        cameras_at_most = len(OVERHEAD) + len(STANDS)
-        rules = (
-            (3 <= self.cameras <= cameras_at_most, f"3 to {cameras_at_most} cameras", self.cameras),
-            (0 <= self.repeated <= 1, "look_alikes in [0, 1]", self.repeated),
-        )
-        self.expect("floor", 64, *rules)
-        super().__post_init__()
+    size: tuple[Metres, Metres] = (9.0, 12.0)
+    cameras: Annotated[int, Field(ge=3, le=len(OVERHEAD) + len(STANDS))] = 4
 
 
 class RoomClip(clip.Clip[list[clip.FrameTruth]]):

@@ -5,13 +5,14 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import numpy as np
+from pydantic import PositiveInt
+from pydantic.dataclasses import dataclass as settings_dataclass
 
-from tsuiseki.datamodules.scenes.clip import Clip, ClipSettings, FrameTruth, Moment, ground_truth
+from tsuiseki.datamodules.scenes.clip import Clip, ClipSettings, FrameTruth, Moment, Side, ground_truth
 from tsuiseki.datamodules.scenes.people.gait import walking
 from tsuiseki.datamodules.scenes.people.person import (
     paste,
@@ -22,6 +23,7 @@ from tsuiseki.datamodules.scenes.people.person import (
 from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.render.tracing import overlap
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 # Poses of one stride.
@@ -38,7 +40,7 @@ GROWTH = 1.5
 TURNING = 0.15
 
 
-@dataclass(frozen=True)
+@settings_dataclass(frozen=True, config=SETTINGS)
 class SingleClipSettings(ClipSettings):
     """What a clip shows.
 
@@ -48,9 +50,9 @@ class SingleClipSettings(ClipSettings):
         obstacles: how many upright things stand in front of the people.
     """
 
-    frames: int = 100
-    width: int = 320
-    height: int = 240
+    frames: PositiveInt = 100
+    width: Side = 320
+    height: Side = 240
     person_height: tuple[float, float] = (40.0, 90.0)
     passers: int = 4
     obstacles: int = 3

@@ -7,13 +7,16 @@ differs from the empty room (figure 5 of the paper).
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
+from pydantic.dataclasses import dataclass as settings_dataclass
 
-from tsuiseki.datamodules.scenes.clip import Clip, Moment, expect, write_image
+from tsuiseki.datamodules.scenes.clip import Clip, Moment, write_image
 from tsuiseki.datamodules.scenes.people.gait import stride_length, walking
 from tsuiseki.datamodules.scenes.people.person import person_thing, random_person
 from tsuiseki.datamodules.scenes.people.posture import PersonSkeleton
@@ -21,6 +24,7 @@ from tsuiseki.datamodules.scenes.render.composing import Thing, compose, shadows
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Float32, Parts, Pattern, Surface, as_colour
 from tsuiseki.datamodules.scenes.things.room import draw_hall, hall_furniture
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, write_cameras
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.formats.world_tables import write_path3d
@@ -59,7 +63,7 @@ LIGHT = Light(
 )
 
 
-@dataclass(frozen=True)
+@settings_dataclass(frozen=True, config=SETTINGS)
 class CarriedBallSettings:
     """What is shot.
 
@@ -76,27 +80,16 @@ class CarriedBallSettings:
         lateness: time by which each camera takes its frames later than it says, s; none for all by default.
     """
 
-    cameras: int = 2
-    frames: int = 100
-    frame_rate: float = 15.0
-    radius: float = 0.10
-    noise: float = 3.0
-    samples: int = 3
+    cameras: Annotated[int, Field(ge=2, le=len(STANDS))] = 2
+    frames: PositiveInt = 100
+    frame_rate: PositiveFloat = 15.0
+    radius: PositiveFloat = 0.10
+    noise: NonNegativeFloat = 3.0
+    samples: PositiveInt = 3
     covers: tuple[tuple[int, int, int], ...] = ()
-    exposure: float = 0.0
-    defocus: float = 0.0
+    exposure: NonNegativeFloat = 0.0
+    defocus: NonNegativeFloat = 0.0
     lateness: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        positive = (self.frames, self.frame_rate, self.radius, self.samples)
-        others = (self.noise, self.exposure, self.defocus)
-        expect(
-            "ball clip",
-            (2 <= self.cameras <= len(STANDS), f"2 to {len(STANDS)} cameras", self.cameras),
-            (min(positive) > 0, "positive frames, frame rate, radius and samples", positive),
-            (min(others) >= 0, "noise, exposure and defocus of at least 0", others),
-            (len(self.lateness) in (0, self.cameras), "a lateness for each camera", self.lateness),
-        )
 
 
 class SphereClip(Clip[FloatArray]):

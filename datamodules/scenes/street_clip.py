@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
+from pydantic import NonNegativeInt, PositiveFloat, PositiveInt
+from pydantic.dataclasses import dataclass as settings_dataclass
 from scipy.spatial import ConvexHull
 
 from tsuiseki.datamodules.scenes import clip
+from tsuiseki.datamodules.scenes.clip import Rays, Span
 from tsuiseki.datamodules.scenes.people.walkers import Motion, crowd
 from tsuiseki.datamodules.scenes.render.composing import compose, darken, empty_picture
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, automatic_exposure, degrade
 from tsuiseki.datamodules.scenes.render.ground import Ground, draw_ground
 from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.datamodules.scenes.things import street_things
+from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray
@@ -40,7 +43,7 @@ BLUR = 0.5
 NOISE = 3.0
 
 
-@dataclass(frozen=True)
+@settings_dataclass(frozen=True, config=SETTINGS)
 class StreetSettings(clip.ClipSettings):
     """A street clip.
 
@@ -52,22 +55,12 @@ class StreetSettings(clip.ClipSettings):
         motion: people walk, dance in step, or play: run fast, and turn at once.
     """
 
-    frames: int = 200
-    people: int = 10
-    occluders: int = 7
-    person_height: tuple[float, float] = (30.0, 170.0)
-    samples: int = 2
+    frames: PositiveInt = 200
+    people: PositiveInt = 10
+    occluders: NonNegativeInt = 7
+    person_height: Span[PositiveFloat] = (30.0, 170.0)
+    samples: Rays = 2
     motion: Motion = "walk"
-
-    def __post_init__(self) -> None:
-        rules = (
-            (self.people >= 1, "at least one person", self.people),
-            (self.occluders >= 0, "occluders >= 0", self.occluders),
-            (0 < self.person_height[0] < self.person_height[1], "person_height as (low, high)", self.person_height),
-            (1 <= self.samples <= 8, "samples from 1 to 8", self.samples),
-            (self.motion in get_args(Motion), "motion walk, dance or sport", self.motion),
-        )
-        self.expect("street", 32, *rules)
 
 
 class StreetClip(clip.Clip[clip.FrameTruth]):

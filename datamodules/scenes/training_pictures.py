@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
-from typing import Any, Literal, TypeAlias, get_args
+from dataclasses import replace
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from pydantic import NonNegativeFloat, NonNegativeInt
+from pydantic.dataclasses import dataclass as settings_dataclass
 
-from tsuiseki.datamodules.scenes.clip import expect, people_in_view
+from tsuiseki.datamodules.scenes.clip import Rays, Side, Span, people_in_view
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dressed, pictured_things, tilt_of
 from tsuiseki.datamodules.scenes.people.person import person_thing, random_person, random_pose
@@ -21,6 +23,7 @@ from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.datamodules.scenes.room_clip import ceiling_lens, looking_down
 from tsuiseki.datamodules.scenes.things import street_things
 from tsuiseki.datamodules.scenes.things.town import random_thing
+from tsuiseki.tracking.bounds import SETTINGS, Share
 from tsuiseki.tracking.cameras.camera_files import AnyCamera
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera
 from tsuiseki.tracking.errors import RequestError
@@ -43,7 +46,7 @@ SHARPER = 0.35
 BoxConvention: TypeAlias = Literal["silhouettes", "steady"]
 
 
-@dataclass(frozen=True)
+@settings_dataclass(frozen=True, config=SETTINGS)
 class TrainingSettings:
     """What random pictures look like.
 
@@ -68,34 +71,21 @@ class TrainingSettings:
             wide, and lie where, those of their whole walk are and do on average, as people label videos.
     """
 
-    size: tuple[int, int] = (640, 480)
-    people: tuple[int, int] = (3, 20)
-    person_height: tuple[float, float] = (20.0, 250.0)
-    clutter: tuple[int, int] = (4, 22)
-    camera_height: tuple[float, float] = (1.8, 9.0)
-    samples: int = 2
+    size: tuple[Side, Side] = (640, 480)
+    people: Span[NonNegativeInt] = (3, 20)
+    person_height: Span[NonNegativeFloat] = (20.0, 250.0)
+    clutter: Span[NonNegativeInt] = (4, 22)
+    camera_height: Span[NonNegativeFloat] = (1.8, 9.0)
+    samples: Rays = 2
     beside: float = 0.3
     night: float = 0.0
-    sun: float = 0.0
+    sun: Share = 0.0
     rendered: float = 0.9
     photographs: tuple[float, float] = (0.6, 0.5)
-    town: tuple[int, int] = (0, 0)
-    things: tuple[int, int] = (0, 0)
+    town: Span[NonNegativeInt] = (0, 0)
+    things: Span[NonNegativeInt] = (0, 0)
     overhead: bool = False
     boxes: BoxConvention = "silhouettes"
-
-    def __post_init__(self) -> None:
-        names = ("people", "person_height", "clutter", "camera_height", "town", "things")
-        ranges = ((name, *getattr(self, name)) for name in names)
-        size, kinds = self.size, get_args(BoxConvention)
-        expect(
-            "training scenes",
-            *((0 <= low <= high, f"{name} as (least, greatest) from 0", (low, high)) for name, low, high in ranges),
-            (min(size) >= 32, "at least 32x32 pixels", size),
-            (1 <= self.samples <= 8, "samples 1-8", self.samples),
-            (0 <= self.sun <= 1, "sun as a chance in [0, 1]", self.sun),
-            (self.boxes in kinds, f"boxes as one of {', '.join(kinds)}", repr(self.boxes)),
-        )
 
 
 # An ordinary street, which the other scenes vary.

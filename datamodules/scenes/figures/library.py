@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
+from pydantic import Field, NonNegativeInt, PositiveInt
+from pydantic.dataclasses import dataclass as settings_dataclass
 
-from tsuiseki.datamodules.scenes.clip import expect
+from tsuiseki.datamodules.scenes.clip import Span
 from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.figures.rendering import STEEP, Sprite, random_sprites
 from tsuiseki.datamodules.scenes.people.poses import draw_pose
 from tsuiseki.datamodules.scenes.people.posture import Build
+from tsuiseki.tracking.bounds import SETTINGS, Share
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.processes import on_all_cores
@@ -26,7 +30,7 @@ _COLUMNS = ("file", "feet_x", "feet_y", "head_x", "head_y", "height", "tilt", "l
 _POSED = ("middle", "heading", "pose")
 
 
-@dataclass(frozen=True)
+@settings_dataclass(frozen=True, config=SETTINGS)
 class SpriteSettings:
     """A library of rendered people.
 
@@ -39,22 +43,12 @@ class SpriteSettings:
         poses: share of the views in which somebody neither stands nor walks, in [0, 1].
     """
 
-    people: int = 240
-    views: int = 5
-    height: int = 256
-    processes: int = 0
-    tilts: tuple[float, float] = (-0.08, 0.95)
-    poses: float = 0.0
-
-    def __post_init__(self) -> None:
-        expect(
-            "sprites",
-            (min(self.people, self.views) >= 1, "at least one person and one view", (self.people, self.views)),
-            (32 <= self.height <= 1024, "a height of 32 to 1024 pixels", self.height),
-            (self.processes >= 0, "processes >= 0", self.processes),
-            (-0.5 <= self.tilts[0] <= self.tilts[1] <= 1.55, "tilts as (least, greatest) in -0.5 to 1.55", self.tilts),
-            (0 <= self.poses <= 1, "poses as a share in [0, 1]", self.poses),
-        )
+    people: PositiveInt = 240
+    views: PositiveInt = 5
+    height: Annotated[int, Field(ge=32, le=1024)] = 256
+    processes: NonNegativeInt = 0
+    tilts: Span[Annotated[float, Field(ge=-0.5, le=1.55)]] = (-0.08, 0.95)
+    poses: Share = 0.0
 
 
 class SpriteLibrary:

@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from tsuiseki.datamodules.scenes.room_clip import FloorClipSettings
 from tsuiseki.tracking.cameras.camera_files import read_cameras
 from tsuiseki.tracking.cameras.multicamera import read_placed_truth
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.video.source import open_source
 
@@ -71,8 +71,12 @@ def test_the_same_seed_gives_the_same_bytes(place: Path, tmp_path: Path) -> None
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"cameras": 2}, "3 to 7 cameras"), ({"cameras": 8}, "3 to 7 cameras"), ({"repeated": 1.5}, "look_alikes in")],
+    [
+        ({"cameras": 2}, "greater than or equal to 3"),
+        ({"cameras": 8}, "less than or equal to 7"),
+        ({"repeated": 1.5}, "less than or equal to 1"),
+    ],
 )
 def test_settings_out_of_range_are_named(change: dict[str, Any], message: str) -> None:
-    with pytest.raises(RequestError, match=message):
+    with pytest.raises(ValidationError, match=message):
         FloorClipSettings(**change)

@@ -7,13 +7,13 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from tsuiseki.datamodules.scenes import fish, goldfish_clip
 from tsuiseki.datamodules.scenes.clip import write_clip
 from tsuiseki.datamodules.scenes.fish import swim
 from tsuiseki.datamodules.scenes.goldfish_clip import GoldfishClip, GoldfishSettings
 from tsuiseki.tracking.bodies.body import Goldfish
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.body_states import centre_inside, read_silhouettes, read_states, silhouette_of
 from tsuiseki.tracking.video.source import open_source
 
@@ -132,9 +132,14 @@ def test_clips_on_disk(tmp_path):
 
 @pytest.mark.parametrize(
     ("wrong", "message"),
-    [({"fish": 0}, "1 to 5 fish"), ({"fish": 6}, "1 to 5 fish"), ({"frames": 0}, "at least one frame"),
-     ({"frame_rate": 0.0}, "positive frame_rate"), ({"width": 100}, "at least 224x224 pixels")],
-)  # fmt: skip
+    [
+        ({"fish": 0}, "greater than or equal to 1"),
+        ({"fish": 6}, "less than or equal to 5"),
+        ({"frames": 0}, "greater than 0"),
+        ({"frame_rate": 0.0}, "greater than 0"),
+        ({"width": 100}, "greater than or equal to 224"),
+    ],
+)
 def test_wrong_settings_are_refused(wrong, message):
-    with pytest.raises(RequestError, match=message):
+    with pytest.raises(ValidationError, match=message):
         GoldfishSettings(**wrong)

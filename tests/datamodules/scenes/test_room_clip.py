@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from tsuiseki.datamodules.scenes.people.walkers import dressed
 from tsuiseki.datamodules.scenes.room_clip import (
@@ -111,8 +112,8 @@ def test_some_wear_the_clothes_of_others():
 
 @pytest.mark.parametrize(
     ("change", "message"),
-    [({"people": 0}, "at least one person"), ({"size": (1.0, 9.0)}, "2 by 2 m")],
+    [({"people": 0}, "greater than 0"), ({"size": (1.0, 9.0)}, "greater than or equal to 2")],
 )
 def test_settings_out_of_range_are_named(change, message):
-    with pytest.raises(RequestError, match=message):
+    with pytest.raises(ValidationError, match=message):
         replace(SMALL, **change)

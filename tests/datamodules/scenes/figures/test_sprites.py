@@ -8,6 +8,7 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 from tsuiseki.datamodules import training_images
 from tsuiseki.datamodules.scenes import training_pictures
@@ -288,10 +289,10 @@ def test_folders_without_what_is_needed_are_refused(
 ) -> None:
     with pytest.raises(RequestError, match=r"expected a folder of rendered people with a file sprites\.csv"):
         SpriteLibrary(tmp_path)
-    with pytest.raises(RequestError, match="at least one person"):
+    with pytest.raises(ValidationError, match="people"):
         SpriteSettings(people=0)
     for tilts in ((0.2, 1.6), (1.0, 0.5), (float("nan"), 1.0)):
-        with pytest.raises(RequestError, match="expected tilts as"):
+        with pytest.raises(ValidationError, match="tilts"):
             SpriteSettings(tilts=tilts)
     assert main(["simulate", "sprites", "--assets", str(tmp_path), "--out", str(tmp_path / "out")]) == 2
     (line,) = capsys.readouterr().err.splitlines()
@@ -313,7 +314,7 @@ def test_poses_come_back_from_a_library(posed: SpriteLibrary) -> None:
         name, seed = sprite.drawn.rsplit(" ", 1)
         assert sprite.pose == draw_pose(int(seed), Build(sprite.height), name)
         assert 0.1 < sprite.middle < 1.2
-    with pytest.raises(RequestError, match="expected poses as a share"):
+    with pytest.raises(ValidationError, match="poses"):
         SpriteSettings(poses=1.5)
 
 
