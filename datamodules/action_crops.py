@@ -53,18 +53,16 @@ class ActionSequence:
         return content.hexdigest()[:32]
 
 
-def action_sequences(folder: str | Path, multiple_actions: bool = False) -> list[ActionSequence]:
+def action_sequences(folder: str | Path) -> list[ActionSequence]:
     """The videos at ``folder`` that are labelled with actions: of Okutama-Action, of Drone-Action, or generated clips.
 
     Args:
         folder: see `open_labelled`.
-        multiple_actions: of Okutama-Action, read ``MultiActionLabels``, with all actions but ids that change every 180
-            frames.
 
     Raises:
         RequestError: there is none, labels are broken, frames are missing, or frames and labels do not match.
     """
-    videos = [video for video in open_labelled(Path(folder), multiple_actions) if video.read_actions is not None]
+    videos = [video for video in open_labelled(Path(folder)) if video.read_actions is not None]
     if not videos:
         raise RequestError(f"{folder}: expected video labelled with actions, found none")
     return [_sequence(video) for video in videos]
@@ -123,14 +121,12 @@ class CropSettings:
         size: side of the network's input, pixels.
         margin: of the stored crops on every side, in input sizes: how far training can shift them.
         flow: how it is estimated.
-        compensate: whether the camera's motion is taken out of it.
         step: every how many frames people are cut out.
     """
 
     size: int = 64
     margin: float = 0.0625
     flow: FlowName = "dis"
-    compensate: bool = False
     step: int = 5
 
     @property
@@ -233,7 +229,7 @@ def _pictures(
     held: dict[int, ImageArray] = {}
     for frame in frame_numbers:
         held = {t: held[t] if t in held else read(t) for t in (frame - 1, frame)}
-        flow = flow_to(held[frame - 1], held[frame], settings.flow, compensate=settings.compensate)
+        flow = flow_to(held[frame - 1], held[frame], settings.flow)
         yield frame, held[frame], flow
 
 

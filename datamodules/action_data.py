@@ -159,8 +159,6 @@ class ActionData(lightning.LightningDataModule):
         train_folders: folders of Okutama-Action, Drone-Action or generated clips; docs/how-to/files.md has the layouts.
         validation_folders: likewise; other clips than those trained on.
         cache: folder that keeps the crops; a clip is cut anew where they are missing, or clip or cutting have changed.
-        multiple_actions: of Okutama-Action, take the labels with all actions of a person instead of the one of the
-            tracking labels.
         streams: which streams are trained.
         cutting: how crops are cut.
         batch_size: samples of a batch; the thesis has 16.
@@ -175,7 +173,6 @@ class ActionData(lightning.LightningDataModule):
         train_folders: list[Path] | list[str],
         validation_folders: list[Path] | list[str],
         cache: Path = Path("out/cache/actions"),
-        multiple_actions: bool = False,
         streams: tuple[StreamName, ...] = STREAMS,
         cutting: CropSettings = CUTTING,
         batch_size: int = 16,
@@ -190,7 +187,6 @@ class ActionData(lightning.LightningDataModule):
         parts = {"train": train_folders, "validation": validation_folders}
         self.folders = {part: [Path(folder) for folder in folders] for part, folders in parts.items()}
         self.cache, self.streams, self.cutting = Path(cache), tuple(streams), cutting
-        self.multiple_actions = multiple_actions
         self.batch_size, self.batches, self.workers, self.seed = batch_size, batches, workers, seed
         self.rarity = rarity
         self.clips: dict[str, list[ActionSequence]] = {}
@@ -228,7 +224,7 @@ class ActionData(lightning.LightningDataModule):
     def _find(self) -> dict[str, list[ActionSequence]]:
         if not self.clips:
             sequences = {
-                part: [clip for folder in folders for clip in action_sequences(folder, self.multiple_actions)]
+                part: [clip for folder in folders for clip in action_sequences(folder)]
                 for part, folders in self.folders.items()
             }
             _check_apart(sequences)

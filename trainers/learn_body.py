@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
@@ -17,10 +18,11 @@ from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
-from pydantic import PositiveInt
+from pydantic import Field, PositiveInt
 
 from tsuiseki.tracking.bodies.body import LearntBody, write_body
 from tsuiseki.tracking.bodies.contour import Extraction
+from tsuiseki.tracking.bodies.settings import Odd
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.formats.body_states import FOLDER, MOST_BODIES, read_silhouettes, silhouette_of
@@ -310,9 +312,9 @@ def train_body(
     *,
     output: PlottedFile,
     colour: str | None = None,
-    smooth: PositiveInt = 5,
+    smooth: Odd = 5,
     modes: PositiveInt = 1,
-    points: PositiveInt = 48,
+    points: Annotated[int, Field(ge=8)] = 48,
 ) -> None:
     """Learn a body from silhouettes: its mean outline and how it bends.
 
@@ -329,10 +331,6 @@ def train_body(
         points: of the contour.
         output.plot: also draw the mean outline and the modes into this file (PNG, SVG or PDF).
     """
-    if modes < 1 or points < 8:
-        raise RequestError(f"expected at least 1 of `modes` and 8 `points`, got {modes} and {points}")
-    if smooth < 1 or smooth % 2 == 0:
-        raise RequestError(f"`smooth`: expected an odd number from 1, got {smooth}")
     extraction = Extraction(parse_colour(colour), smooth) if colour is not None else None
     outlines = [outline for clip in clips for outline in outlines_of(clip, extraction)]
     fit = learn_body(outlines, modes, points, output.out.stem)

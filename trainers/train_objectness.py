@@ -250,8 +250,6 @@ def train_objectness(
         images: number of generated images, where nothing is given.
         output.plot: also plot the recall to this file (PNG, SVG or PDF).
     """
-    if interval < 1 or images < 1:
-        raise RequestError(f"expected `interval` and `images` of at least 1, got {interval} and {images}")
     training, described = some_images(data, interval, images, chance.seed)
     model = fit_objectness(training, chance.seed, described)
     held_out, _ = some_images(test, interval, max(1, images // 4), chance.seed + 1)

@@ -132,19 +132,3 @@ def test_boxes_that_do_not_belong_to_the_video_are_named(
     data = ActionData([drone_action], [tmp_path / "other"], tmp_path / "cache", cutting=SETTINGS)
     with pytest.raises(RequestError, match=message):
         data.prepare_data()
-
-
-def test_all_actions_of_okutama_are_read_where_they_are_asked_for(acting_clips: Path, tmp_path: Path) -> None:
-    folder = tmp_path / "okutama"
-    shutil.copytree(acting_clips / "okutama", folder, symlinks=True)
-    single = folder / "Labels/SingleActionTrackingLabels/3840x2160/1.1.1.txt"
-    several = folder / "Labels/MultiActionLabels/3840x2160/1.1.1.txt"
-    several.parent.mkdir(parents=True)
-    several.write_text(single.read_text().replace('"Walking"', '"Walking" "Calling"'))
-    counts = []
-    for multiple_actions in (False, True):
-        data = ActionData([folder], [acting_clips / "train"], tmp_path / "cache", multiple_actions, cutting=SETTINGS)
-        data.prepare_data()
-        data.setup("fit")
-        counts.append(data.train_crops.actions.sum(axis=1).max())
-    assert counts == [1, 2]

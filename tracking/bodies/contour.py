@@ -52,10 +52,6 @@ class Extraction:
     colour: ColourRange
     smooth: int = 5
 
-    def __post_init__(self) -> None:
-        if self.smooth < 1 or self.smooth % 2 == 0:
-            raise ValueError(f"expected an odd side of the median filter from 1, got {self.smooth}")
-
     def pixels(self, image: ImageArray) -> Mask:
         """``(H, W)`` uint8, 255 where an RGB image shows a body and 0 elsewhere."""
         mask = colour_pixels(image, self.colour)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import field
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,6 +33,10 @@ def _odd(pixels: int) -> int:
     return pixels
 
 
+# Side of a median filter, pixels.
+Odd: TypeAlias = Annotated[int, Field(ge=1, le=99), AfterValidator(_odd)]
+
+
 @dataclass(frozen=True, config=SETTINGS)
 class DeformableSettings:
     """Settings of the tracker of bodies.
@@ -47,7 +51,7 @@ class DeformableSettings:
     particles: Particles = 500
     spread: PositiveFloat = 40.0
     patience: NonNegativeInt = 10
-    smooth: Annotated[int, Field(ge=1, le=99), AfterValidator(_odd)] = 5
+    smooth: Odd = 5
 
 
 @dataclass(frozen=True, kw_only=True, config=SETTINGS)

@@ -127,9 +127,7 @@ class Labels(ScoredFrames):
 SCORED, LABELS = ScoredFrames(), Labels()
 
 
-def action(
-    compared: Comparison, *, labels: Labels = LABELS, threshold: Share = 0.4, multiple_actions: bool = False
-) -> None:
+def action(compared: Comparison, *, labels: Labels = LABELS, threshold: Share = 0.4) -> None:
     """Score recognised actions: F1 at a threshold, and average precision, for every action.
 
     A row is a labelled person in a frame, or a tracked box on none. An action is called where its probability is
@@ -143,8 +141,6 @@ def action(
         compared.results: tracks.json of tsuiseki track drone, or folders that hold NAME/tracks.json for each clip NAME
             (for a single clip also tracks.json); several are compared.
         threshold: an action is called where its probability is above, from 0 to 1.
-        multiple_actions: in the folder of Okutama-Action, score against MultiActionLabels, which have all actions of
-            a person, instead of SingleActionTrackingLabels, which have one.
     """
     from tsuiseki.tracking.evaluation.actions import (
         action_table,
@@ -154,7 +150,7 @@ def action(
         read_labelled_actions,
     )
 
-    truths = read_labelled_actions(compared.truth, labels.protocol, labels.size, multiple_actions, labels.range)
+    truths = read_labelled_actions(compared.truth, labels.protocol, labels.size, labels.range)
     scores = {}
     for name, result in compared.named().items():
         rows = match_actions(truths, result)

@@ -126,7 +126,7 @@ def blobs(
     output: SeededOutput,
     clip: FilmSize = BLOBS,
     objects: Things = 5,
-    colour: str = "red",
+    colour: Literal["red", "orange", "yellow", "green", "cyan", "blue", "magenta"] = "red",
     clutter: Annotated[int, Field(ge=0, le=1000)] = 12,
 ) -> int:
     """Make a clip of coloured objects moving over natural clutter, as a MOTChallenge sequence.

@@ -164,20 +164,18 @@ def read_labelled_actions(
     path: Path,
     protocol: Protocol = "lenient",
     size: tuple[int, int] | None = None,
-    multiple_actions: bool = False,
     frames: FrameRange = EVERY_FRAME,
 ) -> list[LabelledActions]:
     """The labels at ``path``, see `open_labelled`, by a protocol of `okutama_truth`; all of Drone-Action's count.
 
     ``size`` has width and height of the frames that were tracked, for Okutama-Action's labels; by default those of the
-    frames that lie with them, or else of those that come with the data. Of its folder ``multiple_actions`` takes
-    ``MultiActionLabels``.
+    frames that lie with them, or else of those that come with the data.
 
     Raises:
         RequestError: there are none, they are broken, or no person to score is labelled in these frames.
     """
     clips = []
-    for video in open_labelled(path, multiple_actions):
+    for video in open_labelled(path):
         labels = video.actions(size)
         # Every frame of Drone-Action counts, whatever the protocol.
         used: Protocol = "lenient" if labels.class_names == DRONE_ACTION_CLASSES else protocol

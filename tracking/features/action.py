@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.camera_motion import camera_flow, camera_motion
 from tsuiseki.tracking.features.optical_flow import FLOW_METHODS, FlowName, optical_flow
 from tsuiseki.tracking.onnx import ModelCard, OnnxModel
 from tsuiseki.tracking.preprocessing import FARTHEST, MOST_PIXELS, normalise
@@ -55,13 +54,11 @@ class ActionInput:
         stream: ``rgb`` or ``flow``, and ``local`` or ``global``.
         size: side of the square input, pixels.
         flow: how flow is estimated.
-        compensate: whether the camera's motion is taken out of the flow.
     """
 
     stream: StreamName
     size: int = 64
     flow: FlowName = "dis"
-    compensate: bool = False
 
     def __post_init__(self) -> None:
         if self.stream not in STREAMS:
@@ -96,7 +93,9 @@ class ActionInput:
         settings = card.settings
         if (got := {name: settings[name] for name in FIXED}) != FIXED:
             raise ValueError(f"expected {FIXED}, got {got}")
-        return cls(settings["stream"], card.input_height, settings["flow"], bool(settings.get("compensate", False)))
+        if settings.get("compensate"):
+            raise ValueError("expected flow with the camera's motion left in, got one without")
+        return cls(settings["stream"], card.input_height, settings["flow"])
 
     def card(self, name: str, class_names: tuple[str, ...]) -> ModelCard:
         """The contract of a stream's ONNX file."""
@@ -106,16 +105,14 @@ class ActionInput:
             **FIXED,
             "padding": "mean colour" if not self.is_flow else "no motion",
             "flow": self.flow,
-            "flow_channels": "x and y from t-1 to t, pixels clipped to flow_limit and divided by it; camera "
-            + ("taken out" if self.compensate else "included"),
-            "compensate": self.compensate,
+            "flow_channels": "x and y from t-1 to t, pixels clipped to flow_limit and divided by it; camera included",
         }
         card = ModelCard("action", name, class_names, self.size, self.size, settings=values)
         count = self.channels
         return replace(card, mean=(FLOW_MEAN,) * count, std=(FLOW_STD,) * count) if self.is_flow else card
 
 
-def flow_to(previous: ImageArray, image: ImageArray, method: FlowName, *, compensate: bool = False) -> ImageArray:
+def flow_to(previous: ImageArray, image: ImageArray, method: FlowName) -> ImageArray:
     """``(H, W, 2)`` uint8 levels of the motion from t-1 to t, seen from t.
 
     What shows at a pixel of ``image`` has moved that far since ``previous``: the flow from t to t-1 is computed and
@@ -125,13 +122,8 @@ def flow_to(previous: ImageArray, image: ImageArray, method: FlowName, *, compen
         previous: ``(H, W, 3)`` uint8 RGB, frame t-1.
         image: frame t.
         method: how flow is estimated.
-        compensate: whether the camera's motion is taken out, where it can be estimated.
     """
-    flow = -optical_flow(image, previous, FLOW_METHODS[method])
-    camera = camera_motion(previous, image) if compensate else None
-    if camera is not None:
-        flow -= camera_flow(camera, (image.shape[1], image.shape[0]))
-    return flow_picture(flow)
+    return flow_picture(-optical_flow(image, previous, FLOW_METHODS[method]))
 
 
 def flow_picture(flow: NDArray[np.float32]) -> ImageArray:
@@ -240,12 +232,9 @@ class ActionRecogniser:
             raise RequestError(
                 f"{self.models[-1].path}: expected one file a stream, or one of all, got {', '.join(self.streams)}"
             )
-        flows = {(stream.flow, stream.compensate) for stream in self.inputs if stream.is_flow}
+        flows = {stream.flow for stream in self.inputs if stream.is_flow}
         if len(flows) > 1:
-            raise RequestError(
-                "expected flow streams that take the same flow (flow, compensate), got "
-                f"{' and '.join(map(str, sorted(flows)))}"
-            )
+            raise RequestError(f"expected flow streams that take the same flow, got {' and '.join(sorted(flows))}")
 
     def recognise(self, images: Sequence[ImageArray], boxes: FloatArray) -> FloatArray:
         """``(S, N, A)`` float32 probabilities of the people in ``(N, 4)`` boxes, by file.
@@ -276,7 +265,7 @@ class ActionRecogniser:
         assert self._flow is not None
         if len(images) < 2:
             return np.full((*images[-1].shape[:2], 2), NO_MOTION, dtype=np.uint8)
-        return flow_to(images[-2], images[-1], self._flow.flow, compensate=self._flow.compensate)
+        return flow_to(images[-2], images[-1], self._flow.flow)
 
 
 def averaged(streams: FloatArray) -> FloatArray:

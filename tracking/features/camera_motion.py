@@ -347,22 +347,6 @@ def _common_shift(first: Grey, second: Grey) -> NDArray[np.float32]:
     return 4 * np.array(step, dtype=np.float32)
 
 
-def camera_flow(motion: FloatArray, size: tuple[int, int]) -> NDArray[np.float32]:
-    """``(H, W, 2)`` pixels by which the camera alone moved what shows at each pixel of the later frame.
-
-    Args:
-        motion: ``(2, 3)``, see `camera_motion`.
-        size: width and height of the frame.
-
-    >>> camera_flow(np.array([[1.0, 0, 5], [0, 1, -2]]), (2, 1)).tolist()
-    [[[5.0, -2.0], [5.0, -2.0]]]
-    """
-    x, y = np.meshgrid(np.arange(size[0], dtype=np.float32), np.arange(size[1], dtype=np.float32))
-    back = undone(motion).astype(np.float32)
-    moved = [values - (row[0] * x + row[1] * y + row[2]) for values, row in zip((x, y), back, strict=True)]
-    return np.stack(moved, axis=2)
-
-
 def undone(transform: FloatArray) -> FloatArray:
     """The ``(2, 3)`` similarity that takes back ``transform``."""
     return np.asarray(cv2.invertAffineTransform(transform), dtype=np.float64)

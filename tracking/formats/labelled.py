@@ -137,8 +137,8 @@ class LabelledVideo:
         return EVERY_FRAME if self.read_people is not None else counted_from(protocol)
 
 
-def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVideo]:
-    """The labelled videos at ``path``, by name; of Okutama-Action's folder with ``MultiActionLabels`` where asked for.
+def open_labelled(path: Path) -> list[LabelledVideo]:
+    """The labelled videos at ``path``, by name.
 
     Raises:
         RequestError: nothing known is there, or its layout is broken.
@@ -146,8 +146,8 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
     path = path.parent if path.name == ABOUT else path
     if path.is_dir():
         parts = (part for part in sorted(path.iterdir()) if part.is_dir())
-        videos = _in_folder(path, multiple_actions)
-        videos = videos or [video for part in parts for video in _in_folder(part, multiple_actions)]
+        videos = _in_folder(path)
+        videos = videos or [video for part in parts for video in _in_folder(part)]
         if not videos:
             raise RequestError(
                 f"{path}: expected labelled video, such as img1/ and gt/gt.txt, annotations.json, annotations.xml, or "
@@ -172,12 +172,12 @@ def open_labelled(path: Path, multiple_actions: bool = False) -> list[LabelledVi
     return [_ground_truth(path)]
 
 
-def _in_folder(folder: Path, multiple_actions: bool) -> list[LabelledVideo]:
+def _in_folder(folder: Path) -> list[LabelledVideo]:
     """The videos of a folder; none where its layout is not known."""
     if (folder / "corrections.jsonl").is_file():
         return [_reviewed(folder)]
     if is_okutama(folder):
-        return [_okutama(video) for video in find_okutama(folder, multiple_actions)]
+        return [_okutama(video) for video in find_okutama(folder)]
     for layout in BOX_LAYOUTS:
         if files := layout.at(folder):
             return [_of_boxes(layout, file) for file in files]

@@ -172,10 +172,8 @@ def read_clip_labels(clip: MotSequence, size: tuple[int, int] | None = None) -> 
     return read_okutama(clip.folder / ACTIONS_FILE, size)
 
 
-def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[LabelFile]:
+def find_okutama(folder: str | Path) -> list[LabelFile]:
     """The videos of Okutama-Action at ``folder``, or of a generated clip, or of a folder of generated clips, by name.
-
-    ``MultiActionLabels`` have all actions, but ids that change every 180 frames.
 
     Raises:
         RequestError: the layout is another, or frames are missing between others.
@@ -190,8 +188,8 @@ def find_okutama(folder: str | Path, multiple_actions: bool = False) -> list[Lab
         # Of frames in several sizes the 1280x720 ones come last, and stay.
         frame_folders = sorted(folder.glob("**/Extracted-Frames-*/*"), key=str, reverse=True)
         places = {place.name: place for place in frame_folders if place.is_dir()}
-        files = _label_files(folder / "Labels", multiple_actions)
-        videos = [_published(labels, places.get(labels.stem)) for labels in files]
+        kinds = (sorted((folder / "Labels" / kind).glob("*/*.txt")) for kind in LABEL_FOLDERS)
+        videos = [_published(labels, places.get(labels.stem)) for labels in next(filter(None, kinds), [])]
     if not videos:
         raise RequestError(
             f"expected Labels/ and Drone1/…/Extracted-Frames-1280x720/ of Okutama-Action in {folder}, or generated "
@@ -233,14 +231,6 @@ def check_frames(labels: ActionLabels, length: int, size: tuple[int, int], name:
             f"{name}: the 3840x2160 video has {length} frames, the labels {last + 1}: Okutama's 4K videos and its "
             f"labels do not line up; {ADVICE}"
         )
-
-
-def _label_files(folder: Path, multiple_actions: bool) -> list[Path]:
-    for kind in reversed(LABEL_FOLDERS) if multiple_actions else LABEL_FOLDERS:
-        files = sorted((folder / kind).glob("*/*.txt"))
-        if files:
-            return files
-    return []
 
 
 def _published(labels: Path, frames: Path | None) -> LabelFile:

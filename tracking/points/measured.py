@@ -228,8 +228,6 @@ def points(
             shipped or downloaded one.
         output.seed: of the particles.
     """
-    if not period > 0 or shortest < 1:
-        raise RequestError(f"expected a `period` above 0 and `shortest` from 1, got {period:g} and {shortest}")
     chosen = read_sensing_model(model)
     if detector is None:
         scans = read_scans(file, chosen.sensor.columns, period)

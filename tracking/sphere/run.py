@@ -249,7 +249,7 @@ def _box(volume: ArrayLike) -> FloatArray:
 NO_SOURCES: list[str] = []
 
 
-DRAWING, EXTENDED, TIMES = Drawing(), SphereSettings(), FrameTimes()
+DRAWING = Drawing()
 
 
 def sphere(
@@ -258,7 +258,7 @@ def sphere(
     cameras: Path,
     output: SeededOutput,
     drawing: Drawing = DRAWING,
-    settings: SphereSettings = EXTENDED,
+    settings: SphereSettings = SPHERE,
     times: FrameTimes = TIMES,
     radius: PositiveFloat | None = None,
     points: Commas[list[Path] | None] = None,
@@ -290,9 +290,8 @@ def sphere(
     if points is None:
         if radius is None:
             raise RequestError("`radius`: expected the ball's radius in metres, got none")
-        box = _corners(volume)
         chosen = sphere_run(
-            source, cameras, radius, start=start, volume=box, settings=settings, backgrounds=backgrounds, times=times
+            source, cameras, radius, start=start, volume=volume, settings=settings, backgrounds=backgrounds, times=times
         )
     elif source or drawing.overlay or backgrounds or volume:
         raise RequestError("`points`: expected no videos, `overlay`, `backgrounds` or `volume` beside it")
@@ -321,16 +320,6 @@ def _summary(positions: Sequence[Position], truth: Path3D | None, file: Path) ->
     if len(away):
         summary += f"\n{100 * away.mean():.2f} cm from the true position in the mean, {100 * away.max():.2f} at most"
     return summary
-
-
-def _corners(volume: tuple[float, float, float, float, float, float] | None) -> FloatArray | None:
-    """The two corners ``(2, 3)``, metres; checked."""
-    if volume is None:
-        return None
-    if not all(low < high for low, high in zip(volume[:3], volume[3:], strict=True)):
-        corners = ",".join(f"{value:g}" for value in volume)
-        raise RequestError(f"`volume`: expected X1,Y1,Z1,X2,Y2,Z2 with X1 < X2, Y1 < Y2 and Z1 < Z2, got {corners}")
-    return np.array(volume).reshape(2, 3)
 
 
 def _draw(run: Run, drawing: Drawing, chosen: SphereRun, log: SphereLog) -> None:

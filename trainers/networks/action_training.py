@@ -36,7 +36,6 @@ class ActionTraining(Tested):
         actions: number of classes; the data's names go with the network.
         size: side of the input, pixels.
         flow: how flow is estimated.
-        compensate: whether the camera's motion is taken out of the flow; it is not in the thesis.
         fused: one loss on the mean of the streams' probabilities trains them jointly; otherwise each has its own.
         rare_weight: exponent of the weight of rare actions, see `positive_weights`; 0 is eq. 5.1 as it stands.
         optimisation: how weights are moved; the thesis has a learning rate of 0.0001.
@@ -51,7 +50,6 @@ class ActionTraining(Tested):
         actions: int = OKUTAMA_ACTIONS,
         size: int = 64,
         flow: FlowName = "dis",
-        compensate: bool = False,
         fused: bool = False,
         rare_weight: float = 0.5,
         optimisation: Optimisation = Optimisation(learning_rate=1e-4),  # noqa: B008
@@ -62,7 +60,7 @@ class ActionTraining(Tested):
         if fused and tuple(streams) != STREAMS:
             raise RequestError(f"expected {', '.join(STREAMS)} with `fused`, got {', '.join(streams)}")
         try:
-            self.inputs = {n: ActionInput(n, size, flow=flow, compensate=compensate) for n in streams}
+            self.inputs = {n: ActionInput(n, size, flow=flow) for n in streams}
             self.network = ActionNetwork(
                 {n: ActionStream(actions, i.channels, trunk, weights, dropout) for n, i in self.inputs.items()}
             )

@@ -71,7 +71,7 @@ ACTION = Task(
     "trainers.networks.action_training:ActionTraining",
     "datamodules.action_data:ActionData",
     "val/map",
-    {"streams": "streams", "size": "cutting.size", "flow": "cutting.flow", "compensate": "cutting.compensate"},
+    {"streams": "streams", "size": "cutting.size", "flow": "cutting.flow"},
 )
 ASSOCIATION = Task(
     "association",

@@ -77,8 +77,6 @@ def test_extraction_takes_the_colour_and_the_median_takes_specks():
     assert np.count_nonzero(Extraction(colour, smooth=1).pixels(image)) == 902
     assert Extraction(colour, smooth=5).pixels(image)[5, 5] == 0
     assert np.count_nonzero(Extraction(colour, smooth=5).pixels(image)) == pytest.approx(900, abs=12)  # the corners
-    with pytest.raises(ValueError, match="odd side"):
-        Extraction(colour, smooth=4)
 
 
 def test_off_the_image_a_point_is_as_far_as_it_lies_off():

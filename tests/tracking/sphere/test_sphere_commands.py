@@ -86,7 +86,7 @@ def test_an_offset_shifts_one_video_against_the_other(film, track):
         ([], {"sources": ("camera1", "camera2", "camera1")}, "got 3 videos and 2 cameras"),
         ([], {"radius": "0"}, "--radius: expected a number greater than 0"),
         (["--start", "9,0,1"], {}, "lies behind camera1"),
-        (["--volume", "0,0,0,1,1,0"], {}, "--volume: expected X1,Y1,Z1,X2,Y2,Z2 with X1 < X2"),
+        (["--volume", "0,0,0,1,1,0"], {}, "--volume: expected two corners that differ along x, y and z"),
         (["--volume", "0.4,0,0,0.6,0.2,2"], {"radius": "0.001"}, "--volume: expected places where two cameras see"),
         (["--offsets", "0"], {}, "--offsets: expected 2 values"),
         (["--particles", "3"], {}, "--particles: expected a number greater than or equal to 10"),
