@@ -12,7 +12,6 @@ from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.devices import Device
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.fields import Threads
 from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.runs.progress import progress
@@ -53,8 +52,6 @@ def demo(
     *,
     output: DemoOutput = OUTPUT,
     scene: Literal["street", "drone"] = "street",
-    train: bool = False,
-    assets: Path | None = None,
     frames: PositiveInt = FRAMES,
     threads: Threads = 0,
     device: Device = "auto",
@@ -70,26 +67,15 @@ def demo(
 
     Args:
         scene: what is generated.
-        train: first train the models anew on generated scenes and use those; takes hours, and the train extra.
-        assets: with --train, folder of the bodies and clothes that people are rendered of
-            (docs/methods/rendered-people.md says how to get them); without it the detector learns from drawn people
-            alone.
         frames: length of the clip.
         threads: CPU threads of the networks; 0 takes all.
         device: what the networks run on, as in track people.
     """
-    if scene == "drone":
-        if train:
-            raise RequestError("`train`: expected --scene street; for a drone see docs/how-to/train-and-export.md")
-        return _demo_drone(output, frames, threads, device)
-    if assets is not None and not train:
-        raise RequestError("`assets`: expected it with `train`, which renders people of it; leave it out otherwise")
-    return _demo_street(output, frames, threads, device, train=train, assets=assets)
+    make = _demo_drone if scene == "drone" else _demo_street
+    return make(output, frames, threads, device)
 
 
-def _demo_street(
-    output: SeededOutput, frames: int, threads: int, device: Device, *, train: bool, assets: Path | None
-) -> int:
+def _demo_street(output: SeededOutput, frames: int, threads: int, device: Device) -> int:
     """Generate a street, track it three ways, score and report."""
     from tsuiseki.datamodules.scenes.clip import write_clip
     from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
@@ -100,13 +86,9 @@ def _demo_street(
     from tsuiseki.tracking.people.run_log import run_trackers
     from tsuiseki.tracking.report.overlay import Overlay
     from tsuiseki.tracking.video.source import open_source
-    from tsuiseki.trainers.shipped_models import make_models
 
     with output.run() as run:
-        if train:
-            models = make_models(run.work / "models", assets)
-        else:
-            models = {kind: weights.shipped(name) for kind, name in STREET_MODELS.items()}
+        models = {kind: weights.shipped(name) for kind, name in STREET_MODELS.items()}
         with run.times.measure("generate"):
             planned = StreetClip(StreetSettings(frames=frames, frame_rate=FRAME_RATE), output.seed)
             clip = write_clip(run.work / "street", planned, watch=lambda drawn: progress(drawn, "generating", frames))

@@ -1,7 +1,11 @@
-"""The commands that make the shipped models, as `docs/how-to/train-and-export.md` tells."""
+"""The commands that make the shipped models: hours of training, from a checkout with the train extra.
+
+python -m benchmarks.shipped_models --out DIR [--assets DIR]
+"""
 
 from __future__ import annotations
 
+import argparse
 import json
 import shlex
 import sys
@@ -146,3 +150,18 @@ def _sources(config: str, part: Literal["train", "val"], work: Path, assets: Pat
 
 def _photographs(assets: Path) -> bool:
     return (assets / "photographs").is_dir()
+
+
+def main() -> None:
+    """Make the models that the words ask for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--out", type=Path, required=True, help="folder for models and trainings")
+    parser.add_argument("--assets", type=Path, help="bodies and clothes (docs/methods/rendered-people.md), and perhaps "
+                        "photographs/; without them the detector learns from drawn people alone")  # fmt: skip
+    words = parser.parse_args()
+    for kind, path in make_models(words.out, words.assets).items():
+        print(f"{kind}: {path}")
+
+
+if __name__ == "__main__":
+    main()
