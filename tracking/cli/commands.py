@@ -33,7 +33,7 @@ TRAIN = {
     "detector": (".networks.fit:fit_detector", "where people are"),
     "appearance": (".networks.fit:fit_appearance", "what they look like"),
     "action": (".networks.fit:fit_action", "what they do"),
-    "affinity": (".association.affinity_fit:affinity", "whether two detections are the same person"),
+    "affinity": (".association.affinity_fit:fit_affinity", "whether two detections are the same person"),
     "association": (".networks.fit:fit_association", "who follows whom, by whole tracks"),
     "objectness": (".train_objectness:train_objectness", "which boxes look like an object"),
     "body": (".learn_body:train_body", "a body that bends, from silhouettes"),

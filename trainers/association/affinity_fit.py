@@ -308,68 +308,22 @@ class AffinityReport:
     shift: float
 
 
-@dataclass(frozen=True, kw_only=True)
-class AffinitySettings:
-    """What is learnt.
-
-    Attributes:
-        features: ``thesis``: overlap and appearance distance, for --preset printed; ``extended``: also gap, size and
-            motion. ``thesis_action`` and ``extended_action``: also the distance of action features.
-        trees: number of boosting rounds.
-    """
-
-    features: FeatureSet = "extended"
-    trees: int = 120
-
-
 @pydantic_dataclass(frozen=True, kw_only=True, config=SETTINGS)
-class LearntFeatures(Options):
+class AffinitySettings(Options):
     """What is learnt.
 
     Attributes:
         features: thesis: overlap and appearance distance, for --preset printed; extended: also gap, size and motion.
-            thesis_action and extended_action: also the distance of action features. drone: the cost of actions alone.
+            thesis_action and extended_action: also the distance of action features.
         trees: number of boosting rounds.
     """
 
-    features: FeatureSet | Literal["drone"] = "extended"
+    features: FeatureSet = "extended"
     trees: PositiveInt = 120
 
 
 EXTENDED = AffinitySettings()
-LEARNT = LearntFeatures()
 CHANCE = Seed()
-
-
-def affinity(
-    video: AffinityVideo,
-    *,
-    output: OutputFile,
-    settings: LearntFeatures = LEARNT,
-    chance: Seed = CHANCE,
-    cache: Path | None = None,
-) -> None:
-    """Fit the transition and observation costs of the flow to labelled video, and export them to one ONNX file.
-
-    A network that was trained on the same frames does better there than in other video, and the costs would
-    learn to trust it too much. One that says so of itself is refused.
-
-    With --features drone, fit what a difference of actions costs in `track drone` beside place and appearance. The file
-    is then YAML that `track drone --config` takes.
-
-    Args:
-        output.out: file to write.
-        output.overwrite: replace an existing file.
-        cache: with --features drone, folder that keeps what the networks say.
-    """
-    if settings.features == "drone":
-        from tsuiseki.trainers.association.action_cost_fit import fit_action_costs
-
-        fit_action_costs(
-            video.folders, output.out, video.actions, video.appearance, video.detector, cache, output.overwrite
-        )
-    else:
-        fit_affinity(video, output, AffinitySettings(features=settings.features, trees=settings.trees), chance)
 
 
 def fit_affinity(
@@ -379,6 +333,10 @@ def fit_affinity(
 
     A network that was trained on the same frames does better there than in other video, and the costs would
     learn to trust it too much. One that says so of itself is refused.
+
+    Args:
+        output.out: file to write.
+        output.overwrite: replace an existing file.
 
     Raises:
         RequestError: unusable folders or models, a network that was trained on the frames it runs on, no pairs of both

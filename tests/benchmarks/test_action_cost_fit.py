@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 import yaml
 
+from benchmarks.drone import action_cost_fit
+from benchmarks.drone.action_cost_fit import LinkSamples, fit_action_cost, fit_action_costs, link_samples
 from tsuiseki.tracking.association.costs import ActionCost
-from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.drone.observations import Observation
 from tsuiseki.tracking.drone.settings import DroneSettings
 from tsuiseki.tracking.errors import RequestError
@@ -19,8 +20,6 @@ from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.association import action_cost_fit
-from tsuiseki.trainers.association.action_cost_fit import LinkSamples, fit_action_cost, link_samples
 
 SIZE = np.array([10.0, 22.0])
 
@@ -87,16 +86,14 @@ def test_no_cost_of_actions_prices_the_tracks_that_it_is_fitted_to() -> None:
         np.testing.assert_array_equal(getattr(plain, name), getattr(priced, name))
 
 
-def test_the_command_writes_the_cost_of_actions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_file_holds_the_cost_of_actions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     observations, truth = row_of_people(0)
     clip = tmp_path / "fit" / "one"
     write_ground_truth(clip / "gt" / "gt.txt", truth)
     write_sequence_info(clip, "one", 30.0, 40, 320, 240)
     monkeypatch.setattr(action_cost_fit, "video_observations", lambda *_: iter(observations))
     out = tmp_path / "drone.yaml"
-    assert (
-        main(["train", "affinity", "--features", "drone", "--folders", str(tmp_path / "fit"), "--out", str(out)]) == 0
-    )
+    fit_action_costs([tmp_path / "fit"], out)
     fitted = fit_action_cost([link_samples(observations, truth, 30.0, (320, 240))])
     term = yaml.safe_load(out.read_text())["drone"]["flow"]["costs"]["link"]["action"]
     np.testing.assert_allclose(term["weight"], fitted.weight, rtol=0.05)

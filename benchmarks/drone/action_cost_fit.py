@@ -1,4 +1,6 @@
-"""Fitting the action term of the drone tracker's links to labelled clips: `tsuiseki train affinity --features drone`.
+"""The action term of the drone tracker's links, fitted to labelled clips.
+
+    python -m benchmarks.drone.action_cost_fit FOLDER... --out FILE [--cache DIR]
 
 The flow without actions is solved over each clip, and every link between labelled people that it considered is one
 sample: what it cost, how far the actions at its ends differ, of single detections and of means along the tracks found,
@@ -12,6 +14,7 @@ and the distance that speaks neither way is where d alone, with both kinds of li
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -40,7 +43,7 @@ from tsuiseki.tracking.people.flow_input import FlowInput, solve_window
 from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.source import open_source
-from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped, shipped_or_file
+from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped
 from tsuiseki.trainers.association.videos import match_boxes
 
 
@@ -152,13 +155,10 @@ def _logistic(columns: FloatArray, same: BoolArray, weight: FloatArray) -> Float
 def fit_action_costs(
     folders: Sequence[Path],
     out: Path,
-    actions: Sequence[Path] | None = None,
-    appearance: Path | None = None,
-    detector: Path | None = None,
     cache: Path | None = None,
     overwrite: bool = False,
 ) -> None:
-    """Fit what a difference of actions costs in `track drone` to labelled clips.
+    """Fit what a difference of actions costs in `track drone` to labelled clips, seen by the shipped networks.
 
     OUT becomes a file that `track drone --config` takes. The clips must be others than those that the action streams
     learnt from, which know the actions there better than elsewhere. What each clip would ask for without the others is
@@ -167,9 +167,6 @@ def fit_action_costs(
     Args:
         folders: MOTChallenge sequences with gt/gt.txt, or folders of them.
         out: YAML file to write.
-        actions: exported action streams; by default the shipped ones.
-        appearance: exported appearance network; by default the shipped one.
-        detector: exported detector, or the name of a shipped one; by default that of `track drone`.
         cache: folder that keeps what the networks say.
         overwrite: replace an existing file.
 
@@ -178,9 +175,8 @@ def fit_action_costs(
     """
     check_output_file(out, overwrite)
     sequences = [s for folder in folders for s in find_sequences(folder)]
-    streams = actions or [shipped(f"action_drone_{name}") for name in STREAMS]
-    appearance = appearance or shipped("appearance_people")
-    detector = shipped(DRONE_DETECTOR) if detector is None else shipped_or_file("detector", detector)
+    streams = [shipped(f"action_drone_{name}") for name in STREAMS]
+    appearance, detector = shipped("appearance_people"), shipped(DRONE_DETECTOR)
     observers = Observers(Detector(detector), Appearance(appearance), ActionRecogniser(streams), camera=True)
     key = {str(n): file_digest(path) for n, path in enumerate([*streams, appearance, detector])} | {
         "camera": "estimated"
@@ -202,3 +198,18 @@ def fit_action_costs(
 def _summary(cost: ActionCost) -> str:
     weights, neutral = ([f"{value:.2f}" for value in values] for values in (cost.weight, cost.neutral))
     return f"weight {', '.join(weights)}, neutral {', '.join(neutral)} (single detections, means along tracks)"
+
+
+def main() -> None:
+    """Fit the term as the words say."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folders", type=Path, nargs="+", help="sequences with gt/gt.txt, or folders of them")
+    parser.add_argument("--out", type=Path, required=True, help="YAML file to write")
+    parser.add_argument("--cache", type=Path, help="folder that keeps what the networks say")
+    parser.add_argument("--overwrite", action="store_true", help="replace an existing file")
+    words = parser.parse_args()
+    fit_action_costs(words.folders, words.out, words.cache, words.overwrite)
+
+
+if __name__ == "__main__":
+    main()
