@@ -40,7 +40,7 @@ def test_the_seed_decides(tmp_path):
         (["--body", "whale"], "whale"),
         (["--frames", "0"], "--frames: expected a number greater than or equal to 1, got '0'"),
         (["--frame-rate", "0"], "--frame-rate: expected a number greater than 0"),
-        (["--width", "100"], "expected at least 224x224 pixels, got 100x480"),
+        (["--width", "100"], "--width: expected a number greater than or equal to 224, got 100"),
     ],
 )
 def test_wrong_requests_are_refused_in_one_line(tmp_path, capsys, words, message):
