@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pydantic import ValidationError
-from pydantic import ValidationError
 
 from tsuiseki.datamodules.scenes.blob_clip import HUES, BlobClip, as_ground_truth
 from tsuiseki.datamodules.scenes.blob_clip import BlobSceneSettings as SceneSettings
