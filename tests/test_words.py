@@ -11,30 +11,6 @@ import pytest
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 FOLDERS = ("models", "datamodules", "trainers", "tracking")
-# Folders and files that each test does not look at yet.
-OPEN = {
-    "docstrings": set(),
-    "constants": {
-        "tracking/animals",
-        "tracking/bodies",
-        "tracking/drone",
-        "tracking/fisheye",
-        "tracking/floor",
-        "tracking/points",
-        "tracking/single",
-        "tracking/sphere",
-    },
-    "names": {
-        "tracking/animals",
-        "tracking/bodies",
-        "tracking/drone",
-        "tracking/fisheye",
-        "tracking/floor",
-        "tracking/points",
-        "tracking/single",
-        "tracking/sphere",
-    },
-}
 
 # Words that a docstring may have beside those of the name and still say nothing more.
 SMALL = """
@@ -52,13 +28,11 @@ VAGUE_SHARE = 0.01
 Documented = ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef
 
 
-def sources(test: str) -> Iterator[tuple[Path, str]]:
-    """Each file that a test looks at, with its text."""
+def sources() -> Iterator[tuple[Path, str]]:
+    """Each file of the four folders, with its text."""
     for folder in FOLDERS:
         for path in sorted((REPOSITORY / folder).rglob("*.py")):
-            place = path.relative_to(REPOSITORY)
-            if not any(place.is_relative_to(folder) for folder in OPEN[test]):
-                yield place, path.read_text(encoding="utf-8")
+            yield path.relative_to(REPOSITORY), path.read_text(encoding="utf-8")
 
 
 def words(text: str) -> set[str]:
@@ -124,15 +98,15 @@ def bound_names(text: str) -> Iterator[str]:
 
 
 def test_docstrings_say_something():
-    assert [f"{path}:{line}" for path, text in sources("docstrings") for line in empty_docstrings(text)] == []
+    assert [f"{path}:{line}" for path, text in sources() for line in empty_docstrings(text)] == []
 
 
 def test_constants_stand_alone_with_their_reason():
-    assert [f"{path}:{line}" for path, text in sources("constants") for line in bare_constants(text)] == []
+    assert [f"{path}:{line}" for path, text in sources() for line in bare_constants(text)] == []
 
 
 def test_names_say_what_a_value_is():
-    names = [(path, name) for path, text in sources("names") for name in bound_names(text)]
+    names = [(path, name) for path, text in sources() for name in bound_names(text)]
     vague = [f"{path}: {name}" for path, name in names if name.strip("_") in VAGUE.split()]
     assert len(vague) <= VAGUE_SHARE * len(names), vague
 
