@@ -15,7 +15,6 @@ import yaml
 from tsuiseki.tracking.batch.addresses import files_of
 from tsuiseki.tracking.batch.jobs import Job
 from tsuiseki.tracking.cameras.multicamera import is_floor_folder
-from tsuiseki.tracking.cli.request import put
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import is_sequence, list_images
 from tsuiseki.tracking.output import RUN_FILE
@@ -120,6 +119,14 @@ def _in_manifest(path: Path, job: Job) -> Iterator[tuple[str, Job]]:
         except (RequestError, ValueError) as error:
             raise RequestError(f"{where}: {error}") from error
         yield where, video
+
+
+def put(values: dict[str, Any], name: str, value: Any) -> None:
+    """Set the option ``name``, such as ``flow.fill``, in nested values."""
+    *above, last = name.split(".")
+    for part in above:
+        values = values.setdefault(part, {})
+    values[last] = value
 
 
 def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

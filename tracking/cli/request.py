@@ -173,14 +173,6 @@ def _over(default: Any, value: Any, argument: Argument) -> Any:
     return replace(default, **changes)
 
 
-def put(values: dict[str, Any], name: str, value: Any) -> None:
-    """Set the option ``name``, such as ``flow.fill``, in nested values."""
-    *above, last = name.split(".")
-    for part in above:
-        values = values.setdefault(part, {})
-    values[last] = value
-
-
 def _settings(arguments: ArgumentCollection, bound: inspect.BoundArguments) -> tuple[dict[str, Any], list[str]]:
     """Every option with its value: those of the command alone, then those that it shares; and which were given."""
     own, shared, chosen = dict[str, Any](), dict[str, Any](), list[str]()

@@ -24,7 +24,7 @@ pytestmark = [pytest.mark.ray, pytest.mark.slow]
 
 def command(videos: Path, networks: list[str], out: Path) -> list[str]:
     words = ["batch", "track", "people", str(videos / "pictures"), str(videos / "still.avi"), *networks, "--view", "1"]
-    return [*words, "--segment", "0.4", "--workers", "2", "--ray", "--out", str(out)]
+    return [*words, "--segment", "0.4", "--workers", "2", "--ray=here", "--out", str(out)]
 
 
 def started(words: list[str], **more: Any) -> subprocess.Popen[str]:
@@ -66,7 +66,7 @@ def test_a_killed_raylet_ends_the_batch_in_a_line_and_the_same_goes_on(
     assert "give the same command again: it goes on" in said
     assert len(said.strip().splitlines()) == 1
     before = count(tmp_path / "o", "detect")
-    driver = started([word for word in words if word != "--ray"])
+    driver = started([word for word in words if word != "--ray=here"])
     assert driver.wait(120) == 0
     # 8 and 15 segments; two under way and two that waited on Ray are done again.
     assert before < 23 <= count(tmp_path / "o", "detect") <= 27
