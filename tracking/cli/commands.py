@@ -1,4 +1,4 @@
-"""All commands of `tsuiseki`, each a typed function: `track people` is `people` in `tracking/people/run.py`.
+"""All commands of `tsuiseki`, each a typed function: `track people` is `people` in `tracking/cli/track_people.py`.
 
 A command's module is imported when the command is chosen, and what it needs when it runs, so that help is quick and the
 commands that track never import torch.

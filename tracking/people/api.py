@@ -76,7 +76,8 @@ def track_people(
         affinity: exported link costs for ``flow``, or the costs themselves; ``"none"`` takes hand-set costs.
         detector_options: what the file of another project's detector leaves open.
         appearance_options: likewise for an appearance network.
-        score_threshold: least score of a detection, from 0 to 1; by default the beginning of the video tells it.
+        score_threshold: least score of a detection, from 0 to 1; by default 0.3, none for ``detections`` and
+            functions, and for another project's network what the beginning of the video tells.
         view: overlapping tiles of a frame for the detector: ``"auto"``, as many as detect more people; tiles across
             such as 2; across and down such as ``"3x2"``.
         frames: only these frames, such as ``"301-400"``, counted from 1 with both ends as on the command line; all
@@ -157,7 +158,8 @@ def follow_people(
         affinity: exported link costs for ``flow``, or the costs themselves; ``"none"`` takes hand-set costs.
         detector_options: what the file of another project's detector leaves open.
         appearance_options: likewise for an appearance network.
-        score_threshold: least score of a detection, from 0 to 1; by default the beginning of the video tells it.
+        score_threshold: least score of a detection, from 0 to 1; by default 0.3, none for ``detections`` and
+            functions, and for another project's network what the beginning of the video tells.
         view: overlapping tiles of a frame for the detector: ``"auto"``, as many as detect more people; tiles across
             such as 2; across and down such as ``"3x2"``.
         frames: only these frames, such as ``"301-400"``, counted from 1 with both ends as on the command line; all

@@ -58,7 +58,8 @@ class FlowTracker:
     answers before all tracks could be solved twice, the others were learnt so.
 
     Raises:
-        ValueError: the frame rate is not above 0, or the delay below 0.
+        RequestError: the frame rate is not above 0, the stride below 1, or the delay below 0.
+        ValidationError: a setting that is given by name is out of its bounds.
 
     >>> tracker = FlowTracker(frame_rate=10.0, delay=0.5)
     >>> for t in range(9):

@@ -73,7 +73,8 @@ class Survivors:
 class LifecycleTracker(Generic[S]):
     """What online trackers share: the live tracks, each with a Kalman filter, and the record of all that were.
 
-    A track is reported where it was detected. A frame of its filter is the usual interval between inferences.
+    `tracks` has the frames in which a track was detected; `update` also answers where it is expected in the others,
+    with the status ``searching``. A frame of its filter is the usual interval between inferences.
 
     Args:
         settings: of the method.
