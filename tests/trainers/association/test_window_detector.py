@@ -151,7 +151,7 @@ def test_the_gradient_is_that_of_finite_differences(
 
 
 def test_the_trunk_is_asked_once_an_image(batch: TrainingWindow, detector: tuple[Path, Path]) -> None:
-    module, trunk = AssociationTraining(detector=HeadsLearning(detector[0])).detector, FrozenTrunk(most=3)
+    module, trunk = AssociationTraining(detector=HeadsLearning(detector[0])).detector, FrozenTrunk(frames_at_most=3)
     assert module is not None
     assert batch.frames is not None
     images = batch.frames.batch.images[:3]
