@@ -50,6 +50,23 @@ def browser() -> Iterator[Any]:
         opened.close()
 
 
+@pytest.fixture(scope="module")
+def labelled_square(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """An OTB folder of a bright square on noise."""
+    folder = tmp_path_factory.mktemp("otb") / "Square"
+    (folder / "img").mkdir(parents=True)
+    rows = []
+    noise = np.random.default_rng(0).integers(0, 90, (100, 140, 3), dtype=np.uint8)
+    for t in range(8):
+        image = noise.copy()
+        cv2.rectangle(image, (20 + 3 * t, 30), (49 + 3 * t, 64), (40, 200, 240), -1)
+        cv2.circle(image, (35 + 3 * t, 45), 8, (200, 30, 30), -1)
+        cv2.imwrite(str(folder / "img" / f"{t + 1:04d}.png"), image)
+        rows.append(f"{21 + 3 * t},31,30,35")
+    (folder / "groundtruth_rect.txt").write_text("\n".join(rows) + "\n")
+    return folder
+
+
 @pytest.fixture(scope="session")
 def acting_clips(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """``train/train-{0,1}`` and ``validation/validation-0``: coloured boxes that walk, run or sit.

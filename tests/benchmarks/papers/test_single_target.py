@@ -9,7 +9,6 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
 
@@ -186,30 +185,13 @@ def test_where_csrt_breaks_off_the_user_hears_of_it(tmp_path: Path) -> None:
         follow_with_csrt(csrt(tmp_path, "sys.exit('no camera')"), [np.zeros((4, 6, 3), np.uint8)] * 3, np.arange(4.0))
 
 
-@pytest.fixture(scope="module")
-def labelled(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An OTB folder of a bright square on noise."""
-    folder = tmp_path_factory.mktemp("otb") / "Square"
-    (folder / "img").mkdir(parents=True)
-    rows = []
-    noise = np.random.default_rng(0).integers(0, 90, (100, 140, 3), dtype=np.uint8)
-    for t in range(8):
-        image = noise.copy()
-        cv2.rectangle(image, (20 + 3 * t, 30), (49 + 3 * t, 64), (40, 200, 240), -1)
-        cv2.circle(image, (35 + 3 * t, 45), 8, (200, 30, 30), -1)
-        cv2.imwrite(str(folder / "img" / f"{t + 1:04d}.png"), image)
-        rows.append(f"{21 + 3 * t},31,30,35")
-    (folder / "groundtruth_rect.txt").write_text("\n".join(rows) + "\n")
-    return folder
-
-
 @pytest.mark.slow
 def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(
-    labelled: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    labelled_square: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(single, "GENERATED", ((0, 1),))
     out, cache = tmp_path / "out", tmp_path / "cache"
-    words = ["multi-correlation-filter", "--data", str(labelled), "--cache", str(cache)]
+    words = ["multi-correlation-filter", "--data", str(labelled_square), "--cache", str(cache)]
     words += ["--seeds", "1", "--sweep-seeds", "1"]
     assert main([*words, "--out", str(out)]) == 0
     files = {path.name for path in out.iterdir()}

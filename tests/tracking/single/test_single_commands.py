@@ -12,26 +12,9 @@ from tsuiseki.tracking.report import drawing
 from tsuiseki.tracking.single.settings import METHODS
 
 
-@pytest.fixture(scope="module")
-def labelled(tmp_path_factory):
-    """An OTB folder of a bright square on noise."""
-    folder = tmp_path_factory.mktemp("otb") / "Square"
-    (folder / "img").mkdir(parents=True)
-    rows = []
-    noise = np.random.default_rng(0).integers(0, 90, (100, 140, 3), dtype=np.uint8)
-    for t in range(8):
-        image = noise.copy()
-        cv2.rectangle(image, (20 + 3 * t, 30), (49 + 3 * t, 64), (40, 200, 240), -1)
-        cv2.circle(image, (35 + 3 * t, 45), 8, (200, 30, 30), -1)
-        cv2.imwrite(str(folder / "img" / f"{t + 1:04d}.png"), image)
-        rows.append(f"{21 + 3 * t},31,30,35")
-    (folder / "groundtruth_rect.txt").write_text("\n".join(rows) + "\n")
-    return folder
-
-
-def test_track_and_evaluate(labelled, tmp_path, capsys):
+def test_track_and_evaluate(labelled_square, tmp_path, capsys):
     out = tmp_path / "Square"
-    assert main(["track", "single", str(labelled), "--out", str(out), "--plot", "--overlay"]) == 0
+    assert main(["track", "single", str(labelled_square), "--out", str(out), "--plot", "--overlay"]) == 0
     assert {p.name for p in out.iterdir()} == {
         "boxes.txt",
         "report",
@@ -47,24 +30,27 @@ def test_track_and_evaluate(labelled, tmp_path, capsys):
     capsys.readouterr()
     scores = tmp_path / "scores.json"
     curves = tmp_path / "curves.png"
-    command = ["evaluate", "single", str(labelled), str(out), "--json", str(scores), "--plot", str(curves)]
+    command = ["evaluate", "single", str(labelled_square), str(out), "--json", str(scores), "--plot", str(curves)]
     assert main(command) == 0
     assert "precision at 20 px" in capsys.readouterr().out
     assert json.loads(scores.read_text())["Square"]["groups"]["ALL"]["auc"] > 0.7
     assert curves.stat().st_size > 0
 
 
-def test_a_box_without_labels(labelled, tmp_path):
-    words = ["track", "single", str(labelled / "img"), "--out", str(tmp_path / "o"), "--method", "kcf"]
+def test_a_box_without_labels(labelled_square, tmp_path):
+    words = ["track", "single", str(labelled_square / "img"), "--out", str(tmp_path / "o"), "--method", "kcf"]
     assert main([*words, "--box", "20,30,30,35", "--frames", "1-4"]) == 0
     assert len((tmp_path / "o" / "boxes.txt").read_text().splitlines()) == 4
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_one_interrupt_ends_the_wait_for_a_drawn_box(labelled, tmp_path, monkeypatch, number):
+def test_one_interrupt_ends_the_wait_for_a_drawn_box(labelled_square, tmp_path, monkeypatch, number):
     monkeypatch.setattr(drawing, "_has_display", lambda: True)
     monkeypatch.setattr(drawing.webbrowser, "open", lambda _: signal.raise_signal(number))
-    assert main(["track", "single", str(labelled / "img"), "--select", "--out", str(tmp_path / "o")]) == 128 + number
+    assert (
+        main(["track", "single", str(labelled_square / "img"), "--select", "--out", str(tmp_path / "o")])
+        == 128 + number
+    )
     assert not (tmp_path / "o").exists()
 
 
@@ -89,8 +75,8 @@ def test_one_interrupt_ends_the_wait_for_a_drawn_box(labelled, tmp_path, monkeyp
         (["--box", "20,20,9,9", "--method", "struck"], "--method"),
     ],
 )
-def test_wrong_requests_are_one_line_and_status_2(labelled, tmp_path, capsys, options, said):
-    assert main(["track", "single", str(labelled / "img"), "--out", str(tmp_path / "o"), *options]) == 2
+def test_wrong_requests_are_one_line_and_status_2(labelled_square, tmp_path, capsys, options, said):
+    assert main(["track", "single", str(labelled_square / "img"), "--out", str(tmp_path / "o"), *options]) == 2
     error = capsys.readouterr().err.strip().splitlines()
     assert said in error[-1]
     assert not (tmp_path / "o").exists()
@@ -104,9 +90,9 @@ def constant(folder, sizes):
     return folder
 
 
-def test_a_video_that_changes_its_size_is_one_line(labelled, tmp_path, capsys):
+def test_a_video_that_changes_its_size_is_one_line(labelled_square, tmp_path, capsys):
     folder = constant(tmp_path / "v", [(90, 120)] * 3)
-    for k, image in enumerate(sorted((labelled / "img").iterdir())[:2]):
+    for k, image in enumerate(sorted((labelled_square / "img").iterdir())[:2]):
         (folder / f"{k + 1:04d}.png").write_bytes(image.read_bytes())
     out = tmp_path / "o"
     assert main(["track", "single", str(folder), "--out", str(out), "--box", "20,30,30,35"]) != 0
@@ -117,7 +103,7 @@ def test_a_video_that_changes_its_size_is_one_line(labelled, tmp_path, capsys):
 
 
 @pytest.mark.parametrize("method", METHODS)
-def test_constant_images_are_refused_at_the_start_and_followed_later(labelled, tmp_path, capsys, method):
+def test_constant_images_are_refused_at_the_start_and_followed_later(labelled_square, tmp_path, capsys, method):
     folder = constant(tmp_path / "v", [(100, 140)] * 4)
     words = ["track", "single", str(folder), "--out", str(tmp_path / "o"), "--box", "20,30,30,35", "--method", method]
     assert main(words) == 2
@@ -125,40 +111,45 @@ def test_constant_images_are_refused_at_the_start_and_followed_later(labelled, t
     assert said.endswith(
         "frame 1: expected a picture of the target, got one colour everywhere; start at a later frame with --frames"
     )
-    first = sorted((labelled / "img").iterdir())[0]
+    first = sorted((labelled_square / "img").iterdir())[0]
     (folder / "0001.png").write_bytes(first.read_bytes())
     assert main(words) == 0
     assert np.isfinite(np.loadtxt(tmp_path / "o" / "boxes.txt", delimiter=",")).all()
 
 
-def test_the_network_of_people_is_not_asked_about_a_square(labelled, tmp_path, capsys):
-    words = ["track", "single", str(labelled), "--frames", "1-4", "--recognise", "--method", "kcf"]
+def test_the_network_of_people_is_not_asked_about_a_square(labelled_square, tmp_path, capsys):
+    words = ["track", "single", str(labelled_square), "--frames", "1-4", "--recognise", "--method", "kcf"]
     assert main([*words, "--out", str(tmp_path / "square")]) == 0
     assert "the network of people was not asked" in capsys.readouterr().err
     assert main([*words, "--out", str(tmp_path / "upright"), "--box", "25,20,15,45"]) == 0
     assert "not asked" not in capsys.readouterr().err
 
 
-def test_a_result_of_another_length_is_said(labelled, tmp_path, capsys):
+def test_a_result_of_another_length_is_said(labelled_square, tmp_path, capsys):
     (tmp_path / "r.txt").write_text("21,31,30,35\n" * 3)
-    assert main(["evaluate", "single", str(labelled), str(tmp_path / "r.txt")]) == 0
+    assert main(["evaluate", "single", str(labelled_square), str(tmp_path / "r.txt")]) == 0
     assert "3 results for 8 boxes: the frames without one are misses" in capsys.readouterr().err
 
 
 @pytest.mark.slow
-def test_objectness_is_learnt_from_folders_and_needs_enough_boxes(labelled, tmp_path, capsys):
+def test_objectness_is_learnt_from_folders_and_needs_enough_boxes(labelled_square, tmp_path, capsys):
     pytest.importorskip("sklearn", reason="training needs the train extra")
     words = ["train", "objectness", "--out", str(tmp_path / "m.json"), "--interval", "1"]
-    assert main([*words, "--data", str(labelled)]) == 2
+    assert main([*words, "--data", str(labelled_square)]) == 2
     assert "expected at least 20 labelled boxes" in capsys.readouterr().err
     assert not (tmp_path / "m.json").exists()
-    assert main([*words, "--data", ",".join([str(labelled)] * 4), "--test", str(labelled), "--plot", "r.txt"]) == 2
-    assert main([*words, "--data", ",".join([str(labelled)] * 4), "--test", str(labelled)]) == 0
+    assert (
+        main(
+            [*words, "--data", ",".join([str(labelled_square)] * 4), "--test", str(labelled_square), "--plot", "r.txt"]
+        )
+        == 2
+    )
+    assert main([*words, "--data", ",".join([str(labelled_square)] * 4), "--test", str(labelled_square)]) == 0
     assert "windows  boxes found" in capsys.readouterr().out
     track = [
         "track",
         "single",
-        str(labelled),
+        str(labelled_square),
         "--objectness",
         str(tmp_path / "m.json"),
         "--preset",
