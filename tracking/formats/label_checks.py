@@ -1,21 +1,101 @@
-"""What all labelled boxes are asked: which class counts, and whether they can be pixels of the picture."""
+"""What all labels are asked: which can be used, which class counts, and whether boxes can be pixels of the picture.
+
+Labels that cannot be used are left out, counted and named; where most of a file are so, it is refused.
+"""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.geometry import areas, clip_boxes
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.class_choice import PERSON_NAMES, ClassChoice
 
 # What asks for people as every layout counts them.
 PEOPLE = "person"
+Entry = TypeVar("Entry")
+Label = TypeVar("Label")
+# Share of the labels of a file above which it is refused, if they cannot be used.
+MOST_UNUSABLE = 0.5
+# Reasons that a message lists.
+LISTED = 4
+
+
+class UnusableError(ValueError):
+    """A label cannot be used; the text says why as it stands after a number, such as "without an area"."""
+
+
+@dataclass
+class Sieve:
+    """Keeps the labels of a file that can be used; those that cannot be are left out, counted and named.
+
+    Attributes:
+        where: they are read, for messages.
+        what: they are, in words.
+        total: how many there were so far.
+        left_out: by reason how many were left out, and the name of the first.
+        mended: likewise, of those that are used as something else than what the file says.
+    """
+
+    where: object
+    what: str = "labelled boxes"
+    total: int = 0
+    left_out: dict[str, tuple[int, str]] = field(default_factory=dict)
+    mended: dict[str, tuple[int, str]] = field(default_factory=dict)
+
+    def read(self, entries: Iterable[tuple[str, Entry]], label_of: Callable[[str, Entry], Label]) -> Iterator[Label]:
+        """The labels of named entries, but for those for which ``label_of`` raises `UnusableError`."""
+        for name, entry in entries:
+            self.total += 1
+            try:
+                yield label_of(name, entry)
+            except UnusableError as error:
+                _count(self.left_out, str(error), name)
+
+    def usable(self, names: Sequence[str], *cases: tuple[BoolArray, str]) -> BoolArray:
+        """``(N,)`` the rows of which no case is true; a case says which rows cannot be used, and why."""
+        self.total += len(names)
+        bad = np.zeros(len(names), dtype=np.bool_)
+        for case, reason in cases:
+            for row in np.flatnonzero(case & ~bad).tolist():
+                _count(self.left_out, reason, names[row])
+            bad |= case
+        return ~bad
+
+    def mend(self, name: str, reason: str) -> None:
+        """Count a label that is used as something else, which the reason says after a number."""
+        _count(self.mended, reason, name)
+
+    def tell(self) -> None:
+        """Warn of labels that were left out or mended; raises RequestError where most of them cannot be used."""
+        omitted = sum(count for count, _ in self.left_out.values())
+        if omitted > MOST_UNUSABLE * self.total:
+            raise RequestError(
+                f"{self.where}: expected {self.what} that can be used, but {omitted} of {self.total} cannot: "
+                f"{_listed(self.left_out)}; mend the file"
+            )
+        for reasons, result in ((self.left_out, "are left out"), (self.mended, "are not used as they stand")):
+            if reasons:
+                count = sum(count for count, _ in reasons.values())
+                line = f"{count} of {self.total} {self.what} {result}: {_listed(reasons)}"
+                warnings.warn(f"{self.where}: {line}", InputWarning, stacklevel=3)
+
+
+def _count(reasons: dict[str, tuple[int, str]], reason: str, name: str) -> None:
+    count, first = reasons.get(reason, (0, name))
+    reasons[reason] = count + 1, first
+
+
+def _listed(reasons: Mapping[str, tuple[int, str]]) -> str:
+    parts = [f"{n} {reason} ({'the first ' if n > 1 else ''}{name})" for reason, (n, name) in reasons.items()]
+    return ", ".join([*parts[:LISTED], *(["…"] if len(parts) > LISTED else [])])
 
 
 class NothingLabelledError(RequestError):

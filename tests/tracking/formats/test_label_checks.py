@@ -10,7 +10,7 @@ import pytest
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.result_files import match_results, read_truths
-from tsuiseki.tracking.formats.label_checks import compare_with_picture
+from tsuiseki.tracking.formats.label_checks import Sieve, UnusableError, compare_with_picture
 from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.single import read_boxes
 from tsuiseki.tracking.people.given_detections import given_detections
@@ -106,3 +106,44 @@ def test_the_picture_of_a_video_and_of_labels_is_compared(tmp_path: Path) -> Non
     (sequence / "gt/gt.txt").write_text(rows_of(corners, "gt.txt"))
     with pytest.raises(RequestError, match=r"S: .* fit as corners"):
         read_truths(sequence)
+
+
+def test_what_cannot_be_used_is_left_out_counted_and_named() -> None:
+    sieve = Sieve("a.json")
+
+    def label_of(name: str, entry: int) -> int:
+        if entry % 3 == 0:
+            raise UnusableError("divisible by 3")
+        if entry == 1:
+            sieve.mend(name, "taken as 1.5")
+        return entry
+
+    assert list(sieve.read([(f"entry {n}", n) for n in range(8)], label_of)) == [1, 2, 4, 5, 7]
+    usable = sieve.usable(["line 9", "line 10"], (np.array([False, True]), "without an area"))
+    assert usable.tolist() == [True, False]
+    with pytest.warns(InputWarning) as said:
+        sieve.tell()
+    assert [str(line.message) for line in said] == [
+        "a.json: 4 of 10 labelled boxes are left out: "
+        "3 divisible by 3 (the first entry 0), 1 without an area (line 10)",
+        "a.json: 1 of 10 labelled boxes are not used as they stand: 1 taken as 1.5 (entry 1)",
+    ]
+
+
+def test_a_file_of_which_most_cannot_be_used_is_refused() -> None:
+    sieve = Sieve("a.txt", "rows")
+    for number in range(6):
+        sieve.usable([f"line {number}"], (np.ones(1, np.bool_), f"of kind {number}"))
+    message = r"a.txt: expected rows that can be used, but 6 of 6 cannot: 1 of kind 0 \(line 0\), .*kind 3.*, …; mend"
+    with pytest.raises(RequestError, match=message):
+        sieve.tell()
+
+
+def test_half_of_a_file_may_be_unusable_and_nothing_is_said_of_a_good_one() -> None:
+    sieve = Sieve("a.txt", "rows")
+    sieve.usable(["line 1", "line 2"], (np.array([True, False]), "of no use"))
+    with pytest.warns(InputWarning, match="1 of 2 rows are left out"):
+        sieve.tell()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Sieve("b.txt").tell()
