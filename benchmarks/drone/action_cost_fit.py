@@ -44,7 +44,7 @@ from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.weights import DRONE_DETECTOR, shipped
-from tsuiseki.trainers.association.videos import match_boxes
+from tsuiseki.trainers.flow.videos import match_boxes
 
 
 @dataclass(frozen=True)

@@ -20,12 +20,12 @@ from benchmarks.papers.tables import Table
 from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
-from tsuiseki.trainers.association.flow_loss import FlowLoss, finite
-from tsuiseki.trainers.association.graphs import DetectedVideo, Graphs, sequence_graphs
-from tsuiseki.trainers.association.training import AssociationTraining
-from tsuiseki.trainers.association.windows import RandomWindows, affordable
+from tsuiseki.trainers.association import Association
 from tsuiseki.trainers.exporting.export_costs import export_association
-from tsuiseki.trainers.networks.modules import WarmupCosine
+from tsuiseki.trainers.flow.flow_loss import FlowLoss, finite
+from tsuiseki.trainers.flow.graphs import DetectedVideo, Graphs, sequence_graphs
+from tsuiseki.trainers.flow.windows import RandomWindows, affordable
+from tsuiseki.trainers.network_module import WarmupCosine
 
 DEFAULT, BOTH = "default", "both losses"
 LOSSES = {"Fenchel-Young": FlowLoss("fenchel_young"), "hinge": FlowLoss("hinge"), BOTH: FlowLoss()}
@@ -50,9 +50,7 @@ Fits: TypeAlias = Mapping[str, Callable[[Fold], list[FloatArray]]]
 """Sums of the sequences that are tracked, by how costs are learnt."""
 
 
-def fitted(
-    module: AssociationTraining, graphs: Sequence[Graphs], steps: int, seconds: float = 2.0
-) -> AssociationTraining:
+def fitted(module: Association, graphs: Sequence[Graphs], steps: int, seconds: float = 2.0) -> Association:
     """A module, whatever networks it has, after ``steps`` windows of so many seconds of the graphs of sequences.
 
     Raises:
@@ -123,7 +121,7 @@ def fold_sums(loss: FlowLoss, steps: int, fold: Fold) -> list[FloatArray]:
     """``(83,)`` sums of each tested sequence, tracked by costs that so many windows of the others taught."""
     graphs = [g for g in map(sequence_networks, fold[0]) if len(g.detections) and len(g.detections.tail)]
     torch.manual_seed(0)
-    module = fitted(AssociationTraining(loss=loss), graphs, steps)
+    module = fitted(Association(loss=loss), graphs, steps)
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "costs.onnx"
         export_association(module.network.eval(), path)

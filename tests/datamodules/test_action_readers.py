@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 
+from tsuiseki.datamodules.action import ActionData
 from tsuiseki.datamodules.action_crops import CropSettings, action_sequences, frame_reader
-from tsuiseki.datamodules.action_data import ActionData
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES

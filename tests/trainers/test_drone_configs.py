@@ -19,8 +19,8 @@ from tsuiseki.models.detector import people_detector
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Detector
-from tsuiseki.trainers.networks.detector_network import take_over
-from tsuiseki.trainers.networks.fit import fit_action, fit_appearance, fit_detector
+from tsuiseki.trainers.detector_network import take_over
+from tsuiseki.trainers.fit import fit_action, fit_appearance, fit_detector
 
 CONFIGS = Path(str(resources.files("tsuiseki.configs")))
 TINY = ["--trainer.accelerator=cpu", "--trainer.max_epochs=1", "--trainer.limit_val_batches=1", "--data.workers=0"]

@@ -30,11 +30,11 @@ SIMULATE = {
     "sprites": "people rendered from body meshes, for the pictures that detectors learn from",
 }
 TRAIN = {
-    "detector": (".networks.fit:fit_detector", "where people are"),
-    "appearance": (".networks.fit:fit_appearance", "what they look like"),
-    "action": (".networks.fit:fit_action", "what they do"),
-    "affinity": (".association.affinity_fit:fit_affinity", "whether two detections are the same person"),
-    "association": (".networks.fit:fit_association", "who follows whom, by whole tracks"),
+    "detector": (".fit:fit_detector", "where people are"),
+    "appearance": (".fit:fit_appearance", "what they look like"),
+    "action": (".fit:fit_action", "what they do"),
+    "affinity": (".affinity:fit_affinity", "whether two detections are the same person"),
+    "association": (".fit:fit_association", "who follows whom, by whole tracks"),
     "objectness": (".train_objectness:train_objectness", "which boxes look like an object"),
     "body": (".learn_body:train_body", "a body that bends, from silhouettes"),
     "motion": (".learn_motion:train_motion", "how a body that bends moves, from its tracks"),
@@ -100,7 +100,7 @@ COMMANDS: Mapping[str, tuple[str, str] | tuple[str, str, Commands]] = {
     "convert": ("tracking.cli.convert:convert", "write a result into the file of another program"),
 }
 # Functions that take the words as they are, for Lightning.
-FORWARDED = "trainers.networks.fit:"
+FORWARDED = "trainers.fit:"
 
 
 def _converted(kind: Any, tokens: Sequence[Any]) -> Any:

@@ -12,7 +12,7 @@ import torch
 from lightning.pytorch.callbacks import Callback, EMAWeightAveraging, ModelCheckpoint
 
 from tsuiseki.datamodules.augmentation import Augmentation
-from tsuiseki.datamodules.detection_data import Composition, DetectionData
+from tsuiseki.datamodules.detector import Composition, DetectionData
 from tsuiseki.datamodules.training_images import TrainingSource
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.tiles import view_of
@@ -22,12 +22,12 @@ from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.tracking.types import Detections, ImageArray
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.watch import HELD_OUT, KEPT_BACK, Watched
+from tsuiseki.trainers.detector import Detector, DetectorOptimisation, detections
+from tsuiseki.trainers.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
 from tsuiseki.trainers.exporting.export import export_onnx, load_module, quiet
 from tsuiseki.trainers.exporting.export_networks import RawHeads
 from tsuiseki.trainers.exporting.exported_weights import ExportedLayout
-from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
-from tsuiseki.trainers.networks.detector_training import DetectorOptimisation, DetectorTraining, detections
-from tsuiseki.trainers.networks.modules import interruptible
+from tsuiseki.trainers.network_module import interruptible
 
 # Windows of a step, as large as the detector's input.
 BATCH_SIZE = 6
@@ -80,7 +80,7 @@ def fine_tune(
     if done.is_file():
         return done
     lightning.seed_everything(settings.seed + round_, verbose=False)
-    module = DetectorTraining(
+    module = Detector(
         **layout.arguments,
         start=start,
         loss="quality",
@@ -169,7 +169,7 @@ def export_calibrated(
     Returns:
         Scale and shift of the logit; 1 and 0 where all detections there are right, or none is.
     """
-    module = load_module(DetectorTraining, checkpoint, size)
+    module = load_module(Detector, checkpoint, size)
     network = module.network.to(memory_format=torch.contiguous_format)
     fitted = _calibration(TorchDetector(module), videos, view)
     calibration = fitted or (1.0, 0.0)
@@ -196,7 +196,7 @@ class TorchDetector:
         module: evaluated, not trained, here.
     """
 
-    def __init__(self, module: DetectorTraining) -> None:
+    def __init__(self, module: Detector) -> None:
         self.module = module.eval()
 
     @property

@@ -17,12 +17,12 @@ from skl2onnx.common.data_types import FloatTensorType
 from sklearn.ensemble import HistGradientBoostingClassifier
 from threadpoolctl import threadpool_limits
 
-from tsuiseki.models.association_network import AssociationNetwork
+from tsuiseki.models.association import AssociationNetwork
 from tsuiseki.tracking.association.learnt_costs import CostNetwork, FeatureNames
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.onnx import ModelCard, OnnxModel
 from tsuiseki.tracking.types import FloatArray
-from tsuiseki.trainers.association.training import PLANNED, PLANNED_STEPS, AssociationTraining
+from tsuiseki.trainers.association import PLANNED, PLANNED_STEPS, Association
 from tsuiseki.trainers.exporting.export import ModelFile, convert_module, load_module, write_checked
 from tsuiseki.trainers.exporting.export_networks import write_appearance, write_heads
 
@@ -69,7 +69,7 @@ def export_trained(
         RequestError: a missing or foreign file, a training that has not taken a step or has not ended, or one without
             the network that is asked for.
     """
-    module = load_module(AssociationTraining, checkpoint)
+    module = load_module(Association, checkpoint)
     _check_ended(checkpoint, unfinished)
     network = module.network
     if not any(part.linear.weight.any() for part in (network.links, network.detections, network.joins)):

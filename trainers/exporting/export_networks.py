@@ -12,23 +12,23 @@ import torch
 from pydantic import PositiveInt
 from torch import Tensor, nn
 
-from tsuiseki.models.action_network import FusedProbability, StreamProbability
+from tsuiseki.models.action import FusedProbability, StreamProbability
 from tsuiseki.models.backbones import TrunkName, build_trunk
 from tsuiseki.models.detector import AnchorDetector, OneClass, people_detector
 from tsuiseki.models.ssd import CocoArchitecture, coco_person_detector
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features import exported
 from tsuiseki.tracking.features.action import StreamName
-from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.fields import HIDDEN
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
+from tsuiseki.trainers.action import Action
+from tsuiseki.trainers.appearance import Appearance
+from tsuiseki.trainers.detector import Detector
+from tsuiseki.trainers.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
+from tsuiseki.trainers.detector_network import COCO_NORMALISATIONS, FIXED_SIDES, detector_card, take_over
 from tsuiseki.trainers.exporting.export import ModelFile, ModelFiles, export_onnx, load_module
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
-from tsuiseki.trainers.networks.action_training import ActionTraining
-from tsuiseki.trainers.networks.appearance_training import AppearanceTraining
-from tsuiseki.trainers.networks.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
-from tsuiseki.trainers.networks.detector_network import COCO_NORMALISATIONS, FIXED_SIDES, detector_card, take_over
-from tsuiseki.trainers.networks.detector_training import DetectorTraining
 
 OUTPUTS = ("logits", "offsets", "anchors")
 
@@ -116,7 +116,7 @@ def _trained(checkpoint: Path, size: tuple[int, int] | None) -> tuple[AnchorDete
     try:
         if checkpoint.suffix == ".onnx":
             return _exported(checkpoint, size)
-        module = load_module(DetectorTraining, checkpoint, size)
+        module = load_module(Detector, checkpoint, size)
     except ValueError as error:  # the network does not take this size
         raise RequestError(str(error)) from error
     return module.network, module.card
@@ -190,7 +190,7 @@ def write_heads(
         with tempfile.TemporaryDirectory() as folder:
             raw = Path(folder) / "raw.onnx"
             export_onnx(RawHeads(network), card, raw, example, OUTPUTS)
-            calibration = fit_calibration(*matched_scores(Detector(raw, LOWEST_SCORE), calibrate))
+            calibration = fit_calibration(*matched_scores(exported.Detector(raw, LOWEST_SCORE), calibrate))
         card = dataclasses.replace(card, settings={**card.settings, "score_calibration": list(calibration)})
     heads = RawHeads(network, calibration)
     return export_onnx(heads, card, output.out, example, OUTPUTS, output.float16, output.overwrite)
@@ -209,12 +209,12 @@ def export_appearance(output: ModelFile, checkpoint: Path) -> float:
         RequestError: a missing or foreign file.
         RunError: the exported file does not give what torch gives.
     """
-    difference = write_appearance(load_module(AppearanceTraining, checkpoint), output)
+    difference = write_appearance(load_module(Appearance, checkpoint), output)
     output.report(output.out, difference)
     return difference
 
 
-def write_appearance(module: AppearanceTraining, output: ModelFile) -> float:
+def write_appearance(module: Appearance, output: ModelFile) -> float:
     """Write the appearance network of a training; the largest relative difference to torch."""
     card = dataclasses.replace(module.card, training_data=output.training_data)
     network = module.network.to(memory_format=torch.contiguous_format)
@@ -239,7 +239,7 @@ def export_action(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
         RequestError: a missing or foreign file.
         RunError: an exported file does not give what torch gives.
     """
-    module = load_module(ActionTraining, checkpoint)
+    module = load_module(Action, checkpoint)
     groups: dict[str, tuple[StreamName, ...]] = {name: (name,) for name in module.inputs}
     groups |= {"fused": tuple(module.inputs)} if module.fused else {}
     paths = {name: output.out.with_name(f"{output.out.stem}_{name}.onnx") for name in groups}

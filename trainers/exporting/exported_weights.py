@@ -43,7 +43,7 @@ class ExportedLayout:
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """What `DetectorTraining` makes such a network of."""
+        """What `Detector` makes such a network of."""
         parts = {"trunk": self.trunk, "anchors": self.anchors, "channels": self.channels}
         return {**parts, "height": self.size[0], "width": self.size[1]}
 

@@ -23,9 +23,9 @@ from benchmarks.papers.end_to_end import (
     fold_sums,
 )
 from benchmarks.papers.store import Store
-from tests.trainers.association.crossing import crossing
+from tests.trainers.flow.crossing import crossing
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
-from tsuiseki.trainers.association.flow_loss import FlowLoss
+from tsuiseki.trainers.flow.flow_loss import FlowLoss
 
 LENGTH = 40
 

@@ -11,7 +11,7 @@ import pytest
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.box_labels import read_kitti
 from tsuiseki.tracking.formats.labelled import open_labelled
-from tsuiseki.trainers.association.videos import detected_videos
+from tsuiseki.trainers.flow.videos import detected_videos
 
 SPACE = "1.7 0.6 0.8 1.0 1.5 9.0 -1.6"
 ROWS = f"""\

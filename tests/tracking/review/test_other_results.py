@@ -18,7 +18,7 @@ from tsuiseki.tracking.review.reviewed import Reviewed
 from tsuiseki.tracking.review.session import Session
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.video.webm import VideoWriter
-from tsuiseki.trainers.association.videos import detected, labelled_sequences
+from tsuiseki.trainers.flow.videos import detected, labelled_sequences
 
 FRAMES, LOST = 100, slice(60, 90)
 

@@ -23,9 +23,9 @@ from tsuiseki.trainers.adapt.learn_detector import CHECKPOINT, TorchDetector, fi
 from tsuiseki.trainers.adapt.settings import AdaptSettings
 from tsuiseki.trainers.adapt.track_labels import label
 from tsuiseki.trainers.adapt.watch import HELD_OUT, Watched, watch, with_empty_view
+from tsuiseki.trainers.detector import Detector
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.exported_weights import layout_of
-from tsuiseki.trainers.networks.detector_training import DetectorTraining
 
 TINY = AdaptSettings(steps=5, threads=1)
 
@@ -53,15 +53,15 @@ def test_a_stopped_training_goes_on(watched: Watched, tmp_path: Path, monkeypatc
     layout = layout_of(start)
     small = replace(layout, size=(128, 192))
     steps: list[int] = []
-    step = DetectorTraining.training_step
+    step = Detector.training_step
 
-    def counted(self: DetectorTraining, batch: Any, index: int) -> Tensor:
+    def counted(self: Detector, batch: Any, index: int) -> Tensor:
         steps.append(index)
         if len(steps) == 3:
             raise Interrupted(signal.SIGTERM)
         return step(self, batch, index)
 
-    monkeypatch.setattr(DetectorTraining, "training_step", counted)
+    monkeypatch.setattr(Detector, "training_step", counted)
     before = signal.getsignal(signal.SIGINT)
     with pytest.raises(Interrupted) as stopped:
         fine_tune(start, small, [watched], 1, 1, tmp_path, TINY)
@@ -71,7 +71,7 @@ def test_a_stopped_training_goes_on(watched: Watched, tmp_path: Path, monkeypatc
     checkpoint = fine_tune(start, small, [watched], 1, 1, tmp_path, TINY)
     # Two steps were done and saved; the third was not.
     assert len(steps) == 3 + 3
-    module = load_module(DetectorTraining, checkpoint, layout.size)
+    module = load_module(Detector, checkpoint, layout.size)
     assert all(torch.isfinite(p).all() for p in module.parameters())
     found = TorchDetector(module).detect([watched.picture(0), watched.picture(3)])
     assert len(found) == 2

@@ -19,13 +19,13 @@ from torchvision.models.detection.ssdlite import ssdlite320_mobilenet_v3_large
 
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.features.exported import Detector
+from tsuiseki.tracking.features import exported
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard, OnnxModel
 from tsuiseki.tracking.preprocessing import fit_image
+from tsuiseki.trainers.detector import Detector, detections
 from tsuiseki.trainers.exporting import export
 from tsuiseki.trainers.exporting.export import ModelFile, export_onnx
 from tsuiseki.trainers.exporting.export_networks import OUTPUTS, RawHeads, blend_weights, export_detector
-from tsuiseki.trainers.networks.detector_training import DetectorTraining, detections
 
 CARD = ModelCard("appearance", "tiny", input_height=8, input_width=8, feature_length=6)
 EXAMPLE = torch.zeros(2, 3, 8, 8)
@@ -116,7 +116,7 @@ def test_an_existing_file_is_kept(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -> None:
     torch.manual_seed(0)
-    module = DetectorTraining(
+    module = Detector(
         trunk="mobilenet_v3_small", height=64, width=96, anchors=[[(12, 28)], [(20, 50)], [(30, 60)]], channels=16
     ).eval()
     checkpoint = tmp_path / "last.ckpt"
@@ -131,7 +131,7 @@ def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -
     path = tmp_path / "detector.onnx"
     words = ["--checkpoint", str(checkpoint), "--out", str(path), "--training-data", "noise"]
     assert main(["export", "detector", *words]) == 0
-    detector = Detector(path, score_threshold=0.0, threads=1)
+    detector = exported.Detector(path, score_threshold=0.0, threads=1)
     assert detector.model.card.training_data == "noise"
     assert detector.model.card.settings == {"variances": [0.1, 0.2]}
     rng = np.random.default_rng(0)
@@ -156,7 +156,7 @@ def test_blended_weights_are_the_mean_of_both(tmp_path: Path) -> None:
     networks = []
     for seed in (0, 1):
         torch.manual_seed(seed)
-        networks.append(DetectorTraining(height=64, width=64, anchors=anchors, channels=16).eval())
+        networks.append(Detector(height=64, width=64, anchors=anchors, channels=16).eval())
     path, card = tmp_path / "other.onnx", networks[0].card
     export_onnx(RawHeads(networks[1].network), card, path, torch.zeros(2, 3, 64, 64), OUTPUTS)
     own = networks[0].network.state_dict()["class_heads.0.1.weight"].clone()
@@ -174,7 +174,7 @@ def test_an_exported_detector_is_exported_again_for_another_input(tmp_path: Path
     """What the first file finds in a corner, the second finds there, too, whose input only reaches farther."""
     small, large = tmp_path / "small.onnx", tmp_path / "large.onnx"
     torch.manual_seed(0)
-    network = DetectorTraining(
+    network = Detector(
         trunk="mobilenet_v3_small", height=64, width=64, anchors=[[(12, 28)], [(20, 50)], [(30, 60)]], channels=16
     )
     # A training leaves no two layers with the same biases, which the file would hold once.
@@ -236,7 +236,7 @@ def test_coco_weights_become_a_person_detector(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(None, "found none"), (b"no checkpoint", "DetectorTraining"), ({"a": 1}, "DetectorTraining")],
+    [(None, "found none"), (b"no checkpoint", "Detector"), ({"a": 1}, "Detector")],
 )
 def test_what_is_no_checkpoint(tmp_path: Path, content: object, message: str) -> None:
     checkpoint = tmp_path / "x.ckpt"
@@ -269,7 +269,7 @@ def test_coco_without_a_connection(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 @pytest.mark.slow
 def test_a_checkpoint_is_scored_as_its_export_is(tmp_path: Path) -> None:
     torch.manual_seed(0)
-    module = DetectorTraining(trunk="mobilenet_v3_small", height=64, width=64, channels=16)
+    module = Detector(trunk="mobilenet_v3_small", height=64, width=64, channels=16)
     for head in module.network.class_heads:
         nn.init.zeros_(head[-1].bias)  # scores about a half, so that something is detected
     trainer = lightning.Trainer(max_epochs=0, accelerator="cpu", logger=False, enable_progress_bar=False)

@@ -10,7 +10,7 @@ import onnx
 import pytest
 import torch
 
-from tsuiseki.models.association_network import AssociationNetwork
+from tsuiseki.models.association import AssociationNetwork
 from tsuiseki.tracking.association.learnt_costs import CostNetwork, FeatureNames
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY

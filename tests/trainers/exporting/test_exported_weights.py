@@ -11,10 +11,10 @@ from tsuiseki.models.detector import people_detector
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.detector_network import detector_card, take_over
 from tsuiseki.trainers.exporting.export import export_onnx
 from tsuiseki.trainers.exporting.export_networks import RawHeads
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, layout_of, restore_normalisations
-from tsuiseki.trainers.networks.detector_network import detector_card, take_over
 
 SIZE = (64, 96)
 ANCHORS = [[(9.0, 22.0)], [(25.0, 64.0)], [(52.0, 132.0)]]

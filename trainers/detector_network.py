@@ -1,0 +1,241 @@
+"""The network of a person detector: built as configured, filled with weights of another, or taught by another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import torch
+from torch import Tensor
+
+from tsuiseki.models.anchors import VARIANCES
+from tsuiseki.models.backbones import TrunkName, build_trunk
+from tsuiseki.models.detector import AnchorDetector, BranchedDetector, branched_detector, people_detector
+from tsuiseki.models.losses import SoftTargets, soft_targets
+from tsuiseki.models.ssd import coco_start, ssd300, ssd512, ssdlite320
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.label_checks import PEOPLE
+from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.weights import shipped_or_file
+from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
+from tsuiseki.trainers.network_module import read_checkpoint
+
+Architecture = Literal["people", "branched", "ssdlite320", "ssd300", "ssd512"]
+Resize = Literal["letterbox", "stretch"]
+Normalisation = Literal["imagenet", "symmetric", "bytes"]
+
+# Width and height of the input, pixels, of architectures that take no other.
+FIXED_SIDES = {"ssdlite320": 320, "ssd300": 300, "ssd512": 512}
+# Mean and standard deviation of the channels: of torchvision's classifiers, and of its two COCO detectors.
+_NORMALISATIONS: dict[Normalisation, tuple[tuple[float, ...], tuple[float, ...]]] = {
+    "imagenet": ((0.485, 0.456, 0.406), (0.229, 0.224, 0.225)),
+    "symmetric": ((0.5, 0.5, 0.5), (0.5, 0.5, 0.5)),
+    "bytes": ((0.48235, 0.45882, 0.40784), (1 / 255, 1 / 255, 1 / 255)),
+}
+COCO_NORMALISATIONS: dict[str, Normalisation] = {"ssdlite320": "symmetric", "ssd300": "bytes"}
+_LAYOUT = ("architecture", "trunk", "anchors", "channels")
+
+
+def build_detector(
+    architecture: Architecture,
+    trunk: TrunkName,
+    weights: Literal["imagenet", "coco"] | None,
+    size: tuple[int, int],
+    anchors: list[list[tuple[float, float]]],
+    channels: int,
+    classes: int = 1,
+) -> AnchorDetector:
+    """The detector of a number of classes that a configuration names.
+
+    Raises:
+        RequestError: the parts do not fit together, or weights cannot be downloaded.
+    """
+    side = FIXED_SIDES.get(architecture)
+    if side is not None and size != (side, side):
+        raise RequestError(f"{architecture} takes {side}x{side} images, got height {size[0]} and width {size[1]}")
+    if weights == "coco" and architecture not in ("ssdlite320", "ssd300"):
+        raise RequestError(f"weights coco exist for ssdlite320 and ssd300, not for {architecture}")
+    if architecture == "branched" and (classes > 1 or weights is not None):
+        raise RequestError(
+            "a branched detector is of people alone and starts from one; expected one class, no `weights`"
+        )
+    if weights == "coco" and classes > 1:
+        raise RequestError("weights coco start a detector of people alone; give `start` for other classes")
+    try:
+        if weights == "coco":
+            return coco_start("ssd300" if architecture == "ssd300" else "ssdlite320")
+        start: Literal["imagenet"] | None = "imagenet" if weights == "imagenet" else None
+        # A type checker sees where an architecture has no case.
+        match architecture:
+            case "people":
+                return people_detector(build_trunk(trunk, start), size, anchors, channels, classes)
+            case "branched":
+                return branched_detector(build_trunk(trunk), size, anchors, channels)
+            case "ssdlite320":
+                return ssdlite320(classes, trunk=None if start is None else build_trunk("mobilenet_v3_large", start))
+            case "ssd300":
+                return ssd300(classes, trunk=build_trunk("vgg16", start))
+            case "ssd512":
+                return ssd512(classes, trunk=build_trunk("vgg16", start))
+    except (ValueError, ConnectionError) as error:
+        raise RequestError(str(error)) from error
+
+
+def take_over(network: AnchorDetector, checkpoint: Path) -> list[str]:
+    """Fill ``network`` with the tensors of a detector's ``checkpoint`` that fit; names of those that it has not got.
+
+    Every class of ``network`` starts as people, where the checkpoint is of them alone.
+
+    Args:
+        network: to fill.
+        checkpoint: of a training, or a detector that was exported from one (``.onnx``).
+
+    Raises:
+        RequestError: the file is missing or no checkpoint, or no tensor fits.
+    """
+    if not checkpoint.is_file():
+        raise RequestError(f"expected a checkpoint to start from at {checkpoint}, found none")
+    if checkpoint.suffix == ".onnx":
+        weights = exported_weights(checkpoint)
+    else:
+        state = read_checkpoint(checkpoint, "state_dict")
+        weights = {name.removeprefix("network."): value for name, value in state.items()}
+    target = network.state_dict()
+    if network.classes > 1:
+        _suit_heads(weights, target, network.classes)
+    fitting = {name: value for name, value in weights.items() if name in target and target[name].shape == value.shape}
+    if not fitting:
+        raise RequestError(f"{checkpoint}: none of its weights fit this detector; start from one with the same trunk")
+    network.load_state_dict(fitting, strict=False)
+    # Exported files hold no counts of batches.
+    return [name for name in target if name not in fitting and not name.endswith("num_batches_tracked")]
+
+
+def begin_branch(network: BranchedDetector, path: Path, anchors: list[list[tuple[float, float]]]) -> None:
+    """Fill all of ``network`` but its branch with the whole detector of people at ``path``.
+
+    Args:
+        network: to fill.
+        path: checkpoint of a training, or a detector that was exported from one (``.onnx``).
+        anchors: of ``network``, six maps.
+
+    Raises:
+        RequestError: it is no such detector, or has another trunk or other anchors than the first three maps.
+    """
+    layout, _, _ = _described(path)
+    anchors_of_file = [[tuple(size) for size in sizes] for sizes in layout["anchors"]]
+    fits = layout["architecture"] == "people" and anchors_of_file == [
+        [tuple(size) for size in sizes] for sizes in anchors[:3]
+    ]
+    if not (fits and all(name.startswith("branch.") for name in take_over(network, path))):
+        raise RequestError(
+            f"{path}: expected a `start` of the architecture people with the trunk of the branched detector and the "
+            f"anchors of its first three maps, got trunk {layout['trunk']} and anchors {anchors_of_file}"
+        )
+
+
+def _suit_heads(weights: dict[str, Tensor], target: dict[str, Tensor], classes: int) -> None:
+    """Let each of the classes start as people, and each anchor that ``weights`` lack as one of those that they have."""
+    for name in [n for n in weights if n.startswith("box_heads") and n in target and weights[n].ndim > 0]:
+        kinds, count = name.replace("box", "class", 1), len(weights[name]) // 4
+        scores, boxes = weights.get(kinds), weights[name]
+        if scores is None or count == 0 or len(scores) not in (2 * count, (classes + 1) * count):
+            continue
+        rows = scores.view(count, -1, *scores.shape[1:])
+        if len(scores) == 2 * count:
+            rows = torch.cat((rows[:, :1], *[rows[:, 1:]] * classes), dim=1)
+        order = torch.arange(len(target[name]) // 4) % count
+        weights[kinds] = rows[order].flatten(0, 1)
+        weights[name] = boxes.view(count, 4, *boxes.shape[1:])[order].flatten(0, 1)
+
+
+def detector_card(
+    name: str,
+    size: tuple[int, int],
+    resize: Resize,
+    normalisation: Normalisation,
+    classes: Sequence[str] = (PEOPLE,),
+) -> ModelCard:
+    """What the exported detector will say about its input."""
+    mean, std = _NORMALISATIONS[normalisation]
+    return ModelCard(
+        kind="detector",
+        name=name,
+        class_names=tuple(classes),
+        input_height=size[0],
+        input_width=size[1],
+        resize=resize,
+        mean=mean,
+        std=std,
+        settings={"variances": list(VARIANCES)},
+    )
+
+
+@dataclass(frozen=True)
+class Teacher:
+    """A detector that teaches another one beside the labels.
+
+    Attributes:
+        file: checkpoint or exported detector of the same anchors; null for no teacher.
+        weight: of its part of the loss.
+    """
+
+    file: Path | None = None
+    weight: float = 1.0
+
+
+class SoftTeacher:
+    """Soft targets of a detector that does not learn; no part of the student's checkpoint.
+
+    Args:
+        path: exported detector or checkpoint. Its input may have another size, where its network takes any.
+        student: that is to learn; both must have the same anchors.
+        card: of the student; both must take pictures normalised alike.
+
+    Raises:
+        RequestError: the file is missing or no detector, or does not fit the student.
+    """
+
+    def __init__(self, path: Path, student: AnchorDetector, card: ModelCard) -> None:
+        path = shipped_or_file("detector", path)
+        if not path.is_file():
+            raise RequestError(f"expected a detector to teach at {path}, found none")
+        layout, teacher, self.calibration = _described(path)
+        if (teacher.mean, teacher.std) != (card.mean, card.std):
+            raise RequestError(f"{path}: expected a teacher that takes pictures normalised as the student does")
+        parts = layout["anchors"], layout["channels"]
+        self.network = build_detector(layout["architecture"], layout["trunk"], None, student.size, *parts)
+        anchors = self.network.anchors
+        if anchors.shape != student.anchors.shape or not torch.allclose(anchors, student.anchors):
+            raise RequestError(
+                f"{path}: expected a teacher with the anchors of the student, got {layout['anchors']}; give these as "
+                "model.anchors"
+            )
+        if take_over(self.network, path):
+            raise RequestError(f"{path}: expected a whole detector to learn from, got weights of a part")
+        if path.suffix == ".onnx":
+            fold_normalisations(self.network)
+        self.network.eval().requires_grad_(False).to(memory_format=torch.channels_last)
+
+    def targets(self, images: Tensor) -> SoftTargets:
+        """What the teacher detects in ``(B, 3, H, W)`` normalised images."""
+        network = self.network.to(images.device)
+        with torch.no_grad():
+            return soft_targets(network, images, self.calibration)
+
+
+def _described(path: Path) -> tuple[dict[str, Any], ModelCard, tuple[float, float]]:
+    """Arguments that the network in a file is built with, what it says about itself, and its calibration."""
+    if path.suffix == ".onnx":
+        layout = layout_of(path)
+        scale, shift = layout.card.settings.get("score_calibration", (1.0, 0.0))
+        return {"architecture": "people", **layout.arguments}, layout.card, (float(scale), float(shift))
+    parameters = read_checkpoint(path, "hyper_parameters")
+    if not parameters.keys() >= {*_LAYOUT, "height", "width", "resize", "normalisation"}:
+        raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector` to learn from")
+    card = detector_card(
+        "", (parameters["height"], parameters["width"]), parameters["resize"], parameters["normalisation"]
+    )
+    return {name: parameters[name] for name in _LAYOUT}, card, (1.0, 0.0)

@@ -1,0 +1,216 @@
+"""What all trainings share: how weights are moved, what checkpoints hold, and how pictures are normalised.
+
+The learning rate rises linearly and falls along a cosine; matrices and kernels decay.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+import pickle
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+import torch
+from lightning import LightningModule, Trainer
+from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
+from torch import Tensor, nn
+from torch.optim import SGD, AdamW, Optimizer
+from torch.optim.lr_scheduler import LambdaLR
+
+from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
+from tsuiseki.tracking.onnx import ModelCard
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Optimisation:
+    """How a training moves weights.
+
+    Attributes:
+        learning_rate: at the end of the warm-up.
+        weight_decay: of matrices and kernels; normalisations and biases have none.
+        warmup_steps: of linear rise of the learning rate.
+        final_share: share of the learning rate that the cosine decay ends with.
+        optimiser: ``adamw`` or ``sgd``.
+    """
+
+    learning_rate: float = 2e-3
+    weight_decay: float = 0.02
+    warmup_steps: int = 100
+    final_share: float = 0.01
+    optimiser: Literal["adamw", "sgd"] = "adamw"
+
+    def groups(self, module: nn.Module, share: float | None = None) -> list[dict[str, Any]]:
+        """The trained parameters in two groups: matrices and kernels, which decay, and the others, which do not.
+
+        Args:
+            module: whose parameters.
+            share: of the learning rate; None takes the optimiser's.
+        """
+        trained = [p for p in module.parameters() if p.requires_grad]
+        trunk: dict[str, Any] = {} if share is None else {"lr": self.learning_rate * share}
+        return [
+            {"params": [p for p in trained if p.ndim > 1], "weight_decay": self.weight_decay, **trunk},
+            {"params": [p for p in trained if p.ndim <= 1], "weight_decay": 0.0, **trunk},
+        ]
+
+    def scheduled(self, groups: list[dict[str, Any]], trainer: Trainer) -> OptimizerLRSchedulerConfig:
+        """The optimiser of the parameter ``groups`` under `WarmupCosine` over all steps of ``trainer``."""
+        optimiser: Optimizer
+        if self.optimiser == "sgd":
+            optimiser = SGD(groups, lr=self.learning_rate, momentum=0.9, nesterov=True)
+        else:
+            optimiser = AdamW(groups, lr=self.learning_rate)
+        total = max(int(trainer.estimated_stepping_batches), self.warmup_steps + 1)
+        falling = WarmupCosine(optimiser, self.warmup_steps, total, self.final_share)
+        return {"optimizer": optimiser, "lr_scheduler": {"scheduler": falling, "interval": "step"}}
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Lightning ends the process after an interrupt, as if it had failed; here the interrupt itself comes out.
+
+    Raises:
+        Interrupted: the user ended the training.
+    """
+    try:
+        yield
+    except SystemExit as error:
+        if isinstance(error.__context__, KeyboardInterrupt):
+            raise Interrupted(signal_of(error.__context__)) from error
+        raise
+
+
+def read_checkpoint(path: Path, part: Literal["hyper_parameters", "state_dict"]) -> dict[str, Any]:
+    """A part of the checkpoint of a detector, of which nothing but tensors and plain values is unpickled.
+
+    Raises:
+        RequestError: it is no such checkpoint.
+    """
+    try:
+        return dict(torch.load(path, map_location="cpu", weights_only=True)[part])
+    except (RuntimeError, KeyError, TypeError, EOFError, pickle.UnpicklingError) as error:
+        raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector`") from error
+
+
+def plain_hyperparameters(module: LightningModule) -> None:
+    """Let a checkpoint of ``module`` hold plain values alone, of which Lightning makes the settings again."""
+    for name, value in module.hparams.items():
+        module.hparams[name] = _plain(value)
+    module.hparams["_instantiator"] = "lightning.pytorch.cli.instantiate_module"
+
+
+def _plain(value: Any) -> Any:
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {name: _plain(part) for name, part in dataclasses.asdict(value).items()}
+    return str(value) if isinstance(value, Path) else value
+
+
+# Scores that the progress bar shows.
+_ON_BAR = ("ap50", "rank1", "map", "agreement", "mota", "switches")
+
+
+class NetworkModule(LightningModule):
+    """A training that is scored on all of its validation; ``Trainer.test`` does so under ``test/`` instead of ``val/``.
+
+    Attributes:
+        network: what learns.
+        optimisation: how its weights are moved.
+        validated: what validation steps have kept, one for each of the samples on this device.
+    """
+
+    network: Any
+    optimisation: Optimisation
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.validated: list[Any] = []
+
+    def scores(self, rows: list[Any]) -> dict[str, float]:
+        """The scores by their names, of what validation steps have kept on all devices."""
+        raise NotImplementedError
+
+    def on_validation_epoch_end(self) -> None:
+        """Log the scores."""
+        if not self.trainer.sanity_checking:
+            stage = "test" if self.trainer.testing else "val"
+            for name, value in self.scores(gathered(self, self.validated)).items():
+                self.log(f"{stage}/{name}", value, prog_bar=name in _ON_BAR, sync_dist=True)
+        self.validated = []
+
+    def test_step(self, batch: Any, batch_index: int) -> None:
+        self.validation_step(batch, batch_index)
+
+    def on_test_epoch_end(self) -> None:
+        self.on_validation_epoch_end()
+
+    def parameter_groups(self) -> list[dict[str, Any]]:
+        """What learns, and how fast."""
+        return self.optimisation.groups(self.network)
+
+    def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
+        """AdamW or SGD under a linear warm-up and a cosine decay over the whole training."""
+        return self.optimisation.scheduled(self.parameter_groups(), self.trainer)
+
+
+def gathered(module: LightningModule, rows: list[T]) -> list[T]:
+    """The ``rows`` of all devices together, as one device would have them.
+
+    Args:
+        module: on one of the devices, which Lightning gives every n-th sample of the validation.
+        rows: one for each of its samples, in their order.
+    """
+    if module.trainer.world_size == 1:
+        return rows
+    parts: list[list[T]] = [[] for _ in range(module.trainer.world_size)]
+    torch.distributed.all_gather_object(parts, rows)
+    # So that all have as many, the last samples are the first ones again.
+    samples: Any = module.trainer.test_dataloaders if module.trainer.testing else module.trainer.val_dataloaders
+    return [row for step in zip(*parts, strict=True) for row in step][: len(samples.dataset)]
+
+
+def normalised(images: Tensor, card: ModelCard) -> Tensor:
+    """``(B, C, H, W)`` as a network takes them, of ``(B, H, W, C)`` uint8 images; the ``card`` says how."""
+    mean, std = (255 * torch.tensor(values, device=images.device).view(1, -1, 1, 1) for values in (card.mean, card.std))
+    return (images.permute(0, 3, 1, 2).float() - mean) / std
+
+
+class WarmupCosine(LambdaLR):
+    """A linear rise to 1 and a cosine fall over the steps of a training, which may go on over more steps or fewer.
+
+    A checkpoint holds where the factor was. From there it falls to the final share over the steps that are left now, so
+    it never jumps; a training that had ended goes on at the final share.
+
+    Args:
+        optimiser: whose rates it sets.
+        warmup: steps of the rise.
+        total: steps of the training.
+        final_share: of the rate, in the end.
+    """
+
+    def __init__(self, optimiser: Optimizer, warmup: int, total: int, final_share: float) -> None:
+        self.warmup, self.total, self.final_share = warmup, total, final_share
+        # Where the fall began, and from what factor.
+        self.fall: tuple[int, float] = (warmup, 1.0)
+        super().__init__(optimiser, lambda step: self.factor(step))
+
+    def factor(self, step: int) -> float:
+        """What the optimiser's learning rate is multiplied by at ``step``."""
+        if step < self.warmup:
+            return (step + 1) / self.warmup
+        first, previous = self.fall
+        progress = min(1.0, (step - first) / max(self.total - first, 1))
+        return self.final_share + (previous - self.final_share) * (1 + math.cos(math.pi * progress)) / 2
+
+    def load_state_dict(self, state_dict: dict[str, Any]) -> None:
+        """Go on from a checkpoint, over the steps that this training has."""
+        total = self.total
+        super().load_state_dict(state_dict)
+        if total != self.total and self.last_epoch >= self.warmup:
+            self.fall = (self.last_epoch, self.factor(self.last_epoch))
+        self.total = total

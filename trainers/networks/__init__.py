@@ -1,1 +1,0 @@
-"""Training of the networks: detector, appearance and action."""
