@@ -15,7 +15,7 @@ def readme() -> None:
     for track in tracks:
         print(track.id, track.frames[0], track.boxes[0])  # x1, y1, x2, y2 in pixels
 
-    for frame, people in tsuiseki.follow_people(0, method="sort"):  # a webcam
+    for frame, people in tsuiseki.follow_people("street.mp4", method="sort"):  # frame by frame; 0 is a webcam
         print(frame.index, people.ids, people.boxes, people.status)
 
     tracker = tsuiseki.Sort(min_hits=1)  # boxes of your own detector

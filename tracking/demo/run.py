@@ -12,12 +12,14 @@ from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.devices import Device
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.fields import Threads
 from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.runs.run import Run
 
 if TYPE_CHECKING:
+    from tsuiseki.datamodules.scenes.street_clip import StreetClip
     from tsuiseki.tracking.report.page import Report
     from tsuiseki.tracking.types import Frame, ImageArray
     from tsuiseki.tracking.video.source import Source
@@ -27,6 +29,10 @@ REPORT_FILE, OVERLAY_FILE = "report.html", "overlay.webm"
 FRAMES = 180
 # Frames a second of the street.
 FRAME_RATE = 25.0
+# Pixels of the street.
+STREET_SIZE = (960, 540)
+# People around at a time on the street.
+STREET_PEOPLE = 14
 
 
 @dataclass(frozen=True, kw_only=True, config=SETTINGS)
@@ -39,7 +45,7 @@ class DemoOutput(SeededOutput):
     """
 
     out: Path = Path("out/demo")
-    seed: NonNegativeInt = 100
+    seed: NonNegativeInt = 118
 
 
 OUTPUT = DemoOutput()
@@ -53,6 +59,7 @@ def demo(
     output: DemoOutput = OUTPUT,
     scene: Literal["street", "drone"] = "street",
     frames: PositiveInt = FRAMES,
+    clip: Path | None = None,
     threads: Threads = 0,
     device: Device = "auto",
 ) -> int:
@@ -68,17 +75,45 @@ def demo(
     Args:
         scene: what is generated.
         frames: length of the clip.
+        clip: write the street alone, as a video .mp4 or .webm, and end.
         threads: CPU threads of the networks; 0 takes all.
         device: what the networks run on, as in track people.
     """
+    if clip is not None:
+        return _write_clip(clip, output, frames)
     make = _demo_drone if scene == "drone" else _demo_street
     return make(output, frames, threads, device)
+
+
+def _street(frames: int, seed: int) -> StreetClip:
+    """The street that the demo shows."""
+    from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
+
+    width, height = STREET_SIZE
+    return StreetClip(
+        StreetSettings(frames=frames, frame_rate=FRAME_RATE, width=width, height=height, people=STREET_PEOPLE), seed
+    )
+
+
+def _write_clip(path: Path, output: SeededOutput, frames: int) -> int:
+    """Write the street's pictures into a video."""
+    from tsuiseki.tracking.output import output_file
+    from tsuiseki.tracking.video.webm import ENCODERS, VideoWriter
+
+    if path.suffix.lower() not in ENCODERS:
+        raise RequestError(f"`clip`: expected the name of a video ending in {' or '.join(ENCODERS)}, got {path}")
+    with output_file(path, output.overwrite) as work:
+        street = _street(frames, output.seed)
+        with VideoWriter(work, FRAME_RATE) as writer:
+            for frame in progress(range(frames), "generating", frames):
+                writer.write(street.draw_frame(frame)[0][0])
+    print(f"{frames} frames: {path}")
+    return 0
 
 
 def _demo_street(output: SeededOutput, frames: int, threads: int, device: Device) -> int:
     """Generate a street, track it three ways, score and report."""
     from tsuiseki.datamodules.scenes.clip import write_clip
-    from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
     from tsuiseki.tracking import weights
     from tsuiseki.tracking.demo.page import STREET_METHODS, STREET_MODELS, street, street_report
     from tsuiseki.tracking.features.view_choice import report_models
@@ -90,7 +125,7 @@ def _demo_street(output: SeededOutput, frames: int, threads: int, device: Device
     with output.run() as run:
         models = {kind: weights.shipped(name) for kind, name in STREET_MODELS.items()}
         with run.times.measure("generate"):
-            planned = StreetClip(StreetSettings(frames=frames, frame_rate=FRAME_RATE), output.seed)
+            planned = _street(frames, output.seed)
             clip = write_clip(run.work / "street", planned, watch=lambda drawn: progress(drawn, "generating", frames))
         source = open_source(clip)
         inputs, trackers = street(source, models, threads, device)

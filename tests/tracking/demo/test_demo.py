@@ -40,6 +40,18 @@ def test_demo_leaves_a_result_for_each_method_and_a_report(tmp_path: Path, capsy
     assert "already holds" in capsys.readouterr().err
 
 
+def test_the_clip_alone_is_a_video_as_large_as_the_street(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    clip = tmp_path / "street.mp4"
+    assert main(["demo", "--clip", str(clip), "--frames", "3"]) == 0
+    assert str(clip) in capsys.readouterr().out
+    frames = list(open_source(clip).frames())
+    assert [frame.image.shape for frame in frames] == [(540, 960, 3)] * 3
+    assert main(["demo", "--clip", str(clip)]) == 2
+    assert main(["demo", "--clip", str(tmp_path / "street.avi")]) == 2
+    assert "ending in .webm or .mp4" in capsys.readouterr().err
+    assert sorted(tmp_path.iterdir()) == [clip]
+
+
 @pytest.mark.slow
 def test_demo_with_the_shipped_models(tmp_path: Path) -> None:
     """Some of the people are found, and followed."""
