@@ -1,17 +1,18 @@
 """People in several calibrated cameras over one floor: WILDTRACK, Shelf, and a plain CSV of boxes and feet.
 
-* WILDTRACK: a folder with ``viewN_NAME.csv``, ``floor.csv`` and ``calibrations``; frames are numbered by fives at 10
-  frames/s, the world is in centimetres in the calibration and in metres on the floor.
+* WILDTRACK: a folder with ``viewN_NAME.csv``, ``floor.csv`` and ``calibrations``; frames are numbered 0, 5, 10, … at
+  10 frames/s, the world is in centimetres in the calibration and in metres on the floor.
 * Shelf: a folder with ``cameraN_detections.csv``, ``truth.csv`` and ``calibration.json``; frames count from 1, their
   rate is not known and taken as 25/s.
 * CSV: ``frame,x1,y1,x2,y2`` in pixels from 0 and optionally ``score``, and ``ankle_u,ankle_v``, the middle of both
-  ankles; empty where they are not visible. Frames count from 1, or from 0 where there is a frame 0.
+  ankles; empty where they are not visible. Frames count from 1; in a column ``frame_idx`` instead, from 0.
 """
 
 from __future__ import annotations
 
 import json
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -96,20 +97,21 @@ class FloorFolder:
     truth: PlacedTruth
 
 
-def read_standing(path: Path, length: int | None = None, step: int = 1) -> list[StandingPeople]:
+def read_standing(
+    path: Path, length: int | None = None, frames_of: Callable[[NamedRows], IntArray] = NamedRows.frames
+) -> list[StandingPeople]:
     """The detections of one camera in a CSV.
 
     Args:
         path: of the file.
         length: number of frames; by default up to the last that has a detection.
-        step: between the numbers of two frames.
+        frames_of: gives the frames of its rows, from 0.
 
     Raises:
         RequestError: a column is missing, a value is no number, a box has no area, or a frame lies beyond the length.
     """
-    table = read_named_rows(path, "a CSV of detections", ("frame", *CORNERS))
-    numbers = table.whole_numbers("frame", 0, LAST_FRAME)
-    frames = (numbers - (0 if 0 in numbers else 1)) // step
+    table = read_named_rows(path, "a CSV of detections", CORNERS)
+    frames = frames_of(table)
     last = int(frames.max(initial=-1)) + 1
     if length is not None and last > length:
         raise RequestError(f"{path}: expected frames up to {length}, got {last}; are these boxes of another video?")
@@ -122,6 +124,14 @@ def read_standing(path: Path, length: int | None = None, step: int = 1) -> list[
     feet = _ankles(table) if ankles else np.full((len(boxes), 2), np.nan)
     of_frames = [frames == frame for frame in range(last if length is None else length)]
     return [StandingPeople(Detections(boxes[rows], scores[rows]), feet[rows]) for rows in of_frames]
+
+
+def _labelled_frames(table: NamedRows) -> IntArray:
+    """``(N,)`` frames of WILDTRACK, whose numbers are 0, 5, 10, …; raises RequestError for another number."""
+    numbers = table.whole_numbers("frame", 0, WILDTRACK_STEP * LAST_FRAME)
+    if len(odd := np.flatnonzero(numbers % WILDTRACK_STEP)):
+        raise RequestError(f"{table.path}:{table.rows[odd[0]][0]}: expected frames 0, 5, 10, …, got {numbers[odd[0]]}")
+    return np.asarray(numbers // WILDTRACK_STEP)
 
 
 def _ankles(table: NamedRows) -> FloatArray:
@@ -172,13 +182,16 @@ def read_placed_truth(path: Path, empty: bool = False) -> PlacedTruth:
 
 
 def _truth(
-    path: Path, when: str, who: str, where: tuple[str, str], rate: float = 1.0, first: float = 0.0,
+    path: Path, when: str, who: str, where: tuple[str, str], rate: float = 1.0, first: int = 0,
     empty: bool = False,
 ) -> PlacedTruth:  # fmt: skip
     table = read_named_rows(path, "a CSV of places", (when, who, *where))
     if not table.rows and not empty:
         raise RequestError(f"{path}: expected rows of places, found none")
-    times = (table.numbers((when,))[:, 0] - first) / rate
+    moments = table.numbers((when,))[:, 0]
+    if when == "frame":
+        moments = table.whole_numbers(when, first, LAST_FRAME) - float(first)
+    times = moments / rate
     ids = table.whole_numbers(who)
     _, counts = np.unique(np.stack([times, ids.astype(np.float64)]), axis=1, return_counts=True)
     if (counts > 1).any():
@@ -193,7 +206,7 @@ def _read_wildtrack(path: Path) -> FloorFolder:
     truth = read_placed_truth(path / "floor.csv")
     length = round(float(truth.times.max()) * WILDTRACK_RATE) + 1
     cameras = [_wildtrack_camera(path / "calibrations", view.stem.split("_", 1)[1]) for view in views]
-    return FloorFolder(cameras, [read_standing(view, length, WILDTRACK_STEP) for view in views], truth)
+    return FloorFolder(cameras, [read_standing(view, length, _labelled_frames) for view in views], truth)
 
 
 def _wildtrack_camera(folder: Path, name: str) -> CameraOverFloor:

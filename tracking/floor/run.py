@@ -277,7 +277,7 @@ def floor(
         source: a video or folder of images of each camera, in their order; or one folder of WILDTRACK or Shelf.
         cameras: cameras.yaml with lens and pose of each camera; tsuiseki calibrate pose writes it.
         detections: file of each camera instead of a detector: MOTChallenge text, or a CSV with frame,x1,y1,x2,y2 and
-            optionally score,ankle_u,ankle_v.
+            optionally score,ankle_u,ankle_v; frames count from 1, in a column frame_idx instead from 0.
         positions: of other sensors, a CSV with time,x,y and optionally sd,id; an id is certain.
         output.seed: of the particles of --method lmb.
     """

@@ -5,8 +5,8 @@ the sensor's, such as ``x,y`` or ``bearing,range``. A row whose measured cells a
 sensor ran and measured nothing. Where measurements have errors of their own, columns ``sd_x,sd_y`` give standard
 deviations, or ``cov_x_x``, ``cov_x_y``, ``cov_y_y`` covariances.
 
-Of points, measurements are ``frame,x,y`` and tracks ``frame,id,x,y``, frames counted from 1. Other columns are passed
-over. Positions are in the unit of the file, 0-based and continuous.
+Of points, measurements are ``frame,x,y`` and tracks ``frame,id,x,y``, frames counted from 1; a column ``frame_idx``
+instead counts them from 0. Other columns are passed over. Positions are in the unit of the file, 0-based and continuous.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ from pydantic import ValidationError
 from tsuiseki.tracking.bounds import refusal
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import (
+    FIRST_FRAME,
     NamedRows,
     column_names,
     finite_number,
@@ -36,7 +37,6 @@ from tsuiseki.tracking.formats.track_tables import sensed_table, table_of
 from tsuiseki.tracking.formats.tracked_video import NONE, boxes_of_tracks
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import Detections, FloatArray, Track
-from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.measurements import Scan, SensedTrack
 from tsuiseki.tracking.types.sensing_model import SensingModel
 
@@ -161,7 +161,7 @@ def sensing_model(content: Mapping[str, Any]) -> SensingModel:
 
 def is_point_file(path: Path) -> bool:
     """Whether the first line names the columns of a file of points."""
-    return "frame" in column_names(path, "detections or points")
+    return not FIRST_FRAME.keys().isdisjoint(column_names(path, "detections or points"))
 
 
 def read_points(path: Path, length: int | None = None) -> list[FloatArray]:
@@ -170,8 +170,8 @@ def read_points(path: Path, length: int | None = None) -> list[FloatArray]:
     Raises:
         RequestError: a column is missing, a value is not a finite number, or a frame lies beyond the length.
     """
-    table = read_named_rows(path, "a CSV of points", ("frame", "x", "y"))
-    places, frames = table.numbers("xy"), table.whole_numbers("frame", 1, LAST_FRAME) - 1
+    table = read_named_rows(path, "a CSV of points", ("x", "y"))
+    places, frames = table.numbers("xy"), table.frames()
     last = int(frames.max(initial=-1)) + 1
     if length is not None and last > length:
         raise RequestError(f"{path}: expected frames up to {length}, got {last}; are these points of another video?")
@@ -193,12 +193,8 @@ def read_point_tracks(path: Path) -> tuple[np.ndarray, np.ndarray, FloatArray]:
     Raises:
         RequestError: as :func:`read_points`, or an id stands twice in a frame.
     """
-    table = read_named_rows(path, "a CSV of points", ("frame", "id", "x", "y"))
-    places, frames, ids = (
-        table.numbers("xy"),
-        table.whole_numbers("frame", 1, LAST_FRAME) - 1,
-        table.whole_numbers("id", 1),
-    )
+    table = read_named_rows(path, "a CSV of points", ("id", "x", "y"))
+    places, frames, ids = table.numbers("xy"), table.frames(), table.whole_numbers("id", 1)
     if (row := repeated(frames, ids)) is not None:
         twice = f"id {ids[row]} twice in frame {frames[row] + 1}"
         raise RequestError(f"{path}: expected an id once in a frame, got {twice}")

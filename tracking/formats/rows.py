@@ -24,10 +24,13 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
 SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
 MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 COMMENT = ("#", "%")
+# By the name of a column the number of the first frame in it.
+FIRST_FRAME = {"frame": 1, "frame_idx": 0}
 # Largest whole number of 64 bits.
 LARGEST_ID = 2**63 - 1
 _EMPTY = '\t,;" \ufeff'
@@ -239,6 +242,25 @@ class NamedRows:
         """``(N,)`` whole numbers of a column; raises RequestError, see `whole_number`."""
         rows = [whole_number(self.path, line, name, row.get(name), first, last) for line, row in self.rows]
         return np.array(rows, dtype=np.int64)
+
+    def frames(self) -> IntArray:
+        """``(N,)`` frames from 0: those in the column ``frame`` count from 1, in ``frame_idx`` from 0.
+
+        Raises:
+            RequestError: there is neither column or both, or a cell is no such number.
+        """
+        columns = [name for name in FIRST_FRAME if name in self.names]
+        if len(columns) != 1:
+            got = "got both" if columns else f"found no frame among {','.join(self.names)[:80]}"
+            raise RequestError(f"{self.path}: expected a column frame (from 1) or frame_idx (from 0), {got}")
+        (name,) = columns
+        zero = next((line for line, row in self.rows if whole(row.get(name, "")) == 0), None)
+        if zero is not None and FIRST_FRAME[name] > 0:
+            raise RequestError(
+                f"{self.path}:{zero}: expected a whole number from 1 to {LAST_FRAME} in column frame, got '0'; name the "
+                "column frame_idx in the files whose frames count from 0"
+            )
+        return self.whole_numbers(name, FIRST_FRAME[name], LAST_FRAME) - FIRST_FRAME[name]
 
 
 def column_names(path: Path, what: str) -> list[str]:

@@ -263,6 +263,8 @@ def read_table(path: Path) -> tuple[Columns, dict[str, Any]]:
         table, about = _read_parquet(path)
     if "frame" in table:
         table["frame"] = np.asarray(table["frame"], dtype=np.int64) - 1
+        if table["frame"].min(initial=0) < 0:
+            raise RequestError(f"{path}: expected frames counted from 1, got frame {table['frame'].min() + 1}")
     return table, about
 
 

@@ -77,7 +77,7 @@ def read_correspondences(path: Path, columns: Sequence[str] = COLUMNS) -> list[C
 
 
 VISIBLE = ("visibility", "visible", "vis")
-# Files with a column of visibility count pixels from the first one's centre.
+# Files with a column of visibility count frames from 0 and pixels from the first one's centre.
 HALF_PIXEL = 0.5
 
 
@@ -87,13 +87,13 @@ def read_ball_points(path: Path) -> FloatArray:
     Raises:
         RequestError: the file or a column is missing, a value is no number, or a frame stands twice.
     """
-    table = read_named_rows(path, "a CSV with a ball's pixels", ("frame", "x", "y"))
+    table = read_named_rows(path, "a CSV with a ball's pixels", ("x", "y"))
     visible = next((name for name in table.names if name.lower() in VISIBLE), None)
-    first, shift = (1, 0.0) if visible is None else (0, HALF_PIXEL)
-    frames = table.whole_numbers("frame", first, LAST_FRAME + first) - first
+    shift = 0.0 if visible is None else HALF_PIXEL
+    frames = table.frames() if visible is None else table.whole_numbers("frame", 0, LAST_FRAME)
     if (again := repeated(frames)) is not None:
         line, row = table.rows[again]
-        raise RequestError(f"{path}:{line}: expected each frame once, got {row['frame']} again")
+        raise RequestError(f"{path}:{line}: expected each frame once, got {row.get('frame', frames[again])} again")
     hidden = np.array([
         not (row["x"] or row["y"]) or (visible is not None and finite_number(path, line, visible, row[visible]) == 0)
         for line, row in table.rows
