@@ -34,7 +34,15 @@ from tsuiseki.tracking.interchange import as_detections
 from tsuiseki.tracking.output import RunRecord, columns_shifted, output_file, output_folder
 from tsuiseki.tracking.types import Frame, ImageArray, Position, Targets, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
-from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, FloorTrack, PointTable, boxes_about, targets_at
+from tsuiseki.tracking.types.tracks import (
+    ActingTrack,
+    BodyTrack,
+    FloorTrack,
+    PointTable,
+    boxes_about,
+    positive_ids,
+    targets_at,
+)
 from tsuiseki.tracking.video.frame_source import uneven
 from tsuiseki.tracking.video.source import Source, SourceLike, open_source
 
@@ -180,10 +188,9 @@ class Result(Collection[T_co]):
                 columns = np.full(len(tracked), frame), tracked.tracker_id, tracked.xyxy, scores, usable.origin[:, 1]
                 parts.append(np.column_stack(columns))
         rows = np.concatenate(parts) if parts else np.empty((0, 8))
-        # supervision counts ids from 0 or from 1, as its tracker does.
-        ids = rows[:, 1] + (1 if len(rows) and rows[:, 1].min() == 0 else 0)
+        ids = positive_ids(rows[:, 1].astype(np.int64))
         table = dict(zip(("x1", "y1", "x2", "y2", "score", "detection_class"), rows[:, 2:].T, strict=True))
-        table |= {"frame": rows[:, 0].astype(np.int64), "id": ids.astype(np.int64)}
+        table |= {"frame": rows[:, 0].astype(np.int64), "id": ids}
         tracks = [replace(track, names=names) for track in tracks_of(table)]
         return Result(tracks, **{"frames": {"frame": numbers}, **attributes})
 

@@ -19,6 +19,7 @@ from tsuiseki.tracking.batch.addresses import opened
 from tsuiseki.tracking.cli.commands import command_of
 from tsuiseki.tracking.cli.request import Request, request_of
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.mot_sequence import is_sequence, read_sequence
 from tsuiseki.tracking.output import RUN_FILE, is_partial, versions, whole_file
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.tracking.weights.catalogue import file_sum
@@ -60,8 +61,26 @@ class Job:
         """
         place, *names = options_of(self.command)
         options = {**json.loads(json.dumps(dict(self.options)).replace("{name}", self.name)), **changes}
+        if "detections" in names and (detections := own_detections(source, options)) is not None:
+            options["detections"] = str(detections)
         options |= {"out": str(folder)} if "out" in names else {"json": str(folder / SCORES)} if "json" in names else {}
         return request_of(self.command, options | {"overwrite": overwrite, place: source})
+
+
+def own_detections(source: str, options: Mapping[str, Any]) -> Path | None:
+    """The file of detections in the folder of a video; None where the options say another one, or that of a detector.
+
+    A path in the options that does not exist is looked for in the folder. Where there is none, a MOTChallenge sequence
+    without pictures has ``det/det.txt``.
+    """
+    folder, named = Path(source), options.get("detections")
+    if named is not None:
+        inside = folder / str(named)
+        return inside if isinstance(named, str) and not Path(named).exists() and inside.is_file() else None
+    if options.get("detector") is not None or not folder.is_dir() or not is_sequence(folder):
+        return None
+    sequence = read_sequence(folder)
+    return sequence.detections_path if not sequence.images and sequence.detections_path.is_file() else None
 
 
 def options_of(words: Sequence[str]) -> list[str]:

@@ -190,7 +190,7 @@ def _truth(
         raise RequestError(f"{path}: expected rows of places, found none")
     moments = table.numbers((when,))[:, 0]
     if when == "frame":
-        moments = table.whole_numbers(when, first, LAST_FRAME) - float(first)
+        moments = (table.whole_numbers(when, first, LAST_FRAME) - first).astype(np.float64)
     times = moments / rate
     ids = table.whole_numbers(who)
     _, counts = np.unique(np.stack([times, ids.astype(np.float64)]), axis=1, return_counts=True)

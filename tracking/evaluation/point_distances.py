@@ -14,6 +14,7 @@ from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.label_checks import identified
 from tsuiseki.tracking.formats.measurement_tables import is_point_file, read_point_tracks
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
@@ -268,5 +269,5 @@ def read_points(path: Path, labelled: bool = False) -> PointTracks:
     if not labelled:
         return PointTracks.of(read_tracks(path))
     truth = read_ground_truth(path)
-    truth = truth.select(truth.evaluated)
+    truth = identified(path, truth.select(truth.evaluated))
     return PointTracks(truth.frames, truth.ids, centres(truth.boxes))

@@ -17,6 +17,7 @@ from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.geometry import areas, clip_boxes
 from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.class_choice import PERSON_NAMES, ClassChoice
+from tsuiseki.tracking.types.labels import GroundTruth
 
 # What asks for people as every layout counts them.
 PEOPLE = "person"
@@ -26,6 +27,8 @@ Label = TypeVar("Label")
 MOST_UNUSABLE = 0.5
 # Reasons that a message lists.
 LISTED = 4
+# Why a box cannot be used that stands among tracks.
+WITHOUT_ID = "without an id"
 
 
 class UnusableError(ValueError):
@@ -128,6 +131,27 @@ def wanted_numbers(
     if kind is None or ClassChoice((kind,)).plain == (PEOPLE,):
         return tuple(people)
     return ClassChoice((kind,)).numbers(names, names.keys(), what)
+
+
+def identified(where: object, truth: GroundTruth) -> GroundTruth:
+    """The labels without boxes that count but have no id, -1; a warning counts them.
+
+    Raises:
+        RequestError: most of the boxes that count have none.
+    """
+    without = truth.evaluated & (truth.ids < 0)
+    count, total = int(without.sum()), int(truth.evaluated.sum())
+    if count > MOST_UNUSABLE * total:
+        got = "found none" if count == total else f"found none of {count} among {total}"
+        raise RequestError(
+            f"{where}: expected an id of each box (COCO: track_id, CEPDOF: person_id), {got}; labels of single "
+            "pictures teach and score detections"
+        )
+    names = [f"in frame {frame + 1}" for frame in truth.frames[truth.evaluated].tolist()]
+    sieve = Sieve(where)
+    sieve.usable(names, (without[truth.evaluated], WITHOUT_ID))
+    sieve.tell()
+    return truth.select(~without)
 
 
 def same_class(name: str, other_name: str) -> bool:

@@ -35,7 +35,7 @@ from tsuiseki.tracking.formats.drone_action import (
     read_drone_action_boxes,
 )
 from tsuiseki.tracking.formats.exports import exported_in, format_at, read_exported
-from tsuiseki.tracking.formats.label_checks import LabelFile, compare_with_picture, wanted_numbers
+from tsuiseki.tracking.formats.label_checks import LabelFile, compare_with_picture, identified, wanted_numbers
 from tsuiseki.tracking.formats.mot import NAMES as MOT_NAMES
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, is_sequence, list_images, read_sequence
@@ -107,19 +107,13 @@ class LabelledVideo:
             single: keep boxes without an id, whose ids are -1.
 
         Raises:
-            RequestError: labels are missing or broken, no box is to be scored, no box has an id, or there is no such
-                class.
+            RequestError: labels are missing or broken, no box is to be scored, most boxes have no id, or there is no
+                such class.
         """
         if self.read_people is not None:
             truth = self.read_people(size, kind)
             compare_with_picture(self.name, truth.boxes, self.size)
-            identified = truth if single else truth.select((truth.ids >= 0) | ~truth.evaluated)
-            if truth.evaluated.any() and not identified.evaluated.any():
-                raise RequestError(
-                    f"{self.name}: expected an id of each box (COCO: track_id, CEPDOF: person_id), found none; labels "
-                    "of single pictures teach and score detections"
-                )
-            return identified
+            return truth if single else identified(self.name, truth)
         wanted_numbers(kind, {}, (), self.name)
         truth, _ = okutama_truth(self.actions(size), protocol)
         if not truth.evaluated.any():

@@ -6,7 +6,8 @@ sensor ran and measured nothing. Where measurements have errors of their own, co
 deviations, or ``cov_x_x``, ``cov_x_y``, ``cov_y_y`` covariances.
 
 Of points, measurements are ``frame,x,y`` and tracks ``frame,id,x,y``, frames counted from 1; a column ``frame_idx``
-instead counts them from 0. Other columns are passed over. Positions are in the unit of the file, 0-based and continuous.
+instead counts them from 0. Other columns are passed over. Positions are in the unit of
+the file, 0-based and continuous.
 """
 
 from __future__ import annotations

@@ -25,7 +25,14 @@ from pathlib import Path
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
-from tsuiseki.tracking.formats.label_checks import NothingLabelledError, compare_with_picture, wanted_numbers
+from tsuiseki.tracking.formats.label_checks import (
+    MOST_UNUSABLE,
+    WITHOUT_ID,
+    NothingLabelledError,
+    Sieve,
+    compare_with_picture,
+    wanted_numbers,
+)
 from tsuiseki.tracking.formats.rows import Rows, read_rows, repeated
 from tsuiseki.tracking.formats.track_tables import CORNERS, tracks_of
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
@@ -33,6 +40,7 @@ from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.types.tracks import positive_ids
 
 # Number of the class of people who stand or walk.
 PEDESTRIAN = 1
@@ -57,7 +65,7 @@ FEWEST_OF_A_SCALE = 20
 def read_ground_truth(path: str | Path, kind: int | str | None = None) -> GroundTruth:
     """The labels in a ``gt.txt`` of MOT15, 16, 17 or 20, distinguished by the number of columns.
 
-    A sequence whose folder is named ``MOT20-…`` follows MOT20's list of distractors.
+    Boxes without an id have -1. A sequence whose folder is named ``MOT20-…`` follows MOT20's list of distractors.
 
     Args:
         path: of the file.
@@ -71,8 +79,8 @@ def read_ground_truth(path: str | Path, kind: int | str | None = None) -> Ground
     rows, ids, lines = _read(path, 9, "ground truth")
     if not len(rows):
         raise RequestError(f"{path} is empty: expected rows of ground truth")
-    frames = rows[:, 0].astype(np.int64) - 1
-    _refuse_repeated(path, lines, frames, ids)
+    frames, ids = rows[:, 0].astype(np.int64) - 1, np.maximum(ids, -1)
+    _refuse_repeated(path, lines[ids >= 0], frames[ids >= 0], ids[ids >= 0])
     compare_with_picture(path, boxes_of(rows))
     active = rows[:, 6] != 0
     if rows.shape[1] == 10:
@@ -226,22 +234,26 @@ def detection_lines(frame: int, detections: Detections) -> str:
 def read_tracks(path: str | Path) -> list[Track]:
     """The tracks of a result file ``frame, id, x, y, width, height, score, class, …``, by id, rows in any order.
 
-    An empty file is a result without any track.
+    An empty file is a result without any track. Rows of a negative id are left out, with a warning.
 
     Raises:
-        RequestError: the file is missing or malformed, or names an id twice in a frame.
+        RequestError: the file is missing or malformed, names an id twice in a frame, or most rows have no id.
     """
     path = a_path(path)
     rows, ids, lines = _read(path, 6, "tracks")
     if not len(rows):
         return []
-    frames = rows[:, 0].astype(np.int64) - 1
-    if ids.min() < 0:
+    frames, without = rows[:, 0].astype(np.int64) - 1, ids < 0
+    if without.sum() > MOST_UNUSABLE * len(ids):
         raise RequestError(
-            f"{path}:{lines[np.argmin(ids)]}: expected ids of tracks, got {ids.min()}; are these detections?"
+            f"{path}:{lines[np.argmax(without)]}: expected ids of tracks, got {ids.min()}; are these detections?"
         )
+    sieve = Sieve(path, "rows")
+    usable = sieve.usable([f"in line {line}" for line in lines.tolist()], (without, WITHOUT_ID))
+    sieve.tell()
+    rows, ids, lines, frames = rows[usable], ids[usable], lines[usable], frames[usable]
     _refuse_repeated(path, lines, frames, ids)
-    ids = ids + (1 if ids.min() == 0 else 0)
+    ids = positive_ids(ids)
     boxes = boxes_of(rows)
     compare_with_picture(path, boxes)
     scores = rows[:, 6] if rows.shape[1] > 6 else np.ones(len(rows))

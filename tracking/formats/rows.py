@@ -257,8 +257,8 @@ class NamedRows:
         zero = next((line for line, row in self.rows if whole(row.get(name, "")) == 0), None)
         if zero is not None and FIRST_FRAME[name] > 0:
             raise RequestError(
-                f"{self.path}:{zero}: expected a whole number from 1 to {LAST_FRAME} in column frame, got '0'; name the "
-                "column frame_idx in the files whose frames count from 0"
+                f"{self.path}:{zero}: expected a whole number from 1 to {LAST_FRAME} in column frame, got '0'; name "
+                "the column frame_idx in the files whose frames count from 0"
             )
         return self.whole_numbers(name, FIRST_FRAME[name], LAST_FRAME) - FIRST_FRAME[name]
 

@@ -184,6 +184,16 @@ class FloorDetections(ShortRepr):
         return len(self.detections)
 
 
+def positive_ids(ids: IntArray) -> IntArray:
+    """``(N,)`` the ids of a file, where 0, which no track here has, becomes the smallest that is free.
+
+    >>> positive_ids(np.array([0, 1, 7])).tolist()
+    [2, 1, 7]
+    """
+    free = np.setdiff1d(np.arange(1, len(ids) + 2), ids)[0]
+    return np.where(ids == 0, free, ids)
+
+
 def rows_of_each(labels: IntArray) -> list[IntArray]:
     """Indices of the rows of each label in ``(N,)``, by label; those of one stay in order."""
     order = np.argsort(labels, kind="stable")

@@ -159,3 +159,32 @@ def test_results_are_counted_and_scored(
     assert (tmp_path / "scores/web/scores.json").is_file()
     assert main([*words, "--out", str(tmp_path / "scores")]) == 0
     assert "2 kept" in capsys.readouterr().out
+
+
+def sequences(folder: Path) -> Path:
+    """Two sequences of text, in each of which another number of people walks to the right for 20 frames."""
+    for count in (1, 3):
+        det = folder / f"S-{count}" / "det" / "det.txt"
+        det.parent.mkdir(parents=True)
+        boxes = [f"{n},-1,{2 * n},{100 * k + 1},30,80,0.9\n" for n in range(1, 21) for k in range(count)]
+        det.write_text("".join(boxes))
+        lines = "[Sequence]", "frameRate=25", "seqLength=20", "imWidth=640", "imHeight=480"
+        det.parent.with_name("seqinfo.ini").write_text("\n".join(lines))
+    return folder
+
+
+@pytest.mark.usefixtures("here")
+@pytest.mark.parametrize("options", [[], ["--detections", "det/det.txt"]])
+def test_58_37_each_sequence_of_text_has_its_own_detections(options: list[str], tmp_path: Path) -> None:
+    folder = sequences(tmp_path / "sequences")
+    main([*PEOPLE, str(folder), "--out", str(tmp_path / "out"), "--method", "sort", *options])
+    assert [len(tsuiseki.read_tracks(tmp_path / "out" / f"S-{n}" / "tracks.txt")) for n in (1, 3)] == [1, 3]
+
+
+def test_58_37_detections_that_the_options_name_win(tmp_path: Path) -> None:
+    folder, elsewhere = sequences(tmp_path / "sequences"), tmp_path / "det.txt"
+    elsewhere.write_text("1,-1,1,1,30,80,0.9\n")
+    (job,) = jobs_of([str(folder / "S-1")], Job(("track", "people"), "", "", {"detections": str(elsewhere)}))
+    assert job.request(job.source, tmp_path).arguments.arguments["finding"].detections == elsewhere
+    (job,) = jobs_of([str(folder / "S-1")], Job(("track", "people"), "", "", {"detector": "detector_people"}))
+    assert job.request(job.source, tmp_path).arguments.arguments["finding"].detections is None

@@ -71,7 +71,7 @@ def test_58_40_a_table_of_tracks_with_a_frame_0_is_refused(tmp_path: Path) -> No
 
 def test_58_40_a_world_csv_of_shelf_with_a_frame_0_is_refused(tmp_path: Path) -> None:
     (tmp_path / "truth.csv").write_text("frame,person,x,y\n0,1,2,3\n")
-    with pytest.raises(RequestError, match="expected a whole number from 1 to .* in column frame, got '0'"):
+    with pytest.raises(RequestError, match=r"expected a whole number from 1 to .* in column frame, got '0'"):
         read_placed_truth(tmp_path / "truth.csv")
 
 
