@@ -1,9 +1,9 @@
 """Who is hidden behind somebody goes on with them: tracks joined and made longer where nothing could be detected.
 
-A track that ends in the midst of the picture behind a nearer person, and a later one that begins behind the same
-person, are taken for one: of all such pairs those with the shortest gaps first. Who is left without a partner and walks
-along with that person is taken to have done so since they came, or until they left. Both give places that no detection
-supports.
+A track that another goes on with in the next frame is one with it. A track that ends in the midst of the picture behind
+a nearer person, and a later one that begins behind the same person, are taken for one: of all such pairs those with the
+shortest gaps first. Who is left without a partner and walks along with that person is taken to have done so since they
+came, or until they left. Both give places that no detection supports.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from tsuiseki.tracking.counts.continued import chained, continued
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 
 # Least share of a box that the nearer person covers where tracks are joined, chosen on generated streets of seeds < 50.
@@ -47,24 +48,27 @@ def with_hidden(tracks: Sequence[Track], size: tuple[int, int] | None, length: i
     order = np.argsort(frames, kind="stable")
     numbers = np.repeat(np.arange(len(tracks)), [len(track) for track in tracks])
     by_frame = _Boxes(frames[order], numbers[order], boxes[order])
+    successors = continued(tracks)
     ends, begins = (
         {
             number: _hiding(by_frame, number, track.boxes[row], int(track.frames[row]))
             for number, track in enumerate(tracks)
-            if _midst(track, row, size, length)
+            if number not in joined and _midst(track, row, size, length)
         }
-        for row in (-1, 0)
+        for row, joined in ((-1, successors.keys()), (0, set(successors.values())))
     )
-    successors = _joined(tracks, ends, begins)
-    chains, joined = list[list[Track]](), set(successors.values())
-    for n in (number for number in range(len(tracks)) if number not in joined):
-        chain = [n]
-        while chain[-1] in successors:
-            chain.append(successors[chain[-1]])
+    chains = list[list[Track]]()
+    for chain in chained(successors | _joined(tracks, ends, begins), len(tracks)):
+        first, last = chain[0], chain[-1]
+        lead = _company(tracks, begins.get(first, {}), first, False, rate)
         parts = [tracks[number] for number in chain]
-        lead = _company(tracks, begins.get(n, {}), n, False, rate)
-        chains.append([*lead, *parts, *_company(tracks, ends.get(chain[-1], {}), chain[-1], True, rate)])
+        chains.append([*lead, *parts, *_company(tracks, ends.get(last, {}), last, True, rate)])
     return chains
+
+
+def with_changed_ids(tracks: Sequence[Track]) -> list[list[Track]]:
+    """Tracks as chains of parts that are one animal's: its id changed from one frame to the next."""
+    return [[tracks[number] for number in chain] for chain in chained(continued(tracks), len(tracks))]
 
 
 def _hiding(by_frame: _Boxes, track: int, box: FloatArray, frame: int) -> dict[int, float]:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.bounds import as_settings
-from tsuiseki.tracking.counts.companions import with_hidden
+from tsuiseki.tracking.counts.companions import with_changed_ids, with_hidden
 from tsuiseki.tracking.counts.doubt import Doubt
 from tsuiseki.tracking.counts.line_tables import flows, line_tables, sides, turns
 from tsuiseki.tracking.counts.paths import Paths, paths_of
@@ -142,7 +142,8 @@ def count(
     if result_size is None and not bodies:  # one that knows its picture was tracked in it
         compare_with_picture("the result", np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]), picture_size)
     # Who may have been hidden counts at lines and in zones. Animals are filmed from above: none hides another.
-    extended = paths if bodies else paths_of(with_hidden(tracks, picture_size, length, rate), scene, settings)
+    chains = with_changed_ids(tracks) if bodies else with_hidden(tracks, picture_size, length, rate)
+    extended = paths_of(chains, scene, settings)
     size = np.asarray(picture_size or scene.pixels(paths.points).max(axis=0, initial=1.0), dtype=np.float64)
     span, doubt = (first, length), Doubt(extended, scene, rate, length)
     lines, crossings = line_tables(extended, scene, settings, doubt)
@@ -151,7 +152,7 @@ def count(
         "lines": lines,
         "crossings": crossings,
         "flows": flows(scene, crossings, settings.interval, length / rate),
-        "turns": turns(crossings),
+        "turns": turns(crossings, {part.id: chain[0].id for chain in chains for part in chain}),
         **zones,
         "sides": sides(paths, scene.pixels(paths.points), size),
         "counts": counts_table(paths, span, rate),

@@ -1,4 +1,4 @@
-"""Who crossed a line or a border, when, and in which direction: never twice for going to and fro on it.
+"""Who crossed a line, when, and in which direction: never twice for going to and fro on it.
 
 A person has a signed distance from the line. Beyond a band about it their side is settled; within the band they keep
 the side that they were on last. A change of the settled side is a crossing, at the moment at which the distance changed
@@ -13,8 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from tsuiseki.tracking.counts.paths import Paths
-from tsuiseki.tracking.counts.polygons import distance_to_border, inside
-from tsuiseki.tracking.counts.scene import Scene, SceneLine, SceneZone
+from tsuiseki.tracking.counts.scene import Scene, SceneLine
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 
 
@@ -38,20 +37,15 @@ class Crossings:
 def line_crossings(paths: Paths, scene: Scene, line: SceneLine, band: float) -> Crossings:
     """Who crossed a line; ``band`` is in heights of the person, to each side."""
     distances, along = line_distances(paths.points, scene, line)
-    crossed = changes(distances, band * paths.heights, paths)
+    crossed = changes(distances, band * paths.heights, paths.starts)
     met = np.zeros(len(paths), dtype=np.int64)
-    steps = np.flatnonzero(_turned(distances, paths))
+    steps = np.flatnonzero(_turned(distances, paths.starts))
     between = steps[meets(distances[steps - 1], distances[steps], along[steps - 1], along[steps])]
     met[between] = np.where(distances[between] > 0, 1, -1)
     total, last = np.cumsum(met), _last(met != 0)
     start, end = crossed.settled_before, crossed.settled_after
     through = np.sign(total[end] - total[start]) == crossed.sides
     return Crossings(last[end][through], crossed.sides[through], start[through], end[through])
-
-
-def border_crossings(paths: Paths, zone: SceneZone, band: float) -> Crossings:
-    """Who entered and left a zone; ``band`` is in heights of the person, to each side of the border."""
-    return changes(zone_distances(paths.points, zone), band * paths.heights, paths)
 
 
 def line_distances(points: FloatArray, scene: Scene, line: SceneLine) -> tuple[FloatArray, FloatArray]:
@@ -76,30 +70,31 @@ def meets(start: FloatArray, end: FloatArray, along: FloatArray, further: FloatA
     return np.asarray(turned & (place >= 0) & (place <= 1))
 
 
-def zone_distances(points: FloatArray, zone: SceneZone) -> FloatArray:
-    """``(N,)`` distance of ``(N, 2)`` points from the border of a zone, above 0 inside."""
-    return np.where(inside(points, zone.corners), 1.0, -1.0) * distance_to_border(points, zone.corners)
+def changes(distances: FloatArray, band: FloatArray, starts: IntArray) -> Crossings:
+    """Where the settled side of paths changes.
 
-
-def changes(distances: FloatArray, band: FloatArray, paths: Paths) -> Crossings:
-    """Where the settled side of paths changes, by ``(N,)`` signed distances and half the band's width at each row."""
+    Args:
+        distances: ``(N,)`` signed, of each row.
+        band: ``(N,)`` distance at each row beyond which the side is settled.
+        starts: ``(P,)`` first row of each piece.
+    """
     width = band.copy()
-    width[paths.starts] = width[paths.ends] = 0.0
+    width[starts] = width[starts[1:] - 1] = width[-1:] = 0.0
     settled = np.flatnonzero(np.abs(distances) > width)
     sides = np.where(distances[settled] > 0, 1, -1)
-    first = paths.first_rows[settled]
-    changed = np.flatnonzero((sides[1:] != sides[:-1]) & (first[1:] == first[:-1])) + 1
+    piece = np.searchsorted(starts, settled, "right")
+    changed = np.flatnonzero((sides[1:] != sides[:-1]) & (piece[1:] == piece[:-1])) + 1
     arrivals = settled[changed]
-    turns = _last(_turned(distances, paths))
+    turns = _last(_turned(distances, starts))
     return Crossings(turns[arrivals], sides[changed], settled[changed - 1], arrivals)
 
 
-def _turned(distances: FloatArray, paths: Paths) -> BoolArray:
+def _turned(distances: FloatArray, starts: IntArray) -> BoolArray:
     """``(N,)`` rows at which the distance has another sign than at the row before, in the same piece."""
     right = distances > 0
     turned = np.zeros(len(right), dtype=np.bool_)
     turned[1:] = right[1:] != right[:-1]
-    turned[paths.starts] = False
+    turned[starts] = False
     return turned
 
 

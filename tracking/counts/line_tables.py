@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -62,11 +62,14 @@ def flows(scene: Scene, crossings: Columns, interval: float, seconds: float) -> 
     return table
 
 
-def turns(crossings: Columns) -> Columns:
-    """The table ``turns``: the first and the last line of who crossed two lines or more."""
+def turns(crossings: Columns, people: Mapping[int, int]) -> Columns:
+    """The table ``turns``: the first and the last line of who crossed two lines or more.
+
+    ``people`` are the same number for all ids of one person.
+    """
     ways = dict[int, list[str]]()
     for who, line in zip(crossings["id"], crossings["line"], strict=True):
-        ways.setdefault(who, []).append(line)
+        ways.setdefault(people[who], []).append(line)
     return _ways((way[0], way[-1]) for way in ways.values() if len(set(way)) > 1)
 
 

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+
+# Cosine of the angle between the normals of two edges that face each other: within 41 degrees.
+FACING = -0.75
 
 
 def crosses_itself(corners: FloatArray) -> bool:
@@ -43,10 +46,58 @@ def distance_to_border(points: FloatArray, corners: FloatArray) -> FloatArray:
     """``(N,)`` distance of ``(N, 2)`` points from the border of a polygon."""
     least = np.full(len(points), np.inf)
     for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        edge, x, y = b - a, points[:, 0] - a[0], points[:, 1] - a[1]
-        share = np.clip((x * edge[0] + y * edge[1]) / (edge @ edge), 0, 1)
-        np.minimum(least, (x - share * edge[0]) ** 2 + (y - share * edge[1]) ** 2, out=least)
+        np.minimum(least, (_ways_to_edge(points, a, b) ** 2).sum(axis=0), out=least)
     return np.asarray(np.sqrt(least))
+
+
+def width_across(points: FloatArray, corners: FloatArray) -> FloatArray:
+    """``(N,)`` how wide a polygon is at ``(N, 2)`` points inside, across from the nearest edge to one that faces it.
+
+    It is infinite where no edge faces the nearest.
+    """
+    count = len(points)
+    ends = np.roll(corners, -1, axis=0)
+    normals = np.sign(area(corners)) * np.column_stack([corners[:, 1] - ends[:, 1], ends[:, 0] - corners[:, 0]])
+    normals /= np.hypot(*normals.T)[:, None]
+    nearest, least, opposite = np.zeros(count, dtype=np.int64), np.full(count, np.inf), np.full(count, np.inf)
+    for edge, (a, b) in enumerate(zip(corners, ends, strict=True)):
+        squared = (_ways_to_edge(points, a, b) ** 2).sum(axis=0)
+        nearest[squared < least] = edge
+        np.minimum(least, squared, out=least)
+    inward = normals[nearest]
+    for edge, (a, b) in enumerate(zip(corners, ends, strict=True)):
+        way = -_ways_to_edge(points, a, b)
+        faces = (inward @ normals[edge] < FACING) & ((inward.T * way).sum(axis=0) > 0)
+        np.minimum(opposite, np.where(faces, (way**2).sum(axis=0), np.inf), out=opposite)
+    return np.asarray(np.sqrt(least) + np.sqrt(opposite))
+
+
+def border_meetings(
+    starts: FloatArray, ends: FloatArray, corners: FloatArray
+) -> tuple[IntArray, FloatArray, BoolArray]:
+    """Where straight ways between points ``(S, 2)`` meet the border of a polygon, in the order of the ways.
+
+    Returns:
+        ``(M,)`` which way, the share ``(M,)`` of it that lies before, and ``(M,)`` whether it leads inside.
+    """
+    ways, shares, inward = [np.empty(0, np.int64)], [np.empty(0)], [np.empty(0, np.bool_)]
+    for a, b in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        before, after = _cross(b - a, starts - a), _cross(b - a, ends - a)
+        sides = _cross(ends - starts, a - starts) > 0, _cross(ends - starts, b - starts) > 0
+        met = np.flatnonzero(((before > 0) != (after > 0)) & (sides[0] != sides[1]))
+        ways.append(met)
+        shares.append(before[met] / (before[met] - after[met]))
+        inward.append((after[met] > 0) == (area(corners) > 0))
+    way, share, leads = np.concatenate(ways), np.concatenate(shares), np.concatenate(inward)
+    order = np.lexsort([share, way])
+    return way[order], share[order], leads[order]
+
+
+def _ways_to_edge(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
+    """``(2, N)`` the way to each of ``(N, 2)`` points from the nearest point of an edge."""
+    edge, x, y = b - a, points[:, 0] - a[0], points[:, 1] - a[1]
+    share = np.clip((x * edge[0] + y * edge[1]) / (edge @ edge), 0, 1)
+    return np.stack([x - share * edge[0], y - share * edge[1]])
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

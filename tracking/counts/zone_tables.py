@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.counts.crossings import Crossings, border_crossings
+from tsuiseki.tracking.counts.borders import border_crossings
+from tsuiseki.tracking.counts.crossings import Crossings
 from tsuiseki.tracking.counts.doubt import ABSENT, Doubt, interval_of
 from tsuiseki.tracking.counts.line_tables import Columns, add, add_rows, empty
 from tsuiseki.tracking.counts.paths import Paths

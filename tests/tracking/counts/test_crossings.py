@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from tests.tracking.counts.walkers import HEIGHT, down, walker
-from tsuiseki.tracking.counts.crossings import border_crossings, line_crossings
+from tsuiseki.tracking.counts.borders import border_crossings
+from tsuiseki.tracking.counts.crossings import line_crossings
 from tsuiseki.tracking.counts.paths import paths_of
 from tsuiseki.tracking.counts.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.counts.settings import CountSettings
