@@ -12,7 +12,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
-from zipfile import BadZipFile
 
 import numpy as np
 
@@ -23,6 +22,7 @@ from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.formats.drone_action import DRONE_ACTION_CLASSES, VIDEO_SUFFIXES
 from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
 from tsuiseki.tracking.formats.okutama import check_frames
+from tsuiseki.tracking.openers.arrays import read_arrays
 from tsuiseki.tracking.types import BoolArray, ImageArray, IntArray
 from tsuiseki.tracking.types.labels import ActionLabels
 from tsuiseki.tracking.video.image_folder import one_image
@@ -252,10 +252,9 @@ def load_crops(folders: Sequence[Path], streams: Sequence[StreamName]) -> Action
     for folder in folders:
         try:
             for name in streams:
-                images[name].append(np.load(folder / f"{name}.npy", mmap_mode="r"))
-            with np.load(folder / "rows.npz", allow_pickle=False) as rows:
-                actions.append(rows["actions"])
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+                images[name].append(np.load(folder / f"{name}.npy", mmap_mode="r", allow_pickle=False))
+            actions.append(read_arrays(folder / "rows.npz", "crops of a clip")["actions"])
+        except (OSError, ValueError, KeyError, EOFError, SyntaxError) as error:
             raise RequestError(f"{folder}: expected crops of a clip, got {error}") from error
     counts = [len(of_sequence) for of_sequence in actions]
     row = np.concatenate([np.arange(count) for count in counts])

@@ -30,6 +30,7 @@ from tsuiseki.tracking.formats.person_crops import (
     read_mars,
 )
 from tsuiseki.tracking.geometry import intersections
+from tsuiseki.tracking.openers.arrays import read_arrays
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 
@@ -186,12 +187,12 @@ def read_crops(path: Path) -> IdentityCrops:
         RequestError: the file is missing or no such file.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            shapes = file["shapes"]
-            pieces = np.split(file["pixels"], np.cumsum(shapes.prod(axis=1))[:-1])
-            images = [piece.reshape(shape) for piece, shape in zip(pieces, shapes.tolist(), strict=True)]
-            return IdentityCrops(images, file["boxes"], file["ids"], file["frames"], file["from_video"])
-    except (OSError, ValueError, KeyError) as error:
+        arrays = read_arrays(path, "a cache of identity crops")
+        shapes = arrays["shapes"]
+        pieces = np.split(arrays["pixels"], np.cumsum(shapes.prod(axis=1))[:-1])
+        images = [piece.reshape(shape) for piece, shape in zip(pieces, shapes.tolist(), strict=True)]
+        return IdentityCrops(images, arrays["boxes"], arrays["ids"], arrays["frames"], arrays["from_video"])
+    except (ValueError, KeyError, TypeError, IndexError) as error:
         raise RequestError(
             f"{path}: expected a cache of identity crops, got {error}; delete it to render anew"
         ) from error

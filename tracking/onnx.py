@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.devices import Device, device_of, opened_on
 from tsuiseki.tracking.errors import RequestError, a_path, lacks_memory
+from tsuiseki.tracking.openers.json_files import json_of
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -82,7 +83,7 @@ class ModelCard:
     @classmethod
     def from_json(cls, text: str) -> ModelCard:
         """The card in ``text``; raises ValueError where it is none."""
-        values = json.loads(text)
+        values = json_of(text, METADATA_KEY, "a model card")
         if not isinstance(values, dict) or {"kind", "name", "format_version"} - values.keys():
             raise ValueError("no model card")
         if values["format_version"] > FORMAT_VERSION:
@@ -260,7 +261,7 @@ def kind_of(path: str | Path) -> str:
     """
     text = open_session(path, threads=1).get_modelmeta().custom_metadata_map.get(METADATA_KEY, "{}")
     try:
-        return str(json.loads(text).get("kind", ""))
+        return str(json_of(text, str(path), "a model card").get("kind", ""))
     except (ValueError, AttributeError):
         return ""
 

@@ -19,6 +19,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.openers.json_files import read_json
 
 try:
     import fcntl
@@ -184,8 +185,8 @@ def _shifted(numbers: Sequence[Any], by: int) -> list[Any]:
 def is_partial(folder: Path) -> bool:
     """Whether the ``run.json`` in ``folder`` says that the run was stopped before the end of its input."""
     try:
-        return json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))["partial"] is True
-    except (OSError, ValueError, KeyError, TypeError):
+        return read_json(folder / RUN_FILE, "the record of a run")["partial"] is True
+    except (ValueError, KeyError, TypeError):
         return False
 
 
@@ -288,9 +289,9 @@ def _publish(work: Path, folder: Path) -> None:
 def _listed_files(folder: Path) -> set[str]:
     """Files that the ``run.json`` in ``folder`` lists, without any that would lead out of it."""
     try:
-        names = json.loads((folder / RUN_FILE).read_text(encoding="utf-8"))["files"]
+        names = read_json(folder / RUN_FILE, "the record of a run")["files"]
         paths = {PurePosixPath(name) for name in names}
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         return set()
     inside = {path for path in paths if not path.is_absolute() and ".." not in path.parts}
     return {p.as_posix() for p in inside if (folder / p).resolve().is_relative_to(folder.resolve())}

@@ -9,7 +9,6 @@ from importlib import resources
 from pathlib import Path
 
 import numpy as np
-import yaml
 
 from tsuiseki.datamodules.labelled_images import LabelledFrame, labelled_images, read_image
 from tsuiseki.tracking.errors import RequestError
@@ -18,6 +17,7 @@ from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.label_checks import PEOPLE, same_class
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.yolo import ABOUT
+from tsuiseki.tracking.openers.yaml_files import read_yaml, yaml_of
 from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.weights import LEARNING_DETECTOR, shipped
 from tsuiseki.trainers.detector_labels import LOWEST_SCORE, anchor_choice
@@ -52,7 +52,7 @@ def fine_tune(arguments: Sequence[str], folder: Path, fit: Callable[[Sequence[st
     held_out = labelled_images(folder, part=HELD_OUT, classes=classes)
     start = shipped(LEARNING_DETECTOR)
     config = resources.files("tsuiseki.configs") / CONFIG
-    model = yaml.safe_load(config.read_text(encoding="utf-8"))["model"]
+    model = read_yaml(Path(str(config)), "options of training")["model"]
     anchors, line = anchor_choice(
         labelled_images(folder, part=LEARNT, classes=classes), model["anchors"], (model["height"], model["width"])
     )
@@ -89,7 +89,7 @@ def classes_of(folder: Path, arguments: Sequence[str] = ()) -> list[str]:
     """
     text, _ = option(arguments, "--model.classes")
     if text is not None:
-        names = yaml.safe_load(text)
+        names = yaml_of(text, "`model.classes`", "names such as [person,car]")
         if not isinstance(names, list) or not names or not all(isinstance(name, str) for name in names):
             raise RequestError(f"`model.classes`: expected names such as [person,car], got {text or 'nothing'}")
         return names

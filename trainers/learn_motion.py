@@ -7,7 +7,6 @@ their principal components are the proposal (18). The paper learns the *rotated 
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import reduce
@@ -22,6 +21,7 @@ from tsuiseki.tracking.filters.body_motion import HEADING, conditions, turned
 from tsuiseki.tracking.filters.learnt_motion import LearntMotion, PrincipalComponents, write_motion
 from tsuiseki.tracking.formats.body_states import read_states
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
+from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import RUN_FILE
 from tsuiseki.tracking.runs.options import OutputFile
 from tsuiseki.tracking.types import Columns, FloatArray
@@ -208,9 +208,9 @@ def _states_file(path: Path) -> Path:
 def _frame_rate_beside(path: Path) -> float:
     """What the run or the sequence that a file of states belongs to says of its frame rate."""
     try:
-        run = json.loads((path.parent / RUN_FILE).read_text(encoding="utf-8"))
+        run = read_json(path.parent / RUN_FILE, "the record of a run")
         return float(run["facts"]["frame_rate"])
-    except (OSError, ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError):
         pass
     if (path.parent / "seqinfo.ini").is_file():
         return read_sequence(path.parent).frame_rate

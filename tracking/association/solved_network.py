@@ -11,6 +11,7 @@ import numpy as np
 from tsuiseki.tracking.association.network_flow import SCALE, FlowGraph, scaled
 from tsuiseki.tracking.association.sliding_flow import Decision
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.openers.arrays import read_arrays
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 
 NETWORK_FILE = "flow.npz"
@@ -69,8 +70,7 @@ class SolvedNetwork:
             RequestError: the file holds something else.
         """
         try:
-            with np.load(path, allow_pickle=False) as file:
-                table = {name: file[name] for name in file.files}
+            table = read_arrays(path, "the network of a result")
             costs = {name: table[name] / SCALE for name in COSTS}
             graph = FlowGraph(**costs, tail=table["tail"], head=table["head"])
             network = cls(

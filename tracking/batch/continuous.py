@@ -22,6 +22,7 @@ from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.formats.track_tables import table_of, tracks_of
 from tsuiseki.tracking.interchange import DetectionsLike
+from tsuiseki.tracking.openers.arrays import read_arrays
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.opening import OpenedPeople, open_people
@@ -140,5 +141,4 @@ def _write(path: Path, tracks: Sequence[Track], begin: int, first: int, end: int
 
 def joined_tracks(path: Path) -> list[Track]:
     """The tracks of one of the files, by id."""
-    with np.load(path, allow_pickle=False) as file:
-        return tracks_of({name: file[name] for name in file.files})
+    return tracks_of(read_arrays(path, "tracks of a part"))

@@ -20,6 +20,7 @@ from tsuiseki.tracking.cli.commands import command_of
 from tsuiseki.tracking.cli.request import Request, request_of
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import is_sequence, read_sequence
+from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import RUN_FILE, is_partial, versions, whole_file
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.tracking.weights.catalogue import file_sum
@@ -158,8 +159,8 @@ class Place:
     def record(self) -> dict[str, Any]:
         """What the result was begun with: its key and settings; empty where there is none."""
         try:
-            record: dict[str, Any] = json.loads((self.state / "made.json").read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            record: dict[str, Any] = read_json(self.state / "made.json", "what a batch has begun")
+        except RequestError:
             return {}
         return record
 

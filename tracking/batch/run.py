@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import secrets
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -28,6 +27,7 @@ from tsuiseki.tracking.cli.request import plain, request_of
 from tsuiseki.tracking.errors import Interrupted, RequestError, a_path, signal_of
 from tsuiseki.tracking.fields import Threads, refused
 from tsuiseki.tracking.onnx import cores_of
+from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import held, whole_file, writable
 from tsuiseki.tracking.report.rendering import render
 from tsuiseki.tracking.runs.options import Output
@@ -227,7 +227,7 @@ def _crossings(batch: Path, rows: Sequence[Row]) -> dict[str, str]:
     for row in rows:
         path = batch / row.name / "answers.json"
         if row.status != "failed" and path.is_file():
-            lines = json.loads(path.read_text(encoding="utf-8")).get("lines", {})
+            lines = read_json(path, "answers of tsuiseki count").get("lines", {})
             for line, way, count in zip(*(lines.get(name, []) for name in ("line", "direction", "count")), strict=True):
                 sums[f"{line}, {way}"] += count
     return {name: str(count) for name, count in sorted(sums.items())}

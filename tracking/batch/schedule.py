@@ -16,6 +16,8 @@ from tsuiseki.tracking.batch.executors import Processes, RayTasks
 from tsuiseki.tracking.batch.jobs import STATE, Job
 from tsuiseki.tracking.batch.tasks import BatchTask, Doing, Kind, TaskOutcome
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.openers.json_files import json_of
+from tsuiseki.tracking.openers.text import read_text
 from tsuiseki.tracking.output import held
 
 # Attempts at a task whose process died or whose network failed.
@@ -214,9 +216,9 @@ def status(folder: Path) -> None:
     if not path.is_file():
         raise RequestError(f"{folder}: expected the folder of a batch, found no {STATE}/{JOURNAL} in it")
     events = list[dict[str, Any]]()
-    for line in path.read_text(encoding="utf-8").splitlines():
+    for line in read_text(path, "the journal of a batch").splitlines():
         with suppress(ValueError):  # torn where the disk was full or the process killed
-            event = json.loads(line)
+            event = json_of(line, str(path), "an event")
             if isinstance(event, dict) and {"event", "time"} <= event.keys():
                 if event["event"] == "batch":
                     events.clear()

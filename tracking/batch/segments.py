@@ -22,6 +22,8 @@ from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.features.tiles import TileView
 from tsuiseki.tracking.features.view_choice import ViewChoice, ViewedDetector, ViewHistory, inner_detector
+from tsuiseki.tracking.openers.arrays import read_arrays
+from tsuiseki.tracking.openers.json_files import json_of
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.people.contract import PeopleTracker
 from tsuiseki.tracking.people.opening import OpenedPeople, open_people
@@ -76,9 +78,8 @@ class Observations:
     @classmethod
     def read(cls, path: Path) -> Observations:
         """What `write` wrote."""
-        with np.load(path, allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-        about, counts = json.loads(str(arrays.pop("about"))), arrays.pop("counts")
+        arrays = read_arrays(path, "observations of a part")
+        about, counts = json_of(str(arrays.pop("about")), str(path), "observations of a part"), arrays.pop("counts")
         names = {int(number): name for number, name in about.pop("names").items()}
         columns: dict[str, list[Any]] = {}
         for name in COLUMNS:
@@ -279,8 +280,8 @@ def standing(begins: int, files: Sequence[Path]) -> BoolArray | None:
     """``(F,)`` whether the camera stood still at each frame, if all were compared with the right one; else None."""
     camera, stands = StandingCamera(), list[bool]()
     for path in files:
-        with np.load(path, allow_pickle=False) as file:
-            pairs = zip(file["same"].tolist(), file["compared"].tolist(), strict=True)
+        arrays = read_arrays(path, "observations of a part")
+        pairs = zip(arrays["same"].tolist(), arrays["compared"].tolist(), strict=True)
         for same, compared in pairs:
             if len(camera) and compared != begins + camera.compared:
                 return None

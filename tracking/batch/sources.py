@@ -10,13 +10,12 @@ from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-import yaml
-
 from tsuiseki.tracking.batch.addresses import files_of
 from tsuiseki.tracking.batch.jobs import Job
 from tsuiseki.tracking.cameras.multicamera import is_floor_folder
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import is_sequence, list_images
+from tsuiseki.tracking.openers.yaml_files import yaml_of
 from tsuiseki.tracking.output import RUN_FILE
 
 VIDEOS = (".mp4", ".m4v", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".webm", ".ts", ".mts", ".m2ts", ".wmv", ".flv")
@@ -141,8 +140,8 @@ def _rows(path: Path) -> list[Mapping[str, Any]]:
         if path.suffix.lower() == ".csv":
             rows: Any = [*csv.DictReader(text.splitlines(), restkey="more than the columns")]
         else:
-            rows = yaml.safe_load(text)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError, csv.Error) as error:
+            rows = yaml_of(text, str(path), "a manifest")
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise RequestError(f"{path}: cannot be read as a manifest: {' '.join(str(error).split())[:160]}") from error
     if not isinstance(rows, list) or not rows or not all(isinstance(row, dict) for row in rows):
         raise RequestError(f"{path}: expected rows with a `source` each, got something else")

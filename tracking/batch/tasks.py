@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import errno
 import io
-import json
 import os
 import time
 import warnings
@@ -25,6 +24,7 @@ from tsuiseki.tracking.batch.continuous import GivenTracks, join_files, joined_t
 from tsuiseki.tracking.batch.jobs import STATE, Job, Place, key_of, options_of, settings_of
 from tsuiseki.tracking.batch.segments import PLAN, SegmentPlan, again, cut, detect_segment
 from tsuiseki.tracking.errors import RequestError, RunError, explained
+from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.runs.ending import LATE, ended
 from tsuiseki.tracking.runs.messages import message_of
 from tsuiseki.tracking.video.source import UnfitIndexError
@@ -211,8 +211,8 @@ def _ended(call: Callable[[], int | None], task: BatchTask, place: Place) -> Tas
 def _counts(place: Place) -> dict[str, Any]:
     """Frames and tracks of a result."""
     try:
-        record = json.loads((place.folder / "run.json").read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        record = read_json(place.folder / "run.json", "the record of a run")
+    except RequestError:
         return {}
     columns = record.get("frames", {})
     counts: dict[str, Any] = {"frames": len(columns.get("frame", ()))}

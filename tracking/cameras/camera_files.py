@@ -39,7 +39,7 @@ import yaml
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalCamera, OmnidirectionalLens, Resize
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import read_text
+from tsuiseki.tracking.openers.yaml_files import read_yaml
 from tsuiseki.tracking.types import FloatArray
 
 AnyCamera = PinholeCamera | OmnidirectionalCamera
@@ -113,10 +113,7 @@ def read_projective_cameras(path: Path) -> list[PlacedCamera]:
 
 def _read(path: Path, models: Mapping[str, CameraModel]) -> list[CameraOverFloor]:
     """The cameras of a `cameras.yaml`, each of one of the ``models``; floors may differ."""
-    try:
-        content = yaml.safe_load(read_text(path, "a camera file"))
-    except yaml.YAMLError as error:
-        raise RequestError(f"{path}: expected YAML, got something else; write it with tsuiseki calibrate") from error
+    content = read_yaml(path, "YAML of cameras, as tsuiseki calibrate writes it")
     entries = content.get("cameras") if isinstance(content, dict) else None
     if not isinstance(entries, list) or not entries:
         raise RequestError(f"{path}: expected a list named cameras with one entry per source, found none")

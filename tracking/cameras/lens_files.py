@@ -40,7 +40,10 @@ from tsuiseki.tracking.cameras.lens_fitting import (
 from tsuiseki.tracking.cameras.omnidirectional import OmnidirectionalLens
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.formats.rows import read_text, refusing
+from tsuiseki.tracking.openers.json_files import json_of
+from tsuiseki.tracking.openers.text import read_text, refusing
+from tsuiseki.tracking.openers.xml_files import xml_of
+from tsuiseki.tracking.openers.yaml_files import yaml_of
 from tsuiseki.tracking.types import FloatArray
 
 # What programs call the same things.
@@ -223,29 +226,29 @@ def _content(path: Path) -> dict[str, Any]:
         return _xml(path, text)
     # OpenCV's first line is no YAML, nor are its tags; JSON is YAML but for tabs.
     text = re.sub(r"\A\s*%YAML.*|!!opencv-\S+", "", text).replace("\t", " ")
-    try:
-        content = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        raise RequestError(f"{path}: expected YAML or JSON with camera intrinsics, got something else") from error
-    if not isinstance(content, dict):
+    content = yaml_of(text, str(path), "YAML or JSON with camera intrinsics")
+    if not isinstance(content, dict) or not all(isinstance(name, str) for name in content):
         raise RequestError(f"{path}: expected named intrinsics, got a {type(content).__name__}")
     return content
 
 
 def _xml(path: Path, text: str) -> dict[str, Any]:
+    root = xml_of(text, str(path), "an OpenCV file with camera intrinsics")
+    names = [child.tag for child in root]
+    if twice := next((name for name in names if names.count(name) > 1), None):
+        raise RequestError(f"{path}: expected each name once, got {twice} twice")
+    return {child.tag: _xml_value(child.findtext("data", child.text or "")) for child in root}
+
+
+def _xml_value(text: str) -> str | float | list[float]:
+    """A number, several of them, or words in quotes."""
+    # OpenCV writes what is not finite with a dot: .Inf and .Nan.
+    words = [word.lower().replace(".nan", "nan").replace(".inf", "inf") for word in text.split()]
     try:
-        storage = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
-    except cv2.error as error:
-        raise RequestError(f"{path}: expected an OpenCV file with camera intrinsics, got something else") from error
-    names = storage.root().keys()
-    nodes = {name: storage.getNode(name) for name in names}
-    content = {
-        name: node.mat() if node.isMap() else node.string() if node.isString() else node.real()
-        for name, node in nodes.items()
-        if node.isMap() or node.isString() or node.isReal() or node.isInt()
-    }
-    storage.release()
-    return content
+        numbers = [float(word) for word in words]
+    except ValueError:
+        return text.strip().strip('"')
+    return numbers[0] if len(numbers) == 1 else numbers
 
 
 def read_lens(path: Path, image_size: tuple[int, int] | None = None) -> OmnidirectionalLens:
@@ -277,7 +280,7 @@ def read_lens_fitted(path: Path, image_size: tuple[int, int] | None = None) -> t
     except RequestError as error:
         names_file = str(error).startswith(str(path))
         raise RequestError(str(error) if names_file else f"{path}: {error}") from error
-    except (ValueError, KeyError, TypeError, IndexError, yaml.YAMLError) as error:
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise RequestError(f"{path}: expected a lens calibration, got one that is broken ({error})") from error
 
 
@@ -393,7 +396,7 @@ def _rescaled(lens: OmnidirectionalLens, factor: float) -> OmnidirectionalLens:
 
 
 def _read_py_ocam(text: str, image_size: tuple[int, int] | None) -> OmnidirectionalLens:
-    content = json.loads(text)
+    content = json_of(text, "", "a calibration of py-OCamCalib")
     if image_size is None:
         raise RequestError("expected `image_size` WIDTH,HEIGHT, which py-OCamCalib's files do not hold")
     direct = np.array(content["taylor_coefficient"], dtype=np.float64)
@@ -425,7 +428,7 @@ def _py_ocam_text(lens: OmnidirectionalLens) -> str:
 
 
 def _read_kalibr(text: str) -> EquidistantLens:
-    content = yaml.safe_load(text)
+    content = yaml_of(text, "", "a calibration of Kalibr")
     cameras = [name for name in content if re.fullmatch(r"cam\d+", str(name))]
     entry = content[cameras[0]] if cameras else content
     if len(cameras) > 1:

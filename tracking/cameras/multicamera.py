@@ -10,8 +10,6 @@
 
 from __future__ import annotations
 
-import json
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,13 +20,10 @@ import numpy as np
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor, Placed
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import (
-    NamedRows,
-    column_names,
-    finite_number,
-    read_named_rows,
-    read_text,
-)
+from tsuiseki.tracking.formats.rows import NamedRows, column_names, finite_number, read_named_rows
+from tsuiseki.tracking.openers.json_files import read_json
+from tsuiseki.tracking.openers.text import refusing
+from tsuiseki.tracking.openers.xml_files import read_xml
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
@@ -211,14 +206,12 @@ def _read_wildtrack(path: Path) -> FloorFolder:
 
 def _wildtrack_camera(folder: Path, name: str) -> CameraOverFloor:
     def numbers(path: Path, tag: str, count: int) -> FloatArray:
-        element = re.search(rf"<{tag}[^>]*>(.*?)</{tag}>", read_text(path, "a calibration"), re.DOTALL)
-        text = (
-            re.search(r"<data>(.*?)</data>", element[1], re.DOTALL) if element and "<data>" in element[1] else element
-        )
-        values = text[1].split() if text else []
+        root = read_xml(path, "a calibration")
+        values = (root.findtext(f".//{tag}/data") or root.findtext(f".//{tag}") or "").split()
         if len(values) != count:
             raise RequestError(f"{path}: expected {count} numbers in {tag}, got {len(values)}")
-        return np.array(values, dtype=np.float64)
+        with refusing(f"{path}: expected numbers in {tag}, got something else"):
+            return np.array(values, dtype=np.float64)
 
     lens = numbers(folder / "intrinsic_zero" / f"intr_{name}.xml", "camera_matrix", 9).reshape(3, 3)
     pose = folder / "extrinsic" / f"extr_{name}.xml"
@@ -242,7 +235,7 @@ def _read_shelf(path: Path) -> FloorFolder:
     truth = read_placed_truth(path / "truth.csv")
     cameras, people = [], []
     try:
-        content = json.loads(read_text(file, "a calibration"))
+        content = read_json(file, "a calibration")
         for name, entry in content.items():
             lens, pose = (np.array(entry[key], dtype=np.float64).reshape(3, -1) for key in ("K", "RT"))
             width, height = entry["imgSize"]

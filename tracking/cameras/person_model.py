@@ -15,7 +15,6 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass
 from pathlib import Path
-from zipfile import BadZipFile
 
 import cv2
 import numpy as np
@@ -25,6 +24,7 @@ from scipy.spatial import cKDTree
 from tsuiseki.tracking.cameras.camera_files import AnyCamera
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.geometry import xywh_from_corners
+from tsuiseki.tracking.openers.arrays import read_arrays
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.types import FloatArray
 
@@ -262,9 +262,9 @@ def cached_table(
     path = folder / f"person-{hashlib.sha256(described.encode()).hexdigest()[:24]}.npz"
     if path.is_file():
         try:
-            with np.load(path, allow_pickle=False) as arrays:
-                return PersonTable(arrays["upright"], arrays["rotated"], arrays["places"])
-        except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+            arrays = read_arrays(path, "a table of people")
+            return PersonTable(arrays["upright"], arrays["rotated"], arrays["places"])
+        except (ValueError, KeyError):
             pass  # made anew below
     table = build_table(camera, floor, person, steps)
     with whole_file(path) as file:

@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 import stat
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from importlib import resources
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from tsuiseki.tracking.errors import RequestError
-
-# Of a file of options; a run.json has a row for each frame of its video.
-MOST_BYTES = 1_000_000
+from tsuiseki.tracking.openers.json_files import read_json
+from tsuiseki.tracking.openers.text import refusing
+from tsuiseki.tracking.openers.yaml_files import read_yaml
 
 
 def named_config(path: str | Path) -> Path:
@@ -42,45 +40,23 @@ def read_config(path: Path, command: Sequence[str]) -> dict[str, Any]:
     """
     path = named_config(path)
     check_regular("config", path)
-    wrong = f"`config`: expected YAML of options, name: value, in {path}, got"
+    # A run.json has a row for each frame of its video.
+    what, read = "YAML of options, name: value", read_json if path.suffix.lower() == ".json" else read_yaml
     try:
-        if path.stat().st_size > MOST_BYTES:
-            raise RequestError(f"{wrong} a file of {path.stat().st_size} bytes")
-        text = path.read_text(encoding="utf-8-sig")
-        # Nested aliases stand for billions of values in a few lines.
-        if any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.SafeLoader)):
-            raise RequestError(f"{wrong} aliases; write their values out")
-        loader = yaml.SafeLoader(text)
-        node = loader.get_single_node()
-        if repeated := next(_repeated(node), None):
-            raise RequestError(f"{wrong} {repeated} twice")
-        options = None if node is None else loader.construct_document(node)
-    except OSError as error:
-        raise RequestError(f"`config`: cannot read {path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise RequestError(f"{wrong} something binary") from error
-    except (yaml.YAMLError, RecursionError) as error:
-        mark = getattr(error, "problem_mark", None)
-        where = f", line {mark.line + 1}" if mark is not None else ""
-        raise RequestError(f"{wrong} something that cannot be read{where}") from error
+        options = read(path, what)
+    except RequestError as error:
+        raise RequestError(f"`config`: {error}") from error
     if not isinstance(options, dict | None):
-        raise RequestError(f"{wrong} no such lines")
+        raise RequestError(f"`config`: {path}: expected {what}, got no such lines")
     if options is None or not options.keys() >= {"command", "settings", "versions"}:
         return options or {}
-    if list(options["command"]) != list(command):
-        expected, got = " ".join(command), " ".join(options["command"])
+    with refusing(f"{path}: expected the record of a run, got something else"):
+        words, settings = [*map(str, options["command"])], dict(options["settings"])
+    if words != list(command):
+        expected, got = " ".join(command), " ".join(words)
         raise RequestError(f"`config`: expected the record of `{expected}` in {path}, got one of `{got}`")
     # That the run replaced an earlier result is not taken over.
-    return {name: value for name, value in options["settings"].items() if name != "overwrite"}
-
-
-def _repeated(node: yaml.Node | None) -> Iterator[str]:
-    """Keys that stand twice in a mapping."""
-    if isinstance(node, yaml.MappingNode):
-        keys = [key.value for key, _ in node.value]
-        yield from (str(key) for number, key in enumerate(keys) if key in keys[:number])
-        for _, value in node.value:
-            yield from _repeated(value)
+    return {name: value for name, value in settings.items() if name != "overwrite"}
 
 
 def check_regular(name: str, path: Path) -> None:

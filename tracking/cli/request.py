@@ -28,6 +28,7 @@ from tsuiseki.tracking.cli.commands import APP, PROGRAM, command_of, takes_all
 from tsuiseki.tracking.cli.config import check_regular, read_config
 from tsuiseki.tracking.errors import RequestError, hint_at
 from tsuiseki.tracking.fields import refused
+from tsuiseki.tracking.openers.yaml_files import yaml_of
 from tsuiseki.tracking.runs.options import Files, Output
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ def _described(argument: Argument, default: Any) -> Any:
     if not argument.tokens:
         return None if default is argument.field_info.empty else default
     values = [
-        yaml.safe_load(token.value) if token.implicit_value is UNSET else token.implicit_value
+        yaml_of(token.value, argument.name, "a value") if token.implicit_value is UNSET else token.implicit_value
         for token in argument.tokens
     ]
     return values if argument.token_count()[1] or len(values) > 1 else values[0]

@@ -34,7 +34,7 @@ import yaml
 from tsuiseki.tracking.cameras.camera_files import AnyCamera, read_cameras
 from tsuiseki.tracking.counts.polygons import crosses_itself, edges_cross
 from tsuiseki.tracking.errors import RequestError, a_path
-from tsuiseki.tracking.formats.rows import read_text
+from tsuiseki.tracking.openers.yaml_files import read_yaml
 from tsuiseki.tracking.types import FloatArray
 
 # Lines or zones of a scene, and corners of a polygon.
@@ -178,11 +178,7 @@ def read_scene(path: str | Path) -> Scene:
             borders of zones cross, or two things have one name.
     """
     path = a_path(path)
-    try:
-        content = yaml.safe_load(read_text(path, "a scene"))
-    except (yaml.YAMLError, RecursionError) as error:
-        raise RequestError(f"{path}: expected YAML with lines and zones, got something else") from error
-    return scene_of(content, str(path), path.parent)
+    return scene_of(read_yaml(path, "YAML with lines and zones"), str(path), path.parent)
 
 
 def scene_of(content: Any, where: str, folder: Path) -> Scene:

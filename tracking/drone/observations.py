@@ -30,6 +30,7 @@ from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import Describe, Detect
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.onnx import weight_files
+from tsuiseki.tracking.openers.arrays import read_arrays
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
@@ -168,8 +169,7 @@ def _read(path: Path, first: int, last: int) -> list[Observation] | None:
         head, body = content[: len(MAGIC) + 4], content[len(MAGIC) + 4 :]
         if head != MAGIC + zlib.crc32(body).to_bytes(4, "big"):
             raise ValueError("its checksum is wrong")
-        with np.load(io.BytesIO(body), allow_pickle=False) as arrays:
-            observations = _observations(dict(arrays))
+        observations = _observations(read_arrays(path, "observations", io.BytesIO(body)))
         if [o.frame for o in observations] != list(range(first, last + 1)):
             raise ValueError("it holds other frames")
         return observations

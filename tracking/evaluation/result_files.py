@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -31,6 +30,7 @@ from tsuiseki.tracking.formats.label_checks import (
 from tsuiseki.tracking.formats.labelled import Size, open_labelled
 from tsuiseki.tracking.formats.mot import read_detections, read_tracks
 from tsuiseki.tracking.formats.okutama import Protocol
+from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import RUN_FILE, is_partial
 from tsuiseki.tracking.types import Detections, IntArray, Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
@@ -144,12 +144,12 @@ def _distinctive_parts(path: Path) -> tuple[str, ...]:
 def tracked_frames(result: Path) -> FrameRange | None:
     """The frames that were tracked for the file ``result``; None where nothing says so."""
     try:
-        values = json.loads((result.parent / RUN_FILE).read_text(encoding="utf-8"))
+        values = read_json(result.parent / RUN_FILE, "the record of a run")
         if result.name not in values["files"]:
             return None
         numbers = values["frames"]["frame"]
         return FrameRange(int(numbers[0]) - 1, int(numbers[-1]) - 1)
-    except (OSError, ValueError, KeyError, IndexError, TypeError):
+    except (ValueError, KeyError, IndexError, TypeError):
         return None
 
 

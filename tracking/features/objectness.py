@@ -18,8 +18,9 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.formats.rows import read_learnt, refusing
+from tsuiseki.tracking.formats.rows import read_learnt
 from tsuiseki.tracking.geometry import iou_pairs
+from tsuiseki.tracking.openers.text import refusing
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
 

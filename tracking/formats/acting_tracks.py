@@ -16,8 +16,10 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import read_text, refusing, whole
+from tsuiseki.tracking.formats.rows import whole
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
+from tsuiseki.tracking.openers.json_files import read_json
+from tsuiseki.tracking.openers.text import refusing
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.tracks import ActingTrack
 
@@ -54,7 +56,7 @@ def read_acting_tracks(path: Path, needed: bool = True) -> tuple[list[ActingTrac
         RequestError: the file is missing, no such file, or says nothing of actions although they are ``needed``.
     """
     with refusing(f"{path}: expected tracks.json of `tsuiseki track drone`, got ", repr):
-        values = json.loads(read_text(path, "tracks.json of `tsuiseki track drone`"))
+        values = read_json(path, "tracks.json of `tsuiseki track drone`")
         names = tuple(str(name) for name in values["actions"])
         if values["version"] != VERSION:
             raise ValueError(f"version {values['version']}")

@@ -32,7 +32,6 @@ from xml.etree import ElementTree
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import read_json, read_text, refusing
 from tsuiseki.tracking.formats.tracked_video import (
     BoxOfPicture,
     Size,
@@ -44,6 +43,9 @@ from tsuiseki.tracking.formats.tracked_video import (
     tracks_without_ids,
 )
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
+from tsuiseki.tracking.openers.json_files import read_json
+from tsuiseki.tracking.openers.text import refusing
+from tsuiseki.tracking.openers.xml_files import read_xml
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
@@ -267,13 +269,7 @@ def read_cvat(path: Path) -> TrackedVideo:
     Raises:
         RequestError: it is something else or broken.
     """
-    text = read_text(path, "CVAT's XML")
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise RequestError(f"{path}: expected CVAT's XML, which defines no entities")
-    try:
-        root = ElementTree.fromstring(text.encode())
-    except ElementTree.ParseError as error:
-        raise RequestError(f"{path}: expected CVAT's XML, got a broken one: {error}") from error
+    root = read_xml(path, "CVAT's XML")
     elements, images = root.findall("track"), sorted(root.findall("image"), key=lambda image: int(image.get("id", 0)))
     if root.tag == "annotations" and images and not elements:
         rows = (row for frame, image in enumerate(images) for row in _boxes(path, frame, image))

@@ -21,7 +21,6 @@ wrong; one on another class is wrong. Pictures are found in ``images/track/*/NAM
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -34,9 +33,11 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import LabelFile, NothingLabelledError, compare_with_picture, wanted_numbers
 from tsuiseki.tracking.formats.mot_sequence import list_images
-from tsuiseki.tracking.formats.rows import read_rows, read_text, refusing, repeated
+from tsuiseki.tracking.formats.rows import read_rows, repeated
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.geometry import corners_from_xywh
+from tsuiseki.tracking.openers.json_files import read_json
+from tsuiseki.tracking.openers.text import refusing
 from tsuiseki.tracking.types.class_choice import PERSON_NAMES
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -243,7 +244,7 @@ def read_bdd100k(path: Path, _: int | None = None, kind: int | str | None = None
     """
     expected = f"{path}: expected a list of frames with frameIndex and labels of id, category and box2d: "
     with refusing(expected, str):
-        frames = json.loads(read_text(path, "labels of BDD100K"))
+        frames = read_json(path, "labels of BDD100K")
         rows = [(int(f["frameIndex"]), label) for f in frames for label in f.get("labels") or [] if label.get("box2d")]
         numbers = np.array([number for number, _ in rows], dtype=np.int64)
         corners = ("x1", "y1", "x2", "y2")

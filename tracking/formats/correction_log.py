@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.openers.json_files import json_of
 
 CORRECTIONS_FILE = "corrections.jsonl"
 # How the file begins.
@@ -188,8 +189,8 @@ def read_corrections(path: Path, of: CorrectedVideo | None = None, slack: float 
     if not _is_json(lines[-1]) and (len(lines) > 1 or START.startswith(lines[0][: len(START)])):
         del lines[-1]
     for number, line in enumerate(lines, 1):
+        row = json_of(line, f"{path}, line {number}", "a correction as JSON")
         try:
-            row = json.loads(line)
             if number == 1:
                 size = row["size"]
                 about = CorrectedVideo(
@@ -208,8 +209,8 @@ def read_corrections(path: Path, of: CorrectedVideo | None = None, slack: float 
 
 def _is_json(line: str) -> bool:
     try:
-        json.loads(line)
-    except (ValueError, RecursionError):
+        json_of(line, "", "a correction")
+    except RequestError:
         return False
     return True
 

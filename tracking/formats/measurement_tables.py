@@ -19,7 +19,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import yaml
 from pydantic import ValidationError
 
 from tsuiseki.tracking.bounds import refusal
@@ -30,13 +29,13 @@ from tsuiseki.tracking.formats.rows import (
     column_names,
     finite_number,
     read_named_rows,
-    read_text,
     repeated,
     write_columns,
 )
 from tsuiseki.tracking.formats.track_tables import sensed_table, table_of
 from tsuiseki.tracking.formats.tracked_video import NONE, boxes_of_tracks
 from tsuiseki.tracking.geometry import centres
+from tsuiseki.tracking.openers.yaml_files import read_yaml
 from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.tracking.types.measurements import Scan, SensedTrack
 from tsuiseki.tracking.types.sensing_model import SensingModel
@@ -138,10 +137,7 @@ def write_sensed_tracks(path: Path, tracks: Sequence[SensedTrack], dimensions: i
 
 def read_sensing_model(path: Path) -> SensingModel:
     """The model in a YAML file; raises RequestError where it is no YAML, or a key or value is not as expected."""
-    try:
-        content = yaml.safe_load(read_text(path, "a YAML file with the model of the sensor"))
-    except yaml.YAMLError as error:
-        raise RequestError(f"{path}: expected YAML, got {' '.join(str(error).split())}") from error
+    content = read_yaml(path, "a YAML file with the model of the sensor")
     try:
         return sensing_model(content or {})
     except RequestError as error:

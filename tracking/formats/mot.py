@@ -15,7 +15,6 @@ Two layouts of ground truth are distinguished by their number of columns:
 from __future__ import annotations
 
 import itertools
-import json
 import re
 import warnings
 from collections.abc import Iterable
@@ -37,6 +36,7 @@ from tsuiseki.tracking.formats.rows import Rows, read_rows, repeated
 from tsuiseki.tracking.formats.track_tables import CORNERS, tracks_of
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
+from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -266,12 +266,10 @@ def read_tracks(path: str | Path) -> list[Track]:
 
 def _names_beside(path: Path) -> dict[int, str]:
     """Names of classes by number that the run that wrote ``path`` keeps in its run.json; empty where it tells none."""
-    record = path.with_name("run.json")
-    if not record.is_file():
-        return {}
     try:
-        return {int(n): str(x) for n, x in json.loads(record.read_text(encoding="utf-8"))["facts"]["classes"].items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError):
+        record = read_json(path.with_name("run.json"), "the record of a run")
+        return {int(n): str(x) for n, x in record["facts"]["classes"].items()}
+    except (ValueError, KeyError, TypeError, AttributeError):
         return {}
 
 

@@ -16,8 +16,8 @@ import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.mot import write_ground_truth
-from tsuiseki.tracking.formats.rows import read_text
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
+from tsuiseki.tracking.openers.text import read_text
 from tsuiseki.tracking.types.labels import GroundTruth
 
 # A time or a frame number, as the whole of a name.

@@ -18,8 +18,9 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
 from tsuiseki.tracking.formats.label_checks import LabelFile
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, image_size, list_images
-from tsuiseki.tracking.formats.rows import read_rows, read_text, repeated, rows_of
+from tsuiseki.tracking.formats.rows import read_rows, repeated, rows_of
 from tsuiseki.tracking.geometry import areas, clip_boxes
+from tsuiseki.tracking.openers.text import read_text
 from tsuiseki.tracking.types import BoolArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth

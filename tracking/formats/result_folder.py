@@ -8,7 +8,6 @@ frames, from 1, in which a box was filled in.
 
 from __future__ import annotations
 
-import json
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -25,6 +24,7 @@ from tsuiseki.tracking.formats.rows import column_names, read_named_rows
 from tsuiseki.tracking.formats.single import read_boxes
 from tsuiseki.tracking.formats.track_tables import names_in, read_table, tracks_of
 from tsuiseki.tracking.formats.tracked_video import runs_of
+from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import RUN_FILE, columns_shifted
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import FloorTrack
@@ -89,12 +89,9 @@ def read_folder(folder: Path) -> tuple[list[Any], dict[str, Any]]:
 def _record(folder: Path) -> tuple[dict[str, Any], str]:
     """``run.json`` of a folder or of the one around it, and the name that the folder has there."""
     for place, name in ((folder, "."), (folder.parent, folder.name)):
-        try:
-            content = json.loads((place / RUN_FILE).read_text(encoding="utf-8"))
-        except FileNotFoundError:
+        if not (place / RUN_FILE).exists():
             continue
-        except (OSError, ValueError) as error:
-            raise RequestError(f"{place / RUN_FILE}: expected JSON, got something else") from error
+        content = read_json(place / RUN_FILE, "JSON of a run")
         if not isinstance(content, dict):
             raise RequestError(f"{place / RUN_FILE}: expected what a run writes, got other JSON")
         if name == "." or name in content.get("results", {}):

@@ -17,7 +17,8 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import read_rows, read_text, whole
+from tsuiseki.tracking.formats.rows import read_rows, whole
+from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 
 HABBOF_ROW = "person cx cy w h degrees"
@@ -48,8 +49,8 @@ def is_rotated(path: Path) -> bool:
     if path.suffix.lower() != ".json" or not path.is_file():
         return False
     try:
-        content = json.loads(read_text(path, "JSON"))
-    except ValueError:
+        content = read_json(path, "JSON")
+    except RequestError:
         return False
     entries = content.get("annotations") if isinstance(content, dict) else None
     first = entries[0] if isinstance(entries, list) and entries and isinstance(entries[0], dict) else {}
@@ -68,7 +69,7 @@ def read_rotated_labels(path: Path) -> dict[str, RotatedBoxes]:
         rows = [row for text in sorted(path.glob("*.txt")) for row in _habbof_rows(text)]
         names = [text.stem for text in sorted(path.glob("*.txt"))]
     else:
-        content = _json(path)
+        content = read_json(path, "JSON with labels of rotated boxes")
         entries = content.get("annotations") if isinstance(content, dict) else None
         if not isinstance(entries, list):
             raise RequestError(f"{path}: expected a list named annotations, found none")
@@ -86,7 +87,7 @@ def read_rotated_detections(path: Path) -> dict[str, RotatedBoxes]:
     Raises:
         RequestError: the file is missing or something else.
     """
-    content = _json(path)
+    content = read_json(path, "JSON with labels of rotated boxes")
     if not isinstance(content, list):
         raise RequestError(f"{path}: expected a JSON list of detections, got a {type(content).__name__}")
     return _grouped([_row(entry, f"{path}: detection {k + 1}") for k, entry in enumerate(content)], [])
@@ -135,13 +136,6 @@ def about_bodies(boxes: FloatArray) -> FloatArray:
 
 
 _Row = tuple[str, list[float], int, float]
-
-
-def _json(path: Path) -> Any:
-    try:
-        return json.loads(read_text(path, "JSON"))
-    except ValueError as error:
-        raise RequestError(f"{path}: expected JSON, got something else or nothing") from error
 
 
 def _row(entry: Any, where: str) -> _Row:

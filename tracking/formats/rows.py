@@ -1,4 +1,4 @@
-"""Rows of text as trackers, annotators and spreadsheets write them, one reader for all; and the text of other files.
+"""Rows of text as trackers, annotators and spreadsheets write them, one reader for all.
 
 Cells are separated by commas, semicolons, tabs or spaces, as in the first row of numbers, and may stand in double
 quotes. Blank lines, lines that begin with # or %, and separators at a line's end are passed over. A comma within a
@@ -7,13 +7,10 @@ number is a decimal one where it does not separate cells. The text is UTF-8 or U
 
 from __future__ import annotations
 
-import codecs
 import csv
-import json
 import re
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from pathlib import Path
@@ -23,11 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.openers.json_files import read_json
+from tsuiseki.tracking.openers.text import read_text
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
 SEPARATORS = {";": "semicolons", "\t": "tabs", ",": "commas", " ": "spaces"}
-MARKS = {codecs.BOM_UTF8: "utf-8-sig", codecs.BOM_UTF16_LE: "utf-16", codecs.BOM_UTF16_BE: "utf-16"}
 COMMENT = ("#", "%")
 # By the name of a column the number of the first frame in it.
 FIRST_FRAME = {"frame": 1, "frame_idx": 0}
@@ -35,50 +33,8 @@ FIRST_FRAME = {"frame": 1, "frame_idx": 0}
 LARGEST_ID = 2**63 - 1
 _EMPTY = '\t,;" \ufeff'
 _END_OF_LINE = re.compile(r"\r+\n|\r")
-_BINARY = re.compile(r"[\x00-\x08]")
 _NUMBER = re.compile(r"[\s\"]*([-+.\d]|nan\b|inf\b)", re.IGNORECASE)
 _DECIMAL_COMMA = re.compile(r"([-+]?\d*),(\d+(?:[eE][-+]?\d+)?)")
-
-
-def read_text(path: Path, what: str) -> str:
-    """The text of a file of ``what``, without the mark that some editors put before the first character.
-
-    Raises:
-        RequestError: there is no such file, or it is binary.
-    """
-    if not path.is_file():
-        raise RequestError(f"expected {what} at {path}, found no such file")
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise RequestError(f"{path}: expected {what}, cannot read the file ({error.strerror})") from error
-    name = next((name for mark, name in MARKS.items() if data.startswith(mark)), None)
-    if name is None and len(data) > 1 and 0 in data[:2]:
-        name = "utf-16-be" if data[0] == 0 else "utf-16-le"
-    try:
-        text = data.decode(name or "utf-8")
-    except UnicodeDecodeError:
-        text = "\0" if name else data.decode("latin-1")
-    if _BINARY.search(text):
-        raise RequestError(f"{path}: expected a text file of {what}, got something binary")
-    return text
-
-
-@contextmanager
-def refusing(message: str, describe: Callable[[Exception], str] = lambda _: "") -> Iterator[None]:
-    """What fails within, as content of another kind does, is a RequestError of a message and what ``describe`` says."""
-    try:
-        yield
-    except RequestError:
-        raise
-    except (AttributeError, IndexError, KeyError, OverflowError, RecursionError, TypeError, ValueError) as error:
-        raise RequestError(f"{message}{describe(error)}") from error
-
-
-def read_json(path: Path, what: str) -> Any:
-    """The content of a JSON file; raises RequestError where there is none, or it is something else."""
-    with refusing(f"{path}: expected {what}, got no JSON"):
-        return json.loads(read_text(path, what))
 
 
 @dataclass(frozen=True)
@@ -380,12 +336,9 @@ def read_learnt(path: Path, command: str, form: str) -> dict[str, Any]:
     Raises:
         RequestError: there is no file, or it is of another kind.
     """
-    try:
-        values = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise RequestError(f"found no {path}; make it with tsuiseki {command}") from error
-    except (OSError, ValueError) as error:
-        raise RequestError(f"{path}: expected a file of tsuiseki {command}, got something else") from error
+    if not path.exists():
+        raise RequestError(f"found no {path}; make it with tsuiseki {command}")
+    values = read_json(path, f"a file of tsuiseki {command}")
     if not isinstance(values, dict) or values.get("format") != form:
         raise RequestError(f"{path}: expected a file of tsuiseki {command} ({form}), got something else")
     return values

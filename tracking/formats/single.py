@@ -12,7 +12,6 @@ Quirks of the data sets that are met here:
 
 from __future__ import annotations
 
-import json
 import math
 import re
 from collections.abc import Iterable
@@ -25,8 +24,10 @@ import numpy as np
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.mot_sequence import image_size, list_images
-from tsuiseki.tracking.formats.rows import Rows, read_rows, read_text, refusing
+from tsuiseki.tracking.formats.rows import Rows, read_rows
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
+from tsuiseki.tracking.openers.json_files import read_json
+from tsuiseki.tracking.openers.text import read_text, refusing
 from tsuiseki.tracking.types import FloatArray
 
 ATTRIBUTES = {
@@ -154,7 +155,7 @@ def read_published(folder: Path) -> dict[str, PublishedScores]:
         path = folder / f"{name}.json"
         if path.is_file():
             with refusing(f"{path}: expected scores of tracker_benchmark, cannot read them"):
-                content = json.loads(read_text(path, "JSON"))
+                content = read_json(path, "a result or scores of tracker_benchmark in JSON")
                 success, precision = (tuple(map(float, content[k])) for k in ("successRateList", "precisionList"))
                 result[name] = PublishedScores(success, precision, tuple(map(str, content["seqs"])))
     if "ALL" not in result:
@@ -218,8 +219,8 @@ def _first_of_part(labels: Path) -> int:
 def _first_number(folder: Path) -> int | None:
     """Number of the first labelled image, where the sequence says or is known for it."""
     try:
-        start = json.loads(read_text(folder / "cfg.json", "JSON")).get("startFrame")
-    except (RequestError, json.JSONDecodeError, AttributeError):
+        start = read_json(folder / "cfg.json", "JSON").get("startFrame")
+    except (RequestError, AttributeError):
         start = None
     return start if isinstance(start, int) else FIRST_NUMBERS.get(folder.name.lower())
 
@@ -328,7 +329,7 @@ def read_result(path: str | Path) -> FloatArray:
     if path.suffix.lower() != ".json":
         return read_boxes(path)
     with refusing(f"{path}: expected a result of tracker_benchmark in JSON, cannot read it"):
-        content = json.loads(read_text(path, "JSON"))
+        content = read_json(path, "a result or scores of tracker_benchmark in JSON")
     return _json_boxes(content, path)
 
 

@@ -22,8 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, read_text, refusing, write_columns
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, write_columns
 from tsuiseki.tracking.formats.tracked_video import EMPTY_TRACK
+from tsuiseki.tracking.openers.json_files import read_json
+from tsuiseki.tracking.openers.text import refusing
 from tsuiseki.tracking.types import Position, Track
 from tsuiseki.tracking.types.measurements import SensedTrack
 from tsuiseki.tracking.types.tracks import ActingTrack, BodyTrack, FloorTrack
@@ -257,7 +259,7 @@ def read_table(path: Path) -> tuple[Columns, dict[str, Any]]:
         table = _read_csv(path)
     elif ending == ".json":
         with refusing(f"{path}: expected tracks as `Result.save` writes them, got other JSON"):
-            content = json.loads(read_text(path, "tracks as JSON"))
+            content = read_json(path, "tracks as JSON")
             table, about = {name: np.asarray(column) for name, column in content["columns"].items()}, content[KNOWN]
     else:
         table, about = _read_parquet(path)

@@ -14,8 +14,9 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import NothingLabelledError, compare_with_picture, wanted_numbers
-from tsuiseki.tracking.formats.rows import refusing, repeated
+from tsuiseki.tracking.formats.rows import repeated
 from tsuiseki.tracking.geometry import centres
+from tsuiseki.tracking.openers.text import refusing
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.class_choice import PERSON_NAMES
 from tsuiseki.tracking.types.frame_range import LAST_FRAME

@@ -20,9 +20,10 @@ import yaml
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import image_size, list_images
-from tsuiseki.tracking.formats.rows import read_rows, read_text, whole
+from tsuiseki.tracking.formats.rows import read_rows, whole
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo, tracks_of_rows, tracks_without_ids
 from tsuiseki.tracking.geometry import centres
+from tsuiseki.tracking.openers.yaml_files import read_yaml
 
 LABELS = "labels"
 ABOUT = "data.yaml"
@@ -107,10 +108,7 @@ def _about(folder: Path) -> dict[str, Any]:
     path = folder / ABOUT
     if not path.exists():
         return {}
-    try:
-        content = yaml.safe_load(read_text(path, "YOLO's settings"))
-    except (yaml.YAMLError, ValueError, RecursionError) as error:
-        raise RequestError(f"{path}: expected YAML, got something else") from error
+    content = read_yaml(path, "YOLO's settings")
     if not isinstance(content, dict) or not all(
         isinstance(content.get(name, 0), int | float) for name in ("width", "height", "frames", "frame_rate")
     ):

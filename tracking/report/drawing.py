@@ -6,7 +6,6 @@ nor an OpenCV with windows: over a remote shell the port can be forwarded.
 
 from __future__ import annotations
 
-import json
 import os
 import secrets
 import sys
@@ -20,6 +19,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.openers.json_files import json_of
 from tsuiseki.tracking.report.rendering import TEMPLATES
 from tsuiseki.tracking.types import ImageArray
 
@@ -100,11 +100,9 @@ class _Server(ThreadingHTTPServer, Generic[T]):
     def take(self, content: bytes) -> str:
         """Take the answer; what is wrong with it, or nothing."""
         try:
-            self.answers.append(self._take(json.loads(content)))
+            self.answers.append(self._take(json_of(content, "the page", "an answer")))
         except RequestError as error:
             return str(error)
-        except (ValueError, RecursionError):
-            return "expected JSON"
         return ""
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from tsuiseki.tracking.errors import RequestError, hint_at
+from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import whole_file
 
 OBJECTS365 = "Objects365, under the terms of its site"
@@ -71,8 +72,8 @@ class CatalogueModel:
     def record(self) -> dict[str, Any]:
         """What was kept at the download, ``sha256`` of the address and ``file_sha256`` of the ONNX; empty before."""
         try:
-            entry = json.loads(self.file.with_suffix(".json").read_text(encoding="utf-8"))
-        except (OSError, ValueError):
+            entry = read_json(self.file.with_suffix(".json"), "the record of a download")
+        except RequestError:
             return {}
         same = isinstance(entry, dict) and (entry.get("address"), entry.get("version")) == (self.address, self.version)
         return entry if same else {}

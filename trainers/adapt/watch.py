@@ -14,6 +14,8 @@ from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import empty_view
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
+from tsuiseki.tracking.openers.json_files import read_json
+from tsuiseki.tracking.openers.text import refusing
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
@@ -186,9 +188,11 @@ def watch(source: str, span: FrameRange, folder: Path, frames_at_most: int, fps:
 
 
 def _read(folder: Path) -> Watched:
-    facts = json.loads((folder / _INFO).read_text(encoding="utf-8"))
-    lists = {name: tuple(facts[name]) for name in ("span", "frames", "size")}
-    return Watched(**{**facts, **lists})
+    path = folder / _INFO
+    facts = read_json(path, "what tsuiseki adapt watched")
+    with refusing(f"{path}: expected what tsuiseki adapt watched, got something else"):
+        lists = {name: tuple(facts[name]) for name in ("span", "frames", "size")}
+        return Watched(**{**facts, **lists})
 
 
 def _keep(opened: Source, folder: Path, frames_at_most: int) -> tuple[list[int], int, tuple[int, int]]:

@@ -8,7 +8,6 @@ textures.
 from __future__ import annotations
 
 import gzip
-import json
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -19,6 +18,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.figures.mesh import triangles_of_quads
 from tsuiseki.datamodules.scenes.render.photographs import shrunk
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
 # Of each limb the rig's bone that begins it, the cube there, what it hangs on, and its ends in a `PersonSkeleton`.
@@ -62,7 +62,7 @@ class Garment:
     """
 
     def __init__(self, path: Path) -> None:
-        data: dict[str, Any] = json.loads(path.read_text())
+        data: dict[str, Any] = read_json(path, "clothes of MakeHuman")
         rows = np.array(data["faces"]).reshape(-1, 10)
         if not (rows[:, 0] == 11).all():
             raise RequestError(f"expected quads with a material and texture coordinates in {path}, got other faces")
@@ -111,8 +111,8 @@ class BaseBody:
         cubes = {name[6:]: np.unique(np.array(q)[..., 0]) for name, q in quads.items() if name.startswith("joint-")}
         self.joints = [cubes[_CUBES[bone]] for bone in BONES]
         self.tips = {bone: cubes[cube] for bone, cube in _TIPS.items()}
-        rig = json.loads((model / "rigs" / "standard" / "rig.default.json").read_text())
-        moved = json.loads((model / "rigs" / "standard" / "weights.default.json").read_text())["weights"]
+        rig = read_json(model / "rigs" / "standard" / "rig.default.json", "a rig of MakeHuman")
+        moved = read_json(model / "rigs" / "standard" / "weights.default.json", "weights of MakeHuman")["weights"]
         weights = np.zeros((len(self.vertices), len(BONES)))
         for name, entries in moved.items():
             bone = name

@@ -173,7 +173,10 @@ def test_the_printed_configuration_can_be_read_back(tmp_path: Path, capsys: pyte
         ("in a --out o --filter.max-ag 1", "unknown option --filter.max-ag; did you mean --filter.max-age?"),
         ("in a --out o --filter.gain much", "`filter.gain`: expected a valid number"),
         ("in a --out o --filter.gain -1", "`filter.gain`: expected at least 0, got -1.0"),
-        ("in a --out o --config missing.yaml", "`config`: cannot read missing.yaml"),
+        (
+            "in a --out o --config missing.yaml",
+            "`config`: expected YAML of options, name: value at missing.yaml, found no such file",
+        ),
         ("in a --out o --config", "--config: expected a file, got nothing"),
         ("in", "missing: RESULTS"),
         ("in a", "missing: `out`"),
@@ -195,10 +198,13 @@ def test_mistakes_in_words_get_one_line(words: str, line: str) -> None:
         ("seed: null", "`seed`: expected a valid integer"),
         ("filter: 3", "`filter`: expected"),
         ("filter:\n  gain: [1]", "`filter.gain`: expected"),
-        ("seed: [1", "`config`: expected YAML of options"),
-        ("- 1\n- 2", "`config`: expected YAML of options"),
-        ("seed: 1\nmethod: good\nseed: 2", "`config`: expected YAML of options"),
-        ("a: &a [1]\nb: *a", "`config`: expected YAML of options"),
+        ("seed: [1", "`config`: {}: expected YAML of options"),
+        ("- 1\n- 2", "`config`: {}: expected YAML of options"),
+        (
+            "seed: 1\nmethod: good\nseed: 2",
+            "`config`: {}: expected YAML of options, name: value, got seed twice, line 3",
+        ),
+        ("a: &a [*a]", "`config`: {}: expected YAML of options, name: value, got an alias of what it stands in"),
         ("method: best", "`method`: expected 'fast' or 'good', got 'best'"),
     ],
 )
@@ -207,7 +213,7 @@ def test_mistakes_in_yaml_get_one_line(tmp_path: Path, yaml: str, line: str) -> 
     config.write_text(yaml)
     with pytest.raises(RequestError) as caught:
         parsed("in", "a", "--out", "o", "--config", str(config))
-    assert str(caught.value).startswith(line)
+    assert str(caught.value).startswith(line.format(config))
     assert "\n" not in str(caught.value)
 
 

@@ -289,14 +289,16 @@ def bomb(folder: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    ("make", "line"), [(picture, "something binary"), (bomb, "got aliases; write their values out")]
+    ("make", "line"),
+    [(picture, "got something binary"), (bomb, "got more than 1000000 values, with those of aliases, line 6")],
 )
 def test_files_that_are_no_options(
     make: Callable[[Path], Path], line: str, clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert main(["track", "people", str(clip), "--out", "o", "--config", str(make(tmp_path))]) == 2
     (said,) = lines_of(capsys)
-    assert said.startswith("tsuiseki: --config: expected YAML of options")
+    assert said.startswith("tsuiseki: --config: ")
+    assert "YAML of options" in said
     assert said.endswith(line)
 
 
