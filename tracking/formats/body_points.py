@@ -2,6 +2,8 @@
 
 * SLEAP's analysis CSV: ``track,frame_idx,instance.score,head.x,head.y,head.score,…``, frames from 0. Its
   projects and analysis files are HDF5: `sleap_hdf5`.
+* sleap-io's CSV with a line a frame: ``frame_idx,inst0.track,inst0.score,inst0.head.x,…``, or with the names of the
+  animals instead: ``frame_idx,mouse1.head.x,…``.
 * DeepLabCut's CSV: header lines scorer, (individuals,) bodyparts, coords; then a line a frame, from 0. In files of
   labels the frame is the number in the name of the image. The parts of the individual ``single``, which
   stands beside others, are landmarks of the scene and no animal.
@@ -14,7 +16,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +56,10 @@ def _text_table(path: Path) -> PointTable:
     if first[:1] == [DLC_FIRST]:
         return _deeplabcut(rows)
     if "frame_idx" in first:
-        return _named(read_named_rows(path, "points of animals"), (".x", ".y", ".score"), "frame_idx", "track", 0)
+        table = read_named_rows(path, "points of animals")
+        if animals := _animals(table.names):
+            return _by_frame(table, animals)
+        return _named(table, (".x", ".y", ".score"), "frame_idx", "track", 0)
     if first[:2] == ["frame", "id"]:
         return _named(read_named_rows(path, "points of animals"), ("_x", "_y", "_score"), "frame", "id", 1)
     raise RequestError(
@@ -104,6 +109,38 @@ def _named(table: NamedRows, ends: tuple[str, str, str], frame: str, track: str,
     frames = table.whole_numbers(frame, first, LAST_FRAME) - first
     names = tuple(row.get(track, "") for _, row in table.rows)
     return PointTable(tuple(nodes), frames, names, values[:, :, :2], values[:, :, 2])
+
+
+# What sleap-io calls the animals of a frame where their names do not matter.
+ANONYMOUS = re.compile(r"inst\d+")
+# Columns of files with a line for each animal.
+OF_ANIMALS = ("track", "instance.score")
+
+
+def _animals(names: Sequence[str]) -> dict[str, list[str]]:
+    """By the name of an animal the nodes that it has columns of; empty where a line is of one animal."""
+    animals = dict[str, list[str]]()
+    for name in names:
+        animal, _, node = name.removesuffix(".x").partition(".")
+        if name.endswith(".x"):
+            animals.setdefault(animal, []).append(node)
+    # Nodes may have points in their names, too.
+    alike = len({frozenset(nodes) for nodes in animals.values()}) == 1 and "" not in next(iter(animals.values()))
+    described = all(len(nodes) > 1 or f"{animal}.score" in names for animal, nodes in animals.items())
+    return animals if alike and described and not {*OF_ANIMALS} & {*names} else {}
+
+
+def _by_frame(table: NamedRows, animals: Mapping[str, Sequence[str]]) -> PointTable:
+    """From one line a frame; a column ``….track`` names the animal, or else the other columns do."""
+    nodes = tuple(next(iter(animals.values())))
+    values, tracks = np.full((len(table.rows), len(animals), len(nodes), 3), np.nan), list[str]()
+    for n, (line, row) in enumerate(table.rows):
+        for k, animal in enumerate(animals):
+            cells = [[row.get(f"{animal}.{node}.{part}", "") for part in ("x", "y", "score")] for node in nodes]
+            values[n, k] = [[_number(table.path, line, cell) for cell in point] for point in cells]
+            tracks.append(row.get(f"{animal}.track", "" if ANONYMOUS.fullmatch(animal) else animal))
+    points = values.reshape(-1, len(nodes), 3)
+    return PointTable(nodes, np.repeat(table.frames(), len(animals)), tuple(tracks), points[..., :2], points[..., 2])
 
 
 def _deeplabcut(table: Rows) -> PointTable:

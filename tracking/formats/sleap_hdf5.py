@@ -10,12 +10,13 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import warnings
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.tracks import PointTable
@@ -67,7 +68,7 @@ def read_sleap_hdf5(path: Path) -> PointTable:
     try:
         with h5py.File(path, "r") as file:
             if "pred_points" in file and "instances" in file:
-                return _project(file)
+                return _project(path, file)
             if "tracks" in file and "node_names" in file:
                 return _analysis(file)
             names = ", ".join(list(file)[:5])
@@ -154,16 +155,22 @@ def write_sleap_project(path: Path, video: TrackedVideo) -> None:
             file.create_dataset(name, data=np.array(values, dtype=kind))
 
 
-def _project(file: Any) -> PointTable:
+def _project(path: Path, file: Any) -> PointTable:
     info = json.loads(file["metadata"].attrs["json"])
+    frames, instances = file["frames"][()], file["instances"][()]
+    if not len(frames) or not len(instances):
+        raise RequestError(f"{path}: expected at least one animal that is labelled or predicted, got none")
     order = [node["id"] for node in info["skeletons"][0]["nodes"]]
     nodes = tuple(str(info["nodes"][number]["name"]) for number in order)
     tracks = [_text(json.loads(line)[1]) for line in file["tracks_json"][()]] if "tracks_json" in file else []
-    frames, instances = file["frames"][()], file["instances"][()]
     shift = 0.0 if float(file["metadata"].attrs.get("format_id", 1.0)) >= CENTRED else -0.5
     placed = {USER: _points(file["points"][()], shift), PREDICTED: _points(file["pred_points"][()], shift)}
     animals: list[tuple[int, str, FloatArray]] = []
-    for frame in frames[frames["video"] == frames["video"].min(initial=0)]:
+    elsewhere = frames["video"] != frames["video"].min()
+    if elsewhere.any():
+        line = f"{elsewhere.sum()} of {len(frames)} frames are of further videos, and are left out"
+        warnings.warn(f"{path}: {line}", InputWarning, stacklevel=3)
+    for frame in frames[~elsewhere]:
         rows = instances[int(frame["instance_id_start"]) : int(frame["instance_id_end"])]
         corrected = {int(row["from_predicted"]) for row in rows if row["instance_type"] == USER}
         for row in rows:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import json
+
 import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.body_points import read_poses_file, write_deeplabcut, write_sleap
+from tsuiseki.tracking.formats.sleap_hdf5 import write_sleap_project
+from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.types.tracks import PointTable
 
 
@@ -55,6 +59,70 @@ def test_ours_counts_frames_from_one(tmp_path):
     (tmp_path / "states.csv").write_text("frame,id,x,y,head_x,head_y,tail_x,tail_y\n1,4,0,0,1,2,,\n")
     read = read_poses_file(tmp_path / "states.csv")
     assert (read.nodes, read.frames.tolist(), read.tracks) == (("head", "tail"), [0], ("4",))
+
+
+NODES = ("head", "thorax", "tail")
+
+
+def by_frame(names, tracked):
+    """A line a frame, two animals of three points; the second is missing in frame 5."""
+    heads = [f"{name}.{node}.{part}" for name in names for node in NODES for part in ("x", "y", "score")]
+    cells = [[*(f"{10 * k + n},{n},.5" for n in range(3))] for k in range(2)]
+    missing = [",,"] * 3
+    heading = ["frame_idx", *heads, *([f"{name}.track" for name in names] if tracked else [])]
+    ends = [["b", "a"], ["b", ""]] if tracked else [[], []]
+    rows = [["0", *cells[0], *cells[1], *ends[0]], ["5", *cells[0], *missing, *ends[1]]]
+    return "\n".join(",".join(row) for row in [heading, *rows]) + "\n"
+
+
+@pytest.mark.parametrize(
+    ("names", "tracked", "tracks"),
+    [
+        (("inst0", "inst1"), True, ("b", "a", "b")),
+        (("mouse1", "mouse2"), False, ("mouse1", "mouse2", "mouse1")),
+        (("inst0", "inst1"), False, ("", "", "")),
+    ],
+)
+def test_58_16_a_line_a_frame_is_of_all_its_animals(tmp_path, names, tracked, tracks):
+    (tmp_path / "frames.csv").write_text(by_frame(names, tracked))
+    read = read_poses_file(tmp_path / "frames.csv")
+    assert (read.nodes, read.frames.tolist(), read.tracks) == (NODES, [0, 0, 5], tracks)
+    assert read.points[:, :, 0].tolist() == [[0, 1, 2], [10, 11, 12], [0, 1, 2]]
+    assert (read.scores == 0.5).all()
+
+
+def test_58_16_nodes_may_have_points_in_their_names(tmp_path):
+    for heading in ("left.ear.x,left.ear.y,right.ear.x,right.ear.y", "ear.left.x,ear.left.y,nose.x,nose.y"):
+        (tmp_path / "a.csv").write_text(f"frame_idx,{heading}\n3,1,2,3,4\n")
+        read = read_poses_file(tmp_path / "a.csv")
+        assert (len(read.nodes), read.frames.tolist(), read.points.tolist()) == (2, [3], [[[1, 2], [3, 4]]])
+
+
+@pytest.mark.parametrize("skeletons", ["kept", "none"])
+def test_58_16_a_project_without_instances_says_so(table, tmp_path, skeletons):
+    h5py = pytest.importorskip("h5py", reason="h5py is not installed")
+    write_sleap_project(tmp_path / "labels.slp", TrackedVideo([], points=table))
+    with h5py.File(tmp_path / "labels.slp", "r+") as file:
+        for name in ("instances", "pred_points", *(["frames"] if skeletons == "none" else [])):
+            kind = file[name].dtype
+            del file[name]
+            file.create_dataset(name, shape=(0,), dtype=kind)
+        if skeletons == "none":
+            about = json.loads(file["metadata"].attrs["json"])
+            file["metadata"].attrs["json"] = np.bytes_(json.dumps(about | {"skeletons": [], "nodes": []}))
+    with pytest.raises(RequestError, match=r"labels\.slp: expected at least one animal .* got none"):
+        read_poses_file(tmp_path / "labels.slp")
+
+
+def test_58_16_frames_of_further_videos_are_counted(table, tmp_path):
+    h5py = pytest.importorskip("h5py", reason="h5py is not installed")
+    write_sleap_project(tmp_path / "labels.slp", TrackedVideo([], points=table))
+    with h5py.File(tmp_path / "labels.slp", "r+") as file:
+        frames = file["frames"][()]
+        frames["video"] = [1, 4]
+        file["frames"][...] = frames
+    with pytest.warns(InputWarning, match="1 of 2 frames are of further videos, and are left out"):
+        assert read_poses_file(tmp_path / "labels.slp").frames.tolist() == [0, 0]
 
 
 @pytest.mark.parametrize(
