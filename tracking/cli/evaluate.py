@@ -230,7 +230,9 @@ def floor(compared: Comparison, *, distance: PositiveFloat = 1.0) -> None:
     compared.report(value_table(scores, FLOOR_COLUMNS), scores, {name: score.recall for name, score in scores.items()})
 
 
-def people(compared: PlottedComparison, *, labels: Labels = LABELS, classes: ClassNames | None = None) -> None:
+def people(
+    compared: PlottedComparison, *, labels: Labels = LABELS, classes: ClassNames | None = None, offset: int = 0
+) -> None:
     """Score tracked people against ground truth: HOTA, DetA, AssA, MOTA, MOTP, IDF1, switches, errors.
 
     Args:
@@ -243,6 +245,8 @@ def people(compared: PlottedComparison, *, labels: Labels = LABELS, classes: Cla
         classes: score these, each apart, by the labels' names or numbers, such as person,car; person is people as
             without this option. Results have classes in column 8: a run's by the names in its run.json, others by the
             labels' numbers.
+        offset: frames to add to the numbers of the results, such as 300 for those of a part that counts anew after the
+            first 300 frames; may be negative.
     """
     from tsuiseki.tracking.evaluation.multi import evaluate_sequences
     from tsuiseki.tracking.evaluation.result_files import match_results, read_truths
@@ -255,7 +259,7 @@ def people(compared: PlottedComparison, *, labels: Labels = LABELS, classes: Cla
         truths = read_truths(compared.truth, labels.range, labels.protocol, labels.size, kind)
         for name, result in compared.named().items():
             of_class = name if kind is None else f"{name} {kind}"
-            scores[of_class] = evaluate_sequences(match_results(truths, result))
+            scores[of_class] = evaluate_sequences(match_results(truths, result, offset))
     compared.report(people_table(scores), evaluation_values(scores))
     compared.draw(lambda path: save_comparison(scores, path))
 

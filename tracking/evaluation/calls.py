@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.evaluation.frame_offset import moved
 from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence, restrict
 from tsuiseki.tracking.evaluation.point_distances import PointScores, PointTracks
 from tsuiseki.tracking.evaluation.point_distances import evaluate_points as score_points
@@ -19,7 +20,7 @@ from tsuiseki.tracking.formats.label_checks import same_class
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.types import Estimate, FloatArray, Track, as_numbers
 from tsuiseki.tracking.types.class_choice import ClassChoice
-from tsuiseki.tracking.types.frame_range import EVERY_FRAME, parse_frames
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange, parse_frames
 from tsuiseki.tracking.types.labels import GroundTruth
 
 TruthLike: TypeAlias = str | Path | GroundTruth | Collection[Track]
@@ -27,17 +28,27 @@ TruthLike: TypeAlias = str | Path | GroundTruth | Collection[Track]
 
 @overload
 def evaluate_people(
-    truth: TruthLike, tracks: str | Path | Collection[Track], frames: str | None = None, classes: None = None
+    truth: TruthLike,
+    tracks: str | Path | Collection[Track],
+    frames: str | None = None,
+    classes: None = None,
+    offset: int = 0,
 ) -> PeopleScores: ...
 @overload
 def evaluate_people(
-    truth: TruthLike, tracks: str | Path | Collection[Track], frames: str | None = None, *, classes: Sequence[int | str]
+    truth: TruthLike,
+    tracks: str | Path | Collection[Track],
+    frames: str | None = None,
+    *,
+    classes: Sequence[int | str],
+    offset: int = 0,
 ) -> dict[int | str, PeopleScores]: ...
 def evaluate_people(
     truth: TruthLike,
     tracks: str | Path | Collection[Track],
     frames: str | None = None,
     classes: Sequence[int | str] | None = None,
+    offset: int = 0,
 ) -> PeopleScores | dict[int | str, PeopleScores]:
     """HOTA, MOTA, IDF1 and more of tracked people, or of tracked objects of each class.
 
@@ -47,6 +58,7 @@ def evaluate_people(
         tracks: the result: tracks, or their file or folder.
         frames: score these only, counted from 1 with both ends, such as ``"301-400"``.
         classes: score these, each apart, by the labels' names or numbers, such as ``["person", "car"]``.
+        offset: frames to add to the numbers of the result.
 
     Returns:
         The scores; with ``classes`` those of each, by its number or its name in small letters.
@@ -55,20 +67,23 @@ def evaluate_people(
         RequestError: one of them cannot be read, or nothing can be scored; the message says why.
     """
     if classes is None:
-        return _scores(truth, tracks, frames, None)
-    return {kind: _scores(truth, tracks, frames, kind) for kind in ClassChoice(classes).plain}
+        return _scores(truth, tracks, frames, None, offset)
+    return {kind: _scores(truth, tracks, frames, kind, offset) for kind in ClassChoice(classes).plain}
 
 
 def _scores(
-    truth: TruthLike, tracks: str | Path | Collection[Track], frames: str | None, kind: int | str | None
+    truth: TruthLike, tracks: str | Path | Collection[Track], frames: str | None, kind: int | str | None, offset: int
 ) -> PeopleScores:
     label = _truth(truth, frames, kind)
     if isinstance(tracks, str | Path):
-        (pair,) = match_results([label], Path(tracks))
+        (pair,) = match_results([label], Path(tracks), offset)
         return evaluate_sequence(pair.truth, pair.tracks, pair.length)
     if not _are_tracks(tracks):
         raise RequestError("expected the result as tracks, a file or a folder, got nothing of that")
-    scored = restrict([*tracks], label.frames) if kind is None else of_class(label, [*tracks], "the result")
+    listed = [*tracks]
+    if offset:
+        listed = moved("the result", listed, offset, FrameRange(0, label.length - 1 if label.length else None))
+    scored = restrict(listed, label.frames) if kind is None else of_class(label, listed, "the result")
     return evaluate_sequence(label.labels, scored, label.length)
 
 

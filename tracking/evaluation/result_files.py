@@ -17,6 +17,7 @@ from tsuiseki.tracking.evaluation.detection import (
     evaluate_detections,
     labelled_boxes,
 )
+from tsuiseki.tracking.evaluation.frame_offset import frame_offset, moved
 from tsuiseki.tracking.evaluation.multi import MANY, SequencePair, restrict, where_labelled
 from tsuiseki.tracking.features.exported import Detect, open_detector
 from tsuiseki.tracking.formats.exports import format_at, read_exported
@@ -153,9 +154,14 @@ def tracked_frames(result: Path) -> FrameRange | None:
         return None
 
 
-def warn_of_other_frames(result: Path, first: int, last: int) -> None:
-    """Say that of the file ``result`` frames ``first`` to ``last``, 0-based, are scored that were not tracked."""
+def warn_of_other_frames(result: Path, first: int, last: int, offset: int = 0) -> None:
+    """Say that of the file ``result`` frames ``first`` to ``last``, 0-based, are scored that were not tracked.
+
+    The frames that were tracked are ``offset`` later.
+    """
     tracked = tracked_frames(result)
+    if tracked is not None and offset:
+        tracked = FrameRange(max(tracked.first + offset, 0), None if tracked.last is None else tracked.last + offset)
     if tracked is not None and (tracked.first > first or tracked.last is None or tracked.last < last):
         kind = "a partial result, of" if is_partial(result.parent) else "of"
         warnings.warn(
@@ -181,12 +187,13 @@ DETECTION_PLACES: Places = (
 )
 
 
-def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:
+def match_results(truths: Sequence[Truth], result: Path, offset: int = 0) -> list[SequencePair]:
     """Every truth with its result in the frames that count.
 
     Args:
         truths: the labels.
         result: a text file, or one that `read_exported` reads, where there is one truth; or a folder.
+        offset: frames to add to the numbers of the result.
 
     Raises:
         RequestError: a sequence has no result, or it is broken.
@@ -198,7 +205,12 @@ def match_results(truths: Sequence[Truth], result: Path) -> list[SequencePair]:
             file = result_file(truth.name, result, len(truths) == 1, RESULT_PLACES)
         tracks = read_exported(file).in_pixels(file, truth.size).tracks if format_at(file) else read_tracks(file)
         compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)]), truth.size)
-        warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]))
+        if offset:
+            tracks = moved(file, tracks, offset, FrameRange(0, truth.length - 1 if truth.length else None))
+        if fit := frame_offset(truth.labels, tracks):
+            warnings.warn(f"{file}: {fit.hint(offset)}", InputWarning, stacklevel=2)
+        else:
+            warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]), offset)
         tracks = restrict(tracks, truth.frames) if truth.kind is None else of_class(truth, tracks, file)
         pairs.append(SequencePair(truth.name, truth.labels, tracks, truth.length))
     return pairs

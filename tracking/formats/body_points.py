@@ -24,7 +24,6 @@ import numpy as np
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.rows import NamedRows, Rows, read_named_rows, read_rows, write_csv
 from tsuiseki.tracking.formats.sleap_hdf5 import hdf5_installed, is_hdf5, read_sleap_hdf5, write_sleap_analysis
-from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.tracks import PointTable
 
 # Of all animals in a result.
@@ -59,9 +58,9 @@ def _text_table(path: Path) -> PointTable:
         table = read_named_rows(path, "points of animals")
         if animals := _animals(table.names):
             return _by_frame(table, animals)
-        return _named(table, (".x", ".y", ".score"), "frame_idx", "track", 0)
+        return _named(table, (".x", ".y", ".score"), "track")
     if first[:2] == ["frame", "id"]:
-        return _named(read_named_rows(path, "points of animals"), ("_x", "_y", "_score"), "frame", "id", 1)
+        return _named(read_named_rows(path, "points of animals"), ("_x", "_y", "_score"), "id")
     raise RequestError(
         f"{path}: expected SLEAP's analysis CSV (track,frame_idx,…), DeepLabCut's (scorer,…) or frame,id,head_x,…, "
         f"got {','.join(first)[:60]}"
@@ -94,7 +93,7 @@ def write_deeplabcut(path: Path, table: PointTable, length: int) -> None:
     write_csv(path, [DLC_FIRST, *["tsuiseki"] * len(columns)], [*heads, *rows])
 
 
-def _named(table: NamedRows, ends: tuple[str, str, str], frame: str, track: str, first: int) -> PointTable:
+def _named(table: NamedRows, ends: tuple[str, str, str], track: str) -> PointTable:
     """From one line an animal in a frame; ``ends`` follow a node's name in the header."""
     nodes = [name.removesuffix(ends[0]) for name in table.names if name.endswith(ends[0])]
     nodes = [node for node in nodes if node + ends[1] in table.names]
@@ -106,7 +105,7 @@ def _named(table: NamedRows, ends: tuple[str, str, str], frame: str, track: str,
     for n, (line, row) in enumerate(table.rows):
         for k, node in enumerate(nodes):
             values[n, k] = [_number(table.path, line, row.get(node + end, "")) for end in ends]
-    frames = table.whole_numbers(frame, first, LAST_FRAME) - first
+    frames = table.frames()
     names = tuple(row.get(track, "") for _, row in table.rows)
     return PointTable(tuple(nodes), frames, names, values[:, :, :2], values[:, :, 2])
 

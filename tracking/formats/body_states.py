@@ -18,7 +18,6 @@ from tsuiseki.tracking.formats.rows import column_names, finite_number, read_nam
 from tsuiseki.tracking.formats.track_tables import table_of
 from tsuiseki.tracking.formats.tracked_video import NONE
 from tsuiseki.tracking.types import STATUSES, BoolArray, FloatArray, ImageArray
-from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.tracks import BodyTrack, rows_of_each
 
 LAST_COLUMNS = ("score", "status")
@@ -56,7 +55,7 @@ def read_states(path: Path, fields: Sequence[str] | None = None) -> list[BodyTra
     table.need(("frame", "id", *(columns or ("a", "b", "theta"))))
     if not table.rows:
         raise RequestError(f"{path}: expected at least one state, got none")
-    frames, ids = table.whole_numbers("frame", 1, LAST_FRAME) - 1, table.whole_numbers("id", 1)
+    frames, ids = table.frames(), table.whole_numbers("id", 1)
     statuses = [row.get("status") or "tracking" for _, row in table.rows]
     for (line, _), status in zip(table.rows, statuses, strict=True):
         if status not in STATUSES:
