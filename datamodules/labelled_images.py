@@ -92,7 +92,8 @@ def _images_of(
     truth, kinds = _of_classes(video, single, classes)
     first, last = frames or (1, video.length)
     start, end = (round(share * video.length) for share in part)
-    for frame in range(max(first - 1, start), min(last, end)):
+    frames_here = np.arange(max(first - 1, start), min(last, end))
+    for frame in frames_here[np.isin(frames_here, frames_here if video.listed is None else video.listed)].tolist():
         here = truth.frames == frame
         rows = truth.select(here)
         yield LabelledFrame(

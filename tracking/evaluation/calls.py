@@ -80,10 +80,11 @@ def _scores(
         return evaluate_sequence(pair.truth, pair.tracks, pair.length)
     if not _are_tracks(tracks):
         raise RequestError("expected the result as tracks, a file or a folder, got nothing of that")
-    listed = [*tracks]
+    chosen = [*tracks]
     if offset:
-        listed = moved("the result", listed, offset, FrameRange(0, label.length - 1 if label.length else None))
-    scored = restrict(listed, label.frames) if kind is None else of_class(label, listed, "the result")
+        chosen = moved("the result", chosen, offset, FrameRange(0, label.length - 1 if label.length else None))
+    chosen = chosen if kind is None else of_class(label, chosen, "the result")
+    scored = restrict(chosen, label.frames, label.listed)
     return evaluate_sequence(label.labels, scored, label.length)
 
 

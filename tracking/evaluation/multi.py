@@ -133,10 +133,11 @@ def evaluate_sequences(pairs: Iterable[SequencePair]) -> PeopleEvaluation:
     return PeopleEvaluation({name: _summary(total) for name, total in sums.items()}, _summary(combined))
 
 
-def restrict(tracks: Iterable[Track], frames: FrameRange) -> list[Track]:
-    """The parts of ``tracks`` within ``frames``."""
+def restrict(tracks: Iterable[Track], frames: FrameRange, listed: IntArray | None = None) -> list[Track]:
+    """The parts of ``tracks`` within ``frames``, and in ``(N,)`` frames that are listed; None for all."""
     names = ("frames", "boxes", "scores", "observed", "origin")
     masks = [(track, frames.mask(track.frames)) for track in tracks]
+    masks = masks if listed is None else [(part, inside & np.isin(part.frames, listed)) for part, inside in masks]
     return [
         replace(part, **{name: getattr(part, name)[inside] for name in names}) for part, inside in masks if inside.any()
     ]

@@ -52,6 +52,7 @@ class Truth:
         kind: number or name of the class that the labels are of; None for people, whatever class results have.
         classes: names by number, where the layout has numbers.
         files: one image a frame; empty where only labels are there.
+        listed: ``(N,)`` frames that the labels speak of, in order; None for all. Results in others are passed over.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Truth:
     kind: int | str | None = None
     classes: Mapping[int, str] = field(default_factory=dict)
     files: Sequence[Path] = ()
+    listed: IntArray | None = None
 
 
 def read_truths(
@@ -93,7 +95,7 @@ def read_truths(
         except NothingLabelledError as error:
             without.append(error)
             continue
-        about = video.size, kind, video.classes, video.files
+        about = video.size, kind, video.classes, video.files, video.listed
         truths.append(Truth(video.name, labels, video.length, video.counted(protocol), *about))
     if without and (kind is None or not truths):
         raise without[0]
@@ -211,13 +213,14 @@ def match_results(truths: Sequence[Truth], result: Path, offset: int = 0) -> lis
             warnings.warn(f"{file}: {fit.hint(offset)}", InputWarning, stacklevel=2)
         else:
             warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]), offset)
-        tracks = restrict(tracks, truth.frames) if truth.kind is None else of_class(truth, tracks, file)
+        tracks = tracks if truth.kind is None else of_class(truth, tracks, file)
+        tracks = restrict(tracks, truth.frames, truth.listed)
         pairs.append(SequencePair(truth.name, truth.labels, tracks, truth.length))
     return pairs
 
 
 def of_class(truth: Truth, tracks: Sequence[Track], file: object) -> list[Track]:
-    """The tracks of the class that the labels are of, in the frames that count; all where none has a class.
+    """The tracks of the class that the labels are of; all where none has a class.
 
     Names that a run keeps decide, else the numbers of the labels' own layout.
 
@@ -226,7 +229,7 @@ def of_class(truth: Truth, tracks: Sequence[Track], file: object) -> list[Track]
     """
     name = truth.classes.get(truth.kind, str(truth.kind)) if isinstance(truth.kind, int) else str(truth.kind)
     if all(track.class_id < 0 for track in tracks):
-        return restrict(tracks, truth.frames)
+        return list(tracks)
     unknown = {track.class_id for track in tracks if not track.class_name} - {-1, *truth.classes}
     if unknown:
         numbers = ", ".join(map(str, sorted(unknown)))
@@ -241,7 +244,7 @@ def of_class(truth: Truth, tracks: Sequence[Track], file: object) -> list[Track]
         by_name = track.class_name or name == PEOPLE
         same = same_class(track_name, name) if by_name else track_name.lower() == name.lower()
         chosen += [track] if same else []
-    return restrict(chosen, truth.frames)
+    return chosen
 
 
 def evaluate_detection_files(
@@ -303,6 +306,7 @@ def _frames_that_count(
     within = truth.frames.within(truth.length or last + 1)
     assert within.last is not None
     filled = {*truth.labels.frames.tolist(), *np.flatnonzero([len(frame) for frame in detections]).tolist()}
+    filled &= filled if truth.listed is None else {*truth.listed.tolist()}
     numbers = sorted(number for number in filled if within.first <= number <= within.last)
     counted = np.repeat(numbers, [len(detections[n]) if n < len(detections) else 0 for n in numbers])
     labelled = where_labelled(truth.name, truth.labels.frames, counted, truth.length)
@@ -324,7 +328,8 @@ def _detected(truth: Truth, network: Detect, highest: float) -> list[Detections]
     within = truth.frames.within(truth.length)
     detections = [Detections.empty()] * truth.length
     assert within.last is not None
-    for number in range(within.first, within.last + 1):
+    numbers = np.arange(within.first, within.last + 1)
+    for number in numbers[np.isin(numbers, numbers if truth.listed is None else truth.listed)].tolist():
         image = network.detect([read_image(truth.files[number])])[0]
         detections[number] = image.select(image.scores <= highest)
     return detections

@@ -17,16 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.annotation_tools import (
-    read_coco,
-    read_cvat,
-    read_label_studio,
-    write_coco,
-    write_cvat,
-    write_label_studio,
-)
 from tsuiseki.tracking.formats.body_points import write_deeplabcut
 from tsuiseki.tracking.formats.box_labels import write_kitti
+from tsuiseki.tracking.formats.coco import read_coco, write_coco
+from tsuiseki.tracking.formats.cvat import read_cvat, write_cvat
+from tsuiseki.tracking.formats.label_studio import read_label_studio, write_label_studio
 from tsuiseki.tracking.formats.mot import write_tracks
 from tsuiseki.tracking.formats.mot_sequence import write_sequence
 from tsuiseki.tracking.formats.rows import write_csv
@@ -232,4 +227,4 @@ def read_exported(path: Path, single: bool = False) -> TrackedVideo:
     video = read(path)
     if not (video.identified or single):
         raise RequestError(f"{path}: expected an id of each box, found none: labels of single pictures")
-    return video
+    return video if single else video.tracked(path)

@@ -17,11 +17,11 @@ The reader of each format says which boxes count. Pictures that were labelled on
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -36,8 +36,9 @@ from tsuiseki.tracking.formats.drone_action import (
 )
 from tsuiseki.tracking.formats.exports import exported_in, format_at, read_exported
 from tsuiseki.tracking.formats.label_checks import LabelFile, compare_with_picture, identified, wanted_numbers
-from tsuiseki.tracking.formats.mot import NAMES as MOT_NAMES
-from tsuiseki.tracking.formats.mot import read_ground_truth
+from tsuiseki.tracking.formats.listed_images import other_sizes, picture_paths
+from tsuiseki.tracking.formats.mot import LABELS as MOT_LABELS
+from tsuiseki.tracking.formats.mot import class_names, read_ground_truth
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, is_sequence, list_images, read_sequence
 from tsuiseki.tracking.formats.okutama import (
     ACTIONS_FILE,
@@ -54,7 +55,7 @@ from tsuiseki.tracking.formats.result_folder import read_folder
 from tsuiseki.tracking.formats.rotated import about_bodies, is_rotated, read_rotated_labels
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks, inside
 from tsuiseki.tracking.formats.yolo import ABOUT, picture_places
-from tsuiseki.tracking.types import Track
+from tsuiseki.tracking.types import IntArray, Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
@@ -81,6 +82,7 @@ class LabelledVideo:
         first: frame of a video file, from 0, that is frame 0 of the labels.
         frame_rate: frames a second, where the layout says; None elsewhere.
         network: file of the detections of a reviewed result, whose frames count as in the video; None elsewhere.
+        listed: ``(N,)`` frames that the labels speak of, in order; None for all. `files` has a folder for each other.
     """
 
     name: str
@@ -94,6 +96,7 @@ class LabelledVideo:
     first: int = 0
     frame_rate: float | None = None
     network: Path | None = None
+    listed: IntArray | None = None
 
     def people(
         self, protocol: Protocol = "lenient", size: Size = None, kind: CountedClass = None, single: bool = False
@@ -216,7 +219,8 @@ def _sequence(sequence: MotSequence) -> LabelledVideo:
         lambda _, kind: read_ground_truth(sequence.ground_truth_path, kind),
         (lambda size: read_clip_labels(sequence, size)) if (sequence.folder / ACTIONS_FILE).is_file() else None,
         (sequence.width, sequence.height) if sequence.width and sequence.height else None,
-        MOT_NAMES,
+        class_names(sequence.ground_truth_path),
+        sequence.ground_truth_path.with_name(MOT_LABELS).is_file(),
     )
 
 
@@ -224,7 +228,7 @@ def _ground_truth(path: Path) -> LabelledVideo:
     """Labels with name and length of the sequence that a ``gt/gt.txt`` lies in, where it lies in one."""
     folder = path.resolve().parent.parent
     name = folder.name if path.name == "gt.txt" else path.stem
-    alone = LabelledVideo(name, (), None, lambda _, kind: read_ground_truth(path, kind), classes=MOT_NAMES)
+    alone = LabelledVideo(name, (), None, lambda _, kind: read_ground_truth(path, kind), classes=class_names(path))
     if path.name != "gt.txt" or path.resolve().parent.name != "gt" or not (folder / "seqinfo.ini").is_file():
         return alone
     return replace(_sequence(read_sequence(folder)), files=(), read_people=alone.read_people, read_actions=None)
@@ -272,20 +276,48 @@ def _rotated(path: Path) -> LabelledVideo:
 
 
 def _exported(path: Path) -> LabelledVideo:
-    """Labels of another program, with the images in ``images``, or those or the video that they name beside them."""
+    """Labels of another program, with the pictures that they name, those in ``images``, or their video beside them."""
     exported, folder = read_exported(path, single=True), path if path.is_dir() else path.parent
-    places = [folder, *(folder / name for name in ("images", "data"))]
-    places += [folder.parent / "images", folder.parent / path.stem.removeprefix("instances_")]
-    named = [[place / name for name in exported.images] for place in places]
-    images = next((tuple(paths) for paths in named if paths and all(image.is_file() for image in paths)), ())
-    images = images or list_images(picture_places(folder)[1])
+    names = tuple(name for name in exported.images if name)
+    named = picture_paths(path, names)
+    pictures = named or list_images(picture_places(folder)[1])
+    sizes = [exported.image_sizes.get(name) for name in names]
+    if not named:
+        sizes = [exported.image_sizes.get(picture.name, None if names else exported.size) for picture in pictures]
+    frames = np.flatnonzero(exported.images) if named and exported.listed is None else exported.listed
+    frames = np.arange(len(pictures)) if frames is None or not named else frames
+    other = other_sizes(path, pictures, sizes)
+    unusable = [frame for frame, picture in zip(frames.tolist(), pictures, strict=True) if picture in other]
+    length, listed = exported.length or len(pictures), exported.listed
+    if unusable:
+        listed = np.setdiff1d(np.arange(length) if listed is None else listed, unusable)
+    files = _by_frame(pictures, frames, length) if named else pictures
     video = folder / (inside(exported.name) or "")
-    length = exported.length or len(images) or None
-    files = images or ((video,) if video.is_file() else ())
+    files = files or ((video,) if video.is_file() else ())
     name = exported.stem if exported.name and not exported.stem.endswith("annotations") else folder.name
 
     def read(size: Size, kind: CountedClass) -> GroundTruth:
-        return exported.in_pixels(path, size).labels(path, kind)
+        truth = exported.in_pixels(path, size).labels(path, kind)
+        return truth.select(~np.isin(truth.frames, unusable))
 
-    names = {number: kind for kind, number in exported.kinds.items()}
-    return LabelledVideo(name, files, length, read, None, exported.size, names, labelled_classes=True)
+    kinds = {number: kind for kind, number in exported.kinds.items()}
+    about: dict[str, Any] = {"classes": kinds, "labelled_classes": True, "listed": listed}
+    return LabelledVideo(name, files, length or len(files) or None, read, None, exported.size, **about)
+
+
+def _by_frame(pictures: Sequence[Path], frames: IntArray, length: int) -> tuple[Path, ...]:
+    """One path a frame: the picture that labels name; of other frames the folder's own where its pictures fit, or it.
+
+    Args:
+        pictures: those that labels name.
+        frames: ``(N,)`` of these, in order.
+        length: number of frames.
+    """
+    folder = pictures[0].parent
+    around = list_images(folder)
+    if len(around) >= length and all(around[n] == path for n, path in zip(frames.tolist(), pictures, strict=True)):
+        return around[:length]
+    files = [folder] * length
+    for frame, picture in zip(frames.tolist(), pictures, strict=True):
+        files[frame] = picture
+    return tuple(files)

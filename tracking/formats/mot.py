@@ -9,7 +9,8 @@ Two layouts of ground truth are distinguished by their number of columns:
   pedestrian; there is no class and no visibility.
 * 9 columns (MOT16, 17, 20): column 7 says whether the row counts, column 8 is the class, column 9 the visibility.
   Only class 1 (pedestrian) is evaluated. A result on a person on a vehicle (2), a static person (7), a distractor (8)
-  or a reflection (12), in MOT20 also on a vehicle (6), is neither right nor wrong.
+  or a reflection (12), in MOT20 also on a vehicle (6), is neither right nor wrong. A ``labels.txt`` beside the
+  ``gt.txt``, as CVAT writes it, names other classes, one a line, from 1; people are those that are called so.
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from __future__ import annotations
 import itertools
 import re
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -37,7 +38,9 @@ from tsuiseki.tracking.formats.track_tables import CORNERS, tracks_of
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
 from tsuiseki.tracking.openers.json_files import read_json
+from tsuiseki.tracking.openers.text import read_text
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, IntArray, Track
+from tsuiseki.tracking.types.class_choice import PERSON_NAMES
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.types.tracks import positive_ids
@@ -54,6 +57,8 @@ NAMES = dict(
         start=PEDESTRIAN,
     )
 )
+# Names the classes, in CVAT's and datumaro's files of this layout.
+LABELS = "labels.txt"
 # Numbers of the classes on which results are neither right nor wrong.
 DISTRACTORS = (2, 7, 8, 12)
 # The same in MOT20.
@@ -87,20 +92,41 @@ def read_ground_truth(path: str | Path, kind: int | str | None = None) -> Ground
         wanted_numbers(kind, {PEDESTRIAN: NAMES[PEDESTRIAN]}, (PEDESTRIAN,), path)
         evaluated, ignored, visibility = active, np.zeros(len(rows), dtype=np.bool_), np.ones(len(rows))
     else:
-        is_mot20 = any(part.startswith("MOT20") for part in path.parts)
-        classes = rows[:, 7].astype(np.int64)
-        others = {number: str(number) for number in set(classes.tolist()) - NAMES.keys()}
-        (number,) = wanted_numbers(kind, {**NAMES, **others}, (PEDESTRIAN,), path)
-        evaluated = active & (classes == number)
-        ignored = np.isin(classes, MOT20_DISTRACTORS if is_mot20 else DISTRACTORS)
-        if number != PEDESTRIAN:
+        classes, names = rows[:, 7].astype(np.int64), class_names(path)
+        others = {number: str(number) for number in set(classes.tolist()) - names.keys()}
+        numbers = wanted_numbers(kind, {**names, **others}, people_among(names), path)
+        evaluated = active & np.isin(classes, numbers)
+        ignored = np.isin(classes, _distractors(path, names))
+        if not {*people_among(names)} & {*numbers}:
             ignored[:] = False
-            evaluated = evaluated if evaluated.any() else classes == number
+            evaluated = evaluated if evaluated.any() else np.isin(classes, numbers)
         visibility = np.where(rows[:, 8] < 0, 1.0, np.clip(rows[:, 8], 0, 1))
     if not evaluated.any():
         raise NothingLabelledError(_nothing_usable(path, rows, active, kind))
     order = np.argsort(frames, kind="stable")
     return GroundTruth(frames, ids, boxes_of(rows), evaluated, ignored, visibility).select(order)
+
+
+def class_names(path: Path) -> dict[int, str]:
+    """Names of the classes of a ``gt.txt`` by number: those in ``labels.txt`` beside it, or MOTChallenge's."""
+    labels = path.with_name(LABELS)
+    if path.name != "gt.txt" or not labels.is_file():
+        return NAMES
+    lines = read_text(labels, "names of classes, one a line").rstrip().splitlines()
+    return {number: line.strip() for number, line in enumerate(lines, start=1)} or NAMES
+
+
+def people_among(names: Mapping[int, str]) -> tuple[int, ...]:
+    """Numbers of the classes that are called people, or of all where none is."""
+    people = tuple(number for number, name in names.items() if name.lower() in PERSON_NAMES)
+    return people or tuple(names)
+
+
+def _distractors(path: Path, names: Mapping[int, str]) -> list[int]:
+    """Numbers of the classes on which a result is neither right nor wrong."""
+    is_mot20 = any(part.startswith("MOT20") for part in path.parts)
+    called = {NAMES[number] for number in (MOT20_DISTRACTORS if is_mot20 else DISTRACTORS)}
+    return [number for number, name in names.items() if name.lower().replace("_", " ") in called]
 
 
 def write_ground_truth(path: Path, truth: GroundTruth) -> None:
@@ -298,7 +324,9 @@ def _nothing_usable(path: Path, rows: FloatArray, active: BoolArray, kind: int |
     if not active.any():
         return f"{path}: no usable box: column 7 marks every row as not to be considered"
     classes = ", ".join(f"{value:g}" for value in np.unique(rows[active, 7]))
-    return f"{path}: no usable box: expected class {kind or '1 (pedestrian)'} in column 8, got only {classes}"
+    names = class_names(path)
+    people = " or ".join(f"{number} ({names[number]})" for number in people_among(names)[:4])
+    return f"{path}: no usable box: expected class {kind or people} in column 8, got only {classes}"
 
 
 # Column of the score, counted from 0.

@@ -10,7 +10,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from itertools import pairwise
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePath, PurePosixPath
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.openers.text import read_text
 from tsuiseki.tracking.types.labels import GroundTruth
 
+AnyPath = TypeVar("AnyPath", bound=PurePath)
 # A time or a frame number, as the whole of a name.
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?", re.ASCII)
 # A name that ends in the number of a frame, and not in a fraction of a second.
@@ -135,7 +137,11 @@ def list_images(folder: Path) -> tuple[Path, ...]:
     """
     if not folder.is_dir():
         return ()
-    images = [p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith(".")]
+    return in_order([p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES and not p.name.startswith(".")])
+
+
+def in_order(images: Sequence[AnyPath]) -> tuple[AnyPath, ...]:
+    """The paths of one folder as `list_images` orders them."""
     stems = [path.stem for path in images]
     common = os.path.commonprefix(stems)  # noqa: RUF071  # letters, not folders
     start = len(re.sub(r"[\d.]*$", "", common)) if common != "-" else 0
@@ -221,12 +227,24 @@ def _number(info: dict[str, str], key: str, default: float, folder: Path) -> flo
     return value
 
 
-def image_size(image: Path) -> tuple[int, int]:
-    """Width and height of an image, of which no more than that is read; raises RequestError where it is no image."""
-    try:
-        from PIL import Image  # Here, since few runs need it.
+# EXIF's tag of how a camera was held.
+ORIENTATION_TAG = 0x0112
+# Its values for a camera on its side: width and height change places.
+TURNED_ORIENTATIONS = (5, 6, 7, 8)
 
+
+def image_size(image: Path) -> tuple[int, int]:
+    """Width and height of an image, turned as its camera says, of which no more than that is read.
+
+    Raises:
+        RequestError: it is no image.
+    """
+    from PIL import Image  # Here, since few runs need it.
+
+    try:
         with Image.open(image) as opened:
-            return opened.size
-    except OSError as error:
+            # Asking a PNG for tags that it does not have would decode it all.
+            turned = "exif" in opened.info and opened.getexif().get(ORIENTATION_TAG) in TURNED_ORIENTATIONS
+            return (opened.height, opened.width) if turned else opened.size
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as error:
         raise RequestError(f"{image}: expected an image, got something that cannot be decoded") from error

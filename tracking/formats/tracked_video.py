@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+import warnings
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,20 +12,15 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.label_checks import NothingLabelledError, compare_with_picture, wanted_numbers
-from tsuiseki.tracking.formats.rows import repeated
 from tsuiseki.tracking.geometry import centres
-from tsuiseki.tracking.openers.text import refusing
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.class_choice import PERSON_NAMES
-from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.tracking.types.tracks import PointTable, rows_of_each
+from tsuiseki.tracking.types.tracks import PointTable
 
 Size: TypeAlias = tuple[int, int] | None
-BoxOfPicture: TypeAlias = tuple[int, tuple[int, str], Sequence[float], bool]
-"""0-based frame, number and name of the class, box, and whether it is a crowd."""
 PERSON = "person"
 
 
@@ -72,11 +67,13 @@ class TrackedVideo:
         frame_rate: frames a second; 0 where not known.
         size: width and height of a frame, pixels; None where not known.
         length: number of frames; 0 where not known.
-        images: names of the images by frame; empty for a video file.
+        images: names of the images by frame, empty for a frame that the file does not list; none for a video file.
+        image_sizes: width and height of the images by name, as far as the file says them.
+        listed: ``(N,)`` frames that the file speaks of, in order; None for all.
         points: of animals, where they have any.
         shares: boxes are shares of a picture whose size the file does not say.
-        identified: one id is one object; otherwise an id says nothing, as in pictures labelled one by one.
-        crowds: ids of regions on which a detection is neither right nor wrong.
+        anonymous: ids that say nothing, of boxes that the file has no id of, as in pictures labelled one by one.
+        crowds: those among them of regions on which a detection is neither right nor wrong.
         table: all tracks, of whatever kind, see `formats.track_tables`.
         about: what a table keeps beside the tracks.
     """
@@ -87,9 +84,11 @@ class TrackedVideo:
     size: Size = None
     length: int = 0
     images: tuple[str, ...] = ()
+    image_sizes: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    listed: IntArray | None = None
     points: PointTable | None = None
     shares: bool = False
-    identified: bool = True
+    anonymous: Collection[int] = ()
     crowds: Collection[int] = ()
     table: Mapping[str, NDArray[Any]] = field(default_factory=dict)
     about: Mapping[str, Any] = field(default_factory=dict)
@@ -97,6 +96,20 @@ class TrackedVideo:
     @cached_property
     def boxes(self) -> TrackedBoxes:
         return boxes_of_tracks(self.tracks)
+
+    @property
+    def identified(self) -> bool:
+        """Whether there are tracks, or nothing at all; and not only boxes without ids."""
+        return not self.tracks or any(track.id not in self.anonymous for track in self.tracks)
+
+    def tracked(self, where: object) -> TrackedVideo:
+        """Its tracks alone, without boxes that have no id, which were read from ``where``; says how many there are."""
+        tracks = [track for track in self.tracks if track.id not in self.anonymous]
+        boxes, total = (sum(map(len, part)) for part in (tracks, self.tracks))
+        if boxes < total:
+            line = f"{total - boxes} of {total} boxes have no id of a track, or are crowds, and are left out"
+            warnings.warn(f"{where}: {line}", InputWarning, stacklevel=3)
+        return replace(self, tracks=tracks, anonymous=(), crowds=())
 
     @property
     def pixels(self) -> tuple[int, int]:
@@ -161,7 +174,7 @@ class TrackedVideo:
 
     def image(self, frame: int) -> str:
         """The name of a frame's image; those of a video file are counted from 1, as FFmpeg does."""
-        return self.images[frame] if frame < len(self.images) else f"{frame + 1:06d}.jpg"
+        return (self.images[frame] if frame < len(self.images) else "") or f"{frame + 1:06d}.jpg"
 
     def in_pixels(self, where: object, size: Size = None) -> TrackedVideo:
         """The same with boxes in pixels; ``size`` counts where they are `shares`.
@@ -191,7 +204,7 @@ class TrackedVideo:
         people = [number for number, name in names.items() if name.lower() in PERSON_NAMES] or list(names)
         counted = {names[number] for number in wanted_numbers(kind, names, people, path)}
         of_class = [track.id for track in self.tracks if self.kind[track.id] in counted]
-        ids = rows.ids if self.identified else np.full(len(rows.ids), -1)
+        ids = np.where(np.isin(rows.ids, [*self.anonymous]), -1, rows.ids)
         truth = GroundTruth.of_boxes(rows.frames, ids, rows.boxes)
         ignored = np.isin(rows.ids, [*self.crowds])
         return replace(truth, evaluated=np.isin(rows.ids, of_class) & ~ignored, ignored=ignored)
@@ -229,73 +242,6 @@ def between_keys(
     track_frames = np.arange(frames[0], end + 1)
     values = np.column_stack([np.interp(track_frames, frames, column) for column in boxes.T])
     return track_frames, values, np.searchsorted(frames, track_frames, side="right") - 1
-
-
-def tracks_of_rows(
-    path: Path,
-    rows: Iterable[tuple[Any, ...]],
-    classes: Mapping[int, tuple[int, str]],
-) -> list[Track]:
-    """Tracks of rows; ids from 0 become ids from 1.
-
-    Args:
-        path: of the file, for messages.
-        rows: 0-based frame, id, box, score, whether it was observed, and where it is known the row of its detection.
-        classes: by id, number and name; a negative number stands for the place among the names.
-
-    Raises:
-        RequestError: an id stands twice in a frame, a number is impossible, or a box has no area.
-    """
-    listed = list(rows)
-    if not listed:
-        return []
-    with refusing(f"{path}: expected numbers of frames, ids and boxes: ", str):
-        frames, ids = (np.array([row[k] for row in listed], dtype=np.int64) for k in (0, 1))
-        boxes = np.array([row[2] for row in listed], dtype=np.float64).reshape(-1, 4)
-        scores = np.array([row[3] for row in listed], dtype=np.float64)
-        sources = np.array([row[5] if len(row) > 5 else -1 for row in listed], dtype=np.int64)
-    if frames.min() < 0 or frames.max() >= LAST_FRAME or ids.min() < 0:
-        raise RequestError(
-            f"{path}: expected frames up to {LAST_FRAME} and ids from 0, got frame {frames[frames.argmax()]} and id "
-            f"{ids.min()}"
-        )
-    flat = ~np.isfinite(boxes).all(axis=1) | (boxes[:, 2:] <= boxes[:, :2]).any(axis=1)
-    if flat.any():
-        row = int(flat.argmax())
-        raise RequestError(
-            f"{path}: expected boxes with an area, got {boxes[row].tolist()} of id {ids[row]} in frame {frames[row]}, "
-            "counted from 0"
-        )
-    if (twice := repeated(frames, ids)) is not None:
-        raise RequestError(f"{path}: id {ids[twice]} stands twice in frame {frames[twice]}, counted from 0")
-    observed, shift = np.array([row[4] for row in listed], dtype=np.bool_), 1 if ids.min() == 0 else 0
-    order = np.argsort(frames, kind="stable")
-    parts = [order[part] for part in rows_of_each(ids[order])]
-    names = sorted({name for _, name in classes.values()})
-    tracks = []
-    for p in parts:
-        kind, name = classes[int(ids[p[0]])]
-        kind = names.index(name) if kind < 0 and name else kind
-        origin = np.column_stack([sources[p], np.full(len(p), kind)])
-        number = int(ids[p[0]]) + shift
-        tracks.append(Track(number, frames[p], boxes[p], scores[p], observed[p], origin, {kind: name} if name else {}))
-    return tracks
-
-
-def tracks_without_ids(path: Path, rows: Iterable[BoxOfPicture]) -> TrackedVideo:
-    """Boxes of pictures that were labelled one by one: an id is the place of a box among those of its class there.
-
-    See `tracks_of_rows` for the path and for what is refused.
-    """
-    ids: dict[tuple[tuple[int, str], bool, int], int] = {}
-    counts = Counter[tuple[int, tuple[int, str], bool]]()
-    named: list[tuple[Any, ...]] = []
-    for frame, kind, box, crowd in rows:
-        counts[frame, kind, crowd] += 1
-        place = kind, crowd, counts[frame, kind, crowd]
-        named.append((frame, ids.setdefault(place, len(ids) + 1), box, 1.0, True))
-    tracks = tracks_of_rows(path, named, {number: kind for (kind, _, _), number in ids.items()})
-    return TrackedVideo(tracks, identified=False, crowds=[n for (_, crowd, _), n in ids.items() if crowd])
 
 
 def inside(name: object) -> str | None:

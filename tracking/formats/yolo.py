@@ -12,6 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -19,9 +20,11 @@ import numpy as np
 import yaml
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.formats.label_checks import Sieve
+from tsuiseki.tracking.formats.labelled_boxes import LabelledBox, finite, labelled_video, with_area
 from tsuiseki.tracking.formats.mot_sequence import image_size, list_images
 from tsuiseki.tracking.formats.rows import read_rows, whole
-from tsuiseki.tracking.formats.tracked_video import TrackedVideo, tracks_of_rows, tracks_without_ids
+from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.openers.yaml_files import read_yaml
 
@@ -61,7 +64,7 @@ def write_yolo(folder: Path, video: TrackedVideo) -> None:
         place = " ".join(f"{value:.6f}" for value in box)
         texts.setdefault(frame, []).append(f"{video.kinds[video.kind[number]]} {place} {score:.4f} {number}\n")
     for frame, lines in texts.items():
-        stem = PurePosixPath(video.images[frame]).stem if video.images else f"{video.stem}_{frame + 1}"
+        stem = PurePosixPath(video.image(frame)).stem if video.images else f"{video.stem}_{frame + 1}"
         (folder / LABELS / f"{stem}.txt").write_text("".join(lines), encoding="utf-8")
 
 
@@ -80,18 +83,12 @@ def read_yolo(folder: Path) -> TrackedVideo:
     names = about.get("names") or {}
     named = dict(enumerate(names)) if isinstance(names, list) else names if isinstance(names, dict) else {}
     places = {image.stem: frame for frame, image in enumerate(images)}
-    labelled: list[tuple[int, tuple[int, int | None, tuple[float, ...], float]]] = []
+    sieve, boxes = Sieve(folder), list[LabelledBox]()
     for path in files:
         frame = _frame(path, places)
         picture = size if about.get("width") or not places else image_size(images[frame])
-        labelled += [(frame, row) for row in _rows(path, picture or (1, 1))]
-    kinds = {kind: (kind, str(named.get(kind, kind))) for _, (kind, *_) in labelled}
-    classes = {number: kinds[kind] for _, (kind, number, _, _) in labelled if number is not None}
-    if any(number is None for _, (_, number, _, _) in labelled):
-        video = tracks_without_ids(folder, ((frame, kinds[kind], box, False) for frame, (kind, _, box, _) in labelled))
-    else:
-        rows = ((frame, number, box, score, True) for frame, (_, number, box, score) in labelled)
-        video = TrackedVideo(tracks_of_rows(folder, rows, classes))
+        boxes += sieve.read(_rows(path, frame, named), partial(_in_pixels, picture or (1, 1)))
+    video = labelled_video(folder, boxes, sieve)
     stem = re.sub(r"_?\d+$", "", files[0].stem) if files and video.identified else ""
     return replace(
         video,
@@ -100,6 +97,7 @@ def read_yolo(folder: Path) -> TrackedVideo:
         size=size,
         length=int(about.get("frames") or len(images)),
         images=tuple(image.name for image in images),
+        image_sizes={image.name: size for image in images} if size and about.get("width") else {},
         shares=size is None,
     )
 
@@ -127,7 +125,8 @@ def _frame(path: Path, places: Mapping[str, int]) -> int:
     return int(number[0]) - 1
 
 
-def _rows(path: Path, size: tuple[int, int]) -> Iterator[tuple[int, int | None, tuple[float, ...], float]]:
+def _rows(path: Path, frame: int, names: Mapping[Any, Any]) -> Iterator[tuple[str, LabelledBox]]:
+    """The rows of a file, by its name and their lines, with centre, width and height as corners."""
     table = read_rows(path, "YOLO's rows")
     for k, cells in enumerate(table.cells):
         single = len(cells) == EXPECTED.split().index("height") + 1
@@ -139,5 +138,14 @@ def _rows(path: Path, size: tuple[int, int]) -> Iterator[tuple[int, int | None, 
         if kind is None or len(score) > 1 or (number is None and not single):
             raise table.error(k, f"{EXPECTED}, with a whole number as id")
         corners = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
-        box = tuple(share * side for share, side in zip(corners, (*size, *size), strict=True))
-        yield kind, number, box, score[0] if score else 1.0
+        named = kind, str(names.get(kind, kind))
+        yield (
+            f"{path.name}:{table.lines[k]}",
+            LabelledBox(frame, number, named, corners, score=score[0] if score else 1.0),
+        )
+
+
+def _in_pixels(size: tuple[int, int], _: str, row: LabelledBox) -> LabelledBox:
+    """A row whose corners are shares, in pixels; raises UnusableError where they span nothing."""
+    shares = with_area([finite(share, "place or size") for share in row.corners])
+    return row._replace(corners=tuple(share * side for share, side in zip(shares, (*size, *size), strict=True)))

@@ -14,7 +14,15 @@ import numpy as np
 from PIL import Image, UnidentifiedImageError
 
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError, lacks_memory
-from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES, is_sequence, left_out, list_images, read_sequence
+from tsuiseki.tracking.formats.mot_sequence import (
+    IMAGE_SUFFIXES,
+    ORIENTATION_TAG,
+    TURNED_ORIENTATIONS,
+    is_sequence,
+    left_out,
+    list_images,
+    read_sequence,
+)
 from tsuiseki.tracking.formats.single import IMAGE_FOLDERS, LABEL_NAMES
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
@@ -23,10 +31,6 @@ from tsuiseki.tracking.video.levels import BYTE, SAMPLES, Levels, depth_of, eigh
 
 # Kinds of images that may hold several, of which only the first would be read.
 PAGED = ("TIFF", "WEBP", "PNG")
-# EXIF's tag of how a camera was held.
-ORIENTATION_TAG = 0x0112
-# Its values for a camera on its side: width and height change places.
-TURNED_ORIENTATIONS = (5, 6, 7, 8)
 # What kinds of files that are no images here begin with, whatever their names.
 MARKS = {
     b"ftyphe": "HEIC",

@@ -220,14 +220,22 @@ BOX = '{"id": 4, "image_id": 1, "category_id": 1, "bbox": [1, 2, 3, 4]'
         ),
         ("a.xml", "<annotations>", "expected CVAT's XML, got a broken one"),
         ("a.xml", '<!DOCTYPE a [<!ENTITY b "c">]><annotations/>', "which defines no entities"),
-        ("a.xml", '<annotations><track id="1"><box frame="0"/></track></annotations>', "expected id, frame, xtl"),
-        ("a.xml", '<annotations><track id="3"/></annotations>', "expected a box in each track, got none in track 3"),
-        ("a.xml", LONG.format(1), "expected finite corners of each box, got others in track 1"),
+        (
+            "a.xml",
+            '<annotations><track id="1"><box frame="0"/></track></annotations>',
+            "1 of 1 cannot: 1 without a finite number as xtl",
+        ),
+        ("a.xml", '<annotations><track id="3"/></annotations>', r"1 of 1 cannot: 1 without a frame .*track 3"),
+        ("a.xml", LONG.format(1).replace('"9"', '"inf"'), "2 of 2 cannot: 2 without a finite number as xbr"),
         ("a.xml", LONG.format(5_000_000).replace("nan", "9"), "a track of at most 1000000 frames, got one of 5000001"),
         ("a.json", COCO.format(BOX + "}"), "expected an id of each box .COCO: track_id"),
         ("a.json", COCO.format(f'{BOX}, "track_id": 1}}, {BOX}, "track_id": 1}}'), "id 1 stands twice in frame 0"),
-        ("a.json", COCO.format(BOX.replace("4]", '0], "track_id": 1') + "}"), "expected boxes with an area"),
-        ("a.json", COCO.format(BOX.replace("[1, 2", "[1") + ', "track_id": 1}'), "with images, categories"),
+        (
+            "a.json",
+            COCO.format(BOX.replace("4]", '0], "track_id": 1') + "}"),
+            "1 of 1 cannot: 1 without an area .annotation 4",
+        ),
+        ("a.json", COCO.format(BOX.replace("[1, 2", "[1") + ', "track_id": 1}'), "without x, y, width and height"),
         ("a.json", COCO.format(""), "expected labelled boxes, found none"),
         ("a.json", "{", "expected COCO's JSON, got no JSON"),
         ("a.json", "[]", "expected one task of Label Studio's JSON of video, got 0"),
@@ -256,7 +264,8 @@ def pictures(folder: Path, count: int = 4) -> None:
 def single_coco(folder: Path) -> Path:
     """As COCO itself: pictures of other sizes, no tracks, a crowd."""
     pictures(folder / "val2017")
-    images = [{"id": 7 + n, "file_name": f"{n:03d}.png", "width": 1, "height": 1} for n in range(4)]
+    sides = [{"width": 200 if n % 2 else 100, "height": 100} for n in range(4)]
+    images = [{"id": 7 + n, "file_name": f"{n:03d}.png", **sides[n]} for n in range(4)]
     boxes = [(7, 1, [10, 20, 30, 40], 0), (8, 1, [20, 20, 60, 40], 0), (7, 3, [5, 5, 5, 5], 0), (8, 1, [0, 0, 9, 9], 1)]
     rows = [{"image_id": i, "category_id": c, "bbox": box, "iscrowd": crowd} for i, c, box, crowd in boxes]
     kinds = [{"id": 1, "name": "person"}, {"id": 3, "name": "car"}]

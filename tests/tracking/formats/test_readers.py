@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.formats.annotation_tools import write_cvat
+from tsuiseki.tracking.formats.cvat import write_cvat
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.types import Track
 
