@@ -9,7 +9,7 @@ def convert(result: Path, *, to: str, out: Path, video: str | None = None, overw
     """Write a result into the file of another program.
 
     Formats: csv, json, parquet, mot, dancetrack, kitti, coco, cvat, label-studio, yolo, sleap, sleap-analysis,
-    deeplabcut, via, geff. CVAT, COCO, Label Studio and YOLO are read, too.
+    deeplabcut, via, geff. KITTI, CVAT, COCO, Label Studio and YOLO are read, too.
 
     Args:
         result: folder of a result, or a file of tracks.

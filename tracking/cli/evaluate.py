@@ -240,8 +240,9 @@ def people(
             folder of Okutama-Action, VisDrone-MOT, KITTI tracking or BDD100K; the folder of Drone-Action; CVAT's XML,
             the JSON of COCO with track_id or of Label Studio, a folder of YOLO's rows with ids; the JSON of CEPDOF, of
             whose rotated boxes the upright ones about them are taken, images in the order of their names.
-        compared.results: MOTChallenge text files, or folders that hold NAME.txt or NAME/tracks.txt for each sequence
-            NAME (for a single sequence also tracks.txt, or a file of CVAT, COCO or Label Studio); several are compared.
+        compared.results: MOTChallenge text files, or folders that hold NAME.txt, data/NAME.txt (as TrackEval's) or
+            NAME/tracks.txt for each sequence NAME; a text may have KITTI's rows. For a single sequence also tracks.txt,
+            or what tsuiseki convert writes of boxes but for via and geff. Several are compared.
         classes: score these, each apart, by the labels' names or numbers, such as person,car; person is people as
             without this option. Results have classes in column 8: a run's by the names in its run.json, others by the
             labels' numbers.

@@ -13,7 +13,7 @@ from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.evaluation.multi import MATCH_OVERLAP, restrict, rows_by_frame
 from tsuiseki.tracking.evaluation.result_files import RESULT_PLACES, result_file, warn_of_other_frames
 from tsuiseki.tracking.evaluation.tables import sequence_table
-from tsuiseki.tracking.formats.mot import read_tracks
+from tsuiseki.tracking.formats.exports import read_boxes
 from tsuiseki.tracking.formats.single import SingleSequence
 from tsuiseki.tracking.formats.tracked_video import boxes_of_tracks
 from tsuiseki.tracking.geometry import iou_matrix
@@ -127,7 +127,7 @@ def cover_targets(
     covered = {}
     for target in sequences:
         file = result_file(target.name, result, len(sequences) == 1, RESULT_PLACES)
-        tracks = read_tracks(file)
+        tracks = read_boxes(file)
         scored = frames.within(len(target.boxes))
         assert scored.last is not None
         warn_of_other_frames(file, scored.first, scored.last)

@@ -20,7 +20,7 @@ from tsuiseki.tracking.evaluation.detection import (
 from tsuiseki.tracking.evaluation.frame_offset import frame_offset, moved
 from tsuiseki.tracking.evaluation.multi import MANY, SequencePair, restrict, where_labelled
 from tsuiseki.tracking.features.exported import Detect, open_detector
-from tsuiseki.tracking.formats.exports import format_at, read_exported
+from tsuiseki.tracking.formats.exports import format_at, read_boxes
 from tsuiseki.tracking.formats.label_checks import (
     PEOPLE,
     NothingLabelledError,
@@ -29,11 +29,12 @@ from tsuiseki.tracking.formats.label_checks import (
     same_class,
 )
 from tsuiseki.tracking.formats.labelled import Size, open_labelled
-from tsuiseki.tracking.formats.mot import read_detections, read_tracks
+from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.okutama import Protocol
 from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import RUN_FILE, is_partial
 from tsuiseki.tracking.types import Detections, IntArray, Track
+from tsuiseki.tracking.types.class_choice import PERSON_NAMES
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.image_folder import read_image
@@ -180,7 +181,7 @@ def warn_of_other_frames(result: Path, first: int, last: int, offset: int = 0) -
 # when the truth is a single sequence.
 Places: TypeAlias = tuple[Sequence[str], Sequence[str]]
 RESULT_PLACES: Places = (
-    ("{name}/tracks.txt", "{name}.txt", "{name}/{name}.txt", "{name}/gt/gt.txt"),
+    ("{name}/tracks.txt", "{name}.txt", "{name}/{name}.txt", "{name}/gt/gt.txt", "data/{name}.txt"),
     ("tracks.txt", "gt/gt.txt"),
 )
 DETECTION_PLACES: Places = (
@@ -194,7 +195,7 @@ def match_results(truths: Sequence[Truth], result: Path, offset: int = 0) -> lis
 
     Args:
         truths: the labels.
-        result: a text file, or one that `read_exported` reads, where there is one truth; or a folder.
+        result: a file that `read_boxes` reads, where there is one truth; or a folder.
         offset: frames to add to the numbers of the result.
 
     Raises:
@@ -205,7 +206,7 @@ def match_results(truths: Sequence[Truth], result: Path, offset: int = 0) -> lis
         file = result
         if len(truths) > 1 or not format_at(result):
             file = result_file(truth.name, result, len(truths) == 1, RESULT_PLACES)
-        tracks = read_exported(file).in_pixels(file, truth.size).tracks if format_at(file) else read_tracks(file)
+        tracks = read_boxes(file, truth.size)
         compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)]), truth.size)
         if offset:
             tracks = moved(file, tracks, offset, FrameRange(0, truth.length - 1 if truth.length else None))
@@ -213,10 +214,23 @@ def match_results(truths: Sequence[Truth], result: Path, offset: int = 0) -> lis
             warnings.warn(f"{file}: {fit.hint(offset)}", InputWarning, stacklevel=2)
         else:
             warn_of_other_frames(file, int(truth.labels.frames[0]), int(truth.labels.frames[-1]), offset)
-        tracks = tracks if truth.kind is None else of_class(truth, tracks, file)
+        if truth.kind is not None:
+            tracks = of_class(truth, tracks, file)
+        else:
+            warn_of_classes(tracks, file)
         tracks = restrict(tracks, truth.frames, truth.listed)
         pairs.append(SequencePair(truth.name, truth.labels, tracks, truth.length))
     return pairs
+
+
+def warn_of_classes(tracks: Sequence[Track], file: object) -> None:
+    """Say that tracks of which a file says that they are no people are scored as people, beside others that are."""
+    others = [track for track in tracks if track.class_name.lower() not in ("", *PERSON_NAMES)]
+    if not others or len(others) == len(tracks):
+        return
+    names = ", ".join(sorted({track.class_name for track in others}))
+    line = f"{len(others)} of {len(tracks)} tracks are of {names}, and count as false; `classes` person leaves them out"
+    warnings.warn(f"{file}: {line}", InputWarning, stacklevel=3)
 
 
 def of_class(truth: Truth, tracks: Sequence[Track], file: object) -> list[Track]:

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -31,9 +31,16 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.label_checks import LabelFile, NothingLabelledError, compare_with_picture, wanted_numbers
+from tsuiseki.tracking.formats.label_checks import (
+    LabelFile,
+    NothingLabelledError,
+    Sieve,
+    compare_with_picture,
+    wanted_numbers,
+)
+from tsuiseki.tracking.formats.labelled_boxes import LabelledBox, labelled_video, with_area
 from tsuiseki.tracking.formats.mot_sequence import list_images
-from tsuiseki.tracking.formats.rows import read_rows, repeated
+from tsuiseki.tracking.formats.rows import finite_number, read_rows, repeated
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.openers.json_files import read_json
@@ -46,6 +53,8 @@ LABELS = "label_02"
 ANNOTATIONS = "annotations"
 COUNTED = "Pedestrian"
 KITTI_NAMES = dict(enumerate((COUNTED, "Cyclist", "Car", "Van", "Truck", "Tram", "Misc", "Person", "Person_sitting")))
+# Type of a region in which results are neither right nor wrong.
+REGION = "DontCare"
 # Results on them are neither right nor wrong, as KITTI itself scores.
 ALIKE = {COUNTED: ("Person", "Person_sitting"), "Car": ("Van",)}
 # Visible share of a person by KITTI's number of occlusion.
@@ -122,9 +131,37 @@ def read_kitti(path: Path, length: int | None = None, kind: int | str | None = N
     if (row := repeated(frames[counted], ids[counted])) is not None:
         twice = f"track {ids[counted][row]} twice in frame {frames[counted][row]}"
         raise RequestError(f"{path}: expected a {name} once a frame, got {twice}")
-    ignored = np.isin(kinds, ("DontCare", *ALIKE.get(name, ())))
+    ignored = np.isin(kinds, (REGION, *ALIKE.get(name, ())))
     visible = KITTI_VISIBLE[np.clip(rows[:, 1], 0, 3).astype(np.int64)]
     return _in_order(path, GroundTruth(frames, ids, rows[:, 2:6], counted, ignored, visible))
+
+
+# Column of the score in results.
+KITTI_SCORE = 17
+
+
+def read_kitti_video(path: Path) -> TrackedVideo:
+    """All boxes of a file of KITTI, labels or a result; regions ``DontCare`` are crowds.
+
+    Raises:
+        RequestError: the file is missing or malformed, most boxes have no area, or an id stands twice in a frame.
+    """
+    table = read_rows(path, "KITTI tracking").without_heading(len(KITTI_ROW.split()))
+    numbers = {name: number for number, name in KITTI_NAMES.items()}
+    kinds = [(numbers.setdefault(cells[2], len(numbers)), cells[2]) for cells in table.cells]
+    ids = table.whole_numbers("track", 1).tolist()
+    frames = table.whole_numbers("frame", 0, 0, LAST_FRAME - 1).tolist()
+    corners = table.numbers(KITTI_ROW, (6, 7, 8, 9)).tolist()
+    cells_of_scores = [cells[KITTI_SCORE] if len(cells) > KITTI_SCORE else "1" for cells in table.cells]
+    scores = [finite_number(path, line, "score", cell) for line, cell in zip(table.lines, cells_of_scores, strict=True)]
+    boxes = [
+        LabelledBox(frame, number if number >= 0 else None, kind, box, kind[1] == REGION, score)
+        for frame, number, kind, box, score in zip(frames, ids, kinds, corners, scores, strict=True)
+    ]
+    sieve = Sieve(path, "boxes")
+    named = zip((f"in line {line}" for line in table.lines), boxes, strict=True)
+    usable = sieve.read(named, lambda _, box: box._replace(corners=with_area(box.corners)))
+    return replace(labelled_video(path, usable, sieve), name=path.stem)
 
 
 def _beginning(path: Path) -> list[str]:
@@ -133,7 +170,7 @@ def _beginning(path: Path) -> list[str]:
         return [line for line in islice(file, 100) if line.strip()]
 
 
-def _is_kitti_file(path: Path) -> bool:
+def is_kitti_file(path: Path) -> bool:
     """By its rows, whose third cell is a word."""
     cells = [line.split() for line in _beginning(path)]
     return bool(cells) and all(len(row) >= len(KITTI_ROW.split()) and row[2][0].isalpha() for row in cells)
@@ -308,6 +345,6 @@ class BoxLayout:
 
 BOX_LAYOUTS = (
     BoxLayout(is_visdrone, ANNOTATIONS, find_visdrone, read_visdrone, VISDRONE_NAMES, _is_visdrone_file),
-    BoxLayout(lambda folder: (folder / LABELS).is_dir(), LABELS, find_kitti, read_kitti, {}, _is_kitti_file),
+    BoxLayout(lambda folder: (folder / LABELS).is_dir(), LABELS, find_kitti, read_kitti, {}, is_kitti_file),
     BoxLayout(is_bdd100k, "", find_bdd100k, read_bdd100k),
 )

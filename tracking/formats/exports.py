@@ -18,18 +18,19 @@ from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.body_points import write_deeplabcut
-from tsuiseki.tracking.formats.box_labels import write_kitti
+from tsuiseki.tracking.formats.box_labels import is_kitti_file, read_kitti_video, write_kitti
 from tsuiseki.tracking.formats.coco import read_coco, write_coco
 from tsuiseki.tracking.formats.cvat import read_cvat, write_cvat
 from tsuiseki.tracking.formats.label_studio import read_label_studio, write_label_studio
-from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.formats.mot import read_tracks, write_tracks
 from tsuiseki.tracking.formats.mot_sequence import write_sequence
-from tsuiseki.tracking.formats.rows import write_csv
+from tsuiseki.tracking.formats.rows import column_names, write_csv
 from tsuiseki.tracking.formats.sleap_hdf5 import write_sleap_analysis, write_sleap_project
-from tsuiseki.tracking.formats.track_tables import CORNERS, KNOWN, write_table
-from tsuiseki.tracking.formats.tracked_video import NONE, TrackedVideo
+from tsuiseki.tracking.formats.track_tables import CORNERS, KNOWN, read_table, tracks_of, write_table
+from tsuiseki.tracking.formats.tracked_video import NONE, Size, TrackedVideo
 from tsuiseki.tracking.formats.yolo import is_yolo, read_yolo, write_yolo
 from tsuiseki.tracking.geometry import centres, xywh_from_corners
+from tsuiseki.tracking.types import Track
 
 GEFF_VERSION = "1.1"
 AXES = (("t", "time", "frame"), ("y", "space", "pixel"), ("x", "space", "pixel"))
@@ -133,10 +134,16 @@ class ExportFormat:
         """Refuse what does not fit into ``path``, which is a file of the format ``name``.
 
         Raises:
-            RequestError: the path ends in something else, the tracks have no boxes, or one is empty.
+            RequestError: the path ends in something else, the tracks have no boxes, one is empty, or there are fewer
+                pictures.
         """
         if path.suffix.lower() != self.suffix and (self.suffix or path.is_file()):
             raise RequestError(f"expected the name of a {self.suffix or 'folder'} for {name}, got {path}")
+        if video.images and (last := int(video.boxes.frames.max(initial=-1))) >= len(video.images):
+            raise RequestError(
+                f"expected frames up to {len(video.images)}, one a picture of {video.name}, got a box in frame "
+                f"{last + 1}; are these the pictures that were tracked?"
+            )
         if empty := [track.id for track in video.tracks if not len(track)]:
             raise RequestError(f"expected a frame of each track, got none of id {empty[0]}; leave it out")
         if self.holds == "boxes" and not video.tracks and video.table.get("frame", NONE).size + ("time" in video.table):
@@ -153,7 +160,7 @@ FORMATS = {
     "parquet": ExportFormat(".parquet", _write_table, holds="all"),
     "mot": ExportFormat(".txt", lambda path, video: write_tracks(path, video.tracks)),
     "dancetrack": ExportFormat(FOLDER, write_sequence, sized=True),
-    "kitti": ExportFormat(".txt", write_kitti),
+    "kitti": ExportFormat(".txt", write_kitti, read_kitti_video),
     "coco": ExportFormat(".json", write_coco, read_coco, sized=True),
     "cvat": ExportFormat(".xml", write_cvat, read_cvat, sized=True),
     "label-studio": ExportFormat(".json", write_label_studio, read_label_studio, sized=True),
@@ -190,6 +197,8 @@ def format_at(path: Path) -> str | None:
     if path.is_dir():
         return "yolo" if is_yolo(path) else None
     suffix = path.suffix.lower()
+    if suffix == ".txt" and path.is_file():
+        return "kitti" if is_kitti_file(path) else None
     if suffix != ".json" or not path.is_file():
         return "cvat" if suffix == ".xml" else None
     with path.open("rb") as file:
@@ -228,3 +237,28 @@ def read_exported(path: Path, single: bool = False) -> TrackedVideo:
     if not (video.identified or single):
         raise RequestError(f"{path}: expected an id of each box, found none: labels of single pictures")
     return video if single else video.tracked(path)
+
+
+def read_boxes(path: Path, size: Size = None) -> list[Track]:
+    """The tracks of boxes in a file of any format that is read, or of MOTChallenge's text.
+
+    Boxes that are shares of a picture are of one of this ``size``.
+
+    Raises:
+        RequestError: it is broken, or its tracks are no boxes.
+    """
+    if format_at(path):
+        return [*read_exported(path).in_pixels(path, size).tracks]
+    if not _is_table(path):
+        return read_tracks(path)
+    tracks = [getattr(track, "track", track) for track in tracks_of(read_table(path)[0])]
+    if not all(isinstance(track, Track) for track in tracks):
+        raise RequestError(f"{path}: expected tracks of boxes, got others")
+    return tracks
+
+
+def _is_table(path: Path) -> bool:
+    """Whether a file is a table as `Result.save` writes it."""
+    if path.suffix.lower() == ".csv" and path.is_file():
+        return {"frame", "id", *CORNERS} <= {*column_names(path, "tracks")}
+    return path.suffix.lower() in (".json", ".parquet")

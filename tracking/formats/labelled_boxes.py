@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -89,7 +90,7 @@ def about_turned(boxes: FloatArray, degrees: FloatArray) -> FloatArray:
 
 
 def video_of_boxes(path: Path, boxes: Iterable[LabelledBox]) -> TrackedVideo:
-    """The tracks of boxes; ids from 0 become ids from 1.
+    """The tracks of boxes; an id 0 becomes the smallest that is free.
 
     A box without an id, or of a crowd, gets as id its place among those of its class in the frame, beyond other ids.
 
@@ -134,12 +135,13 @@ _Place = tuple[tuple[int, str], bool, int]
 def _ids(boxes: Sequence[LabelledBox]) -> tuple[list[int], Mapping[_Place, int]]:
     """The id of each box; and by place those that stand for no track."""
     tracked = [box.number for box in boxes if box.number is not None and not box.crowd]
-    shift = int(min(tracked, default=1) == 0)
-    largest = max(tracked, default=0) + shift
+    used = {*tracked}
+    free = next(number for number in count(1) if number not in used) if 0 in used else 0
+    largest = max([*tracked, free], default=0)
     counts, places, ids = Counter[Any](), dict[_Place, int](), list[int]()
     for box in boxes:
         if box.number is not None and not box.crowd:
-            ids.append(box.number + shift)
+            ids.append(box.number or free)
             continue
         counts[box.frame, box.kind, box.crowd] += 1
         place = box.kind, box.crowd, counts[box.frame, box.kind, box.crowd]

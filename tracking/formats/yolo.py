@@ -1,16 +1,18 @@
 """YOLO's rows: ``labels/NAME_1.txt …``, one file a frame that has boxes, and ``data.yaml``.
 
 A row is ``class x y width height score id``: the centre and the size as shares of the picture, as ultralytics writes
-them with ``save_txt`` and ``save_conf``. Without a score the id stands last, too. Five numbers a row are labels of
-single pictures, which may lie in ``labels/train`` and ``images/train``. A frame is the number at the end of a file's
-name, from 1, or the place of the image of that name in ``images/``. ``data.yaml``, here or beside the folder, names
-the classes; width, height, frames and frame_rate in it are ours.
+them with ``save_txt`` and ``save_conf``. Score or id may be left out. Where no row of a folder has both, a sixth number
+is the id if all of them are whole, or else the score; where one has both, it is the score of a box without an id.
+Five numbers a row are labels of single pictures, which may lie in ``labels/train`` and ``images/train``. A frame is the
+number at the end of a file's name, from 1, or the place of the image of that name in ``images/``. ``data.yaml``, here
+or beside the folder, names the classes; width, height, frames, frame_rate, and first_frame, the number of the first
+frame where it is not 1, are ours.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path, PurePosixPath
@@ -23,7 +25,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import Sieve
 from tsuiseki.tracking.formats.labelled_boxes import LabelledBox, finite, labelled_video, with_area
 from tsuiseki.tracking.formats.mot_sequence import image_size, list_images
-from tsuiseki.tracking.formats.rows import read_rows, whole
+from tsuiseki.tracking.formats.rows import Rows, read_rows, whole
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.openers.yaml_files import read_yaml
@@ -32,6 +34,10 @@ LABELS = "labels"
 ABOUT = "data.yaml"
 IMAGES = "images"
 EXPECTED = "class x y width height [score] [id]"
+# Cells of a row with a score or an id.
+WITH_ONE = 6
+# What stands in `ABOUT` beside the names of the classes.
+NUMBERS = ("width", "height", "frames", "frame_rate", "first_frame")
 
 
 def is_yolo(folder: Path) -> bool:
@@ -84,10 +90,11 @@ def read_yolo(folder: Path) -> TrackedVideo:
     named = dict(enumerate(names)) if isinstance(names, list) else names if isinstance(names, dict) else {}
     places = {image.stem: frame for frame, image in enumerate(images)}
     sieve, boxes = Sieve(folder), list[LabelledBox]()
-    for path in files:
-        frame = _frame(path, places)
+    tables = _by_frame(files, places, int(about.get("first_frame", 1)))
+    sixth_is_id = _sixth_is_id(tables.values())
+    for frame, table in tables.items():
         picture = size if about.get("width") or not places else image_size(images[frame])
-        boxes += sieve.read(_rows(path, frame, named), partial(_in_pixels, picture or (1, 1)))
+        boxes += sieve.read(_rows(table, frame, named, sixth_is_id), partial(_in_pixels, picture or (1, 1)))
     video = labelled_video(folder, boxes, sieve)
     stem = re.sub(r"_?\d+$", "", files[0].stem) if files and video.identified else ""
     return replace(
@@ -107,14 +114,23 @@ def _about(folder: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     content = read_yaml(path, "YOLO's settings")
-    if not isinstance(content, dict) or not all(
-        isinstance(content.get(name, 0), int | float) for name in ("width", "height", "frames", "frame_rate")
-    ):
-        raise RequestError(f"{path}: expected names of classes, and numbers of width, height, frames and frame_rate")
+    if not isinstance(content, dict) or not all(isinstance(content.get(name, 0), int | float) for name in NUMBERS):
+        raise RequestError(f"{path}: expected names of classes, and numbers of {', '.join(NUMBERS)}")
     return content
 
 
-def _frame(path: Path, places: Mapping[str, int]) -> int:
+def _by_frame(files: Sequence[Path], places: Mapping[str, int], first: int) -> dict[int, Rows]:
+    """By frame the rows of its file; raises RequestError where two files are of one frame, or a name has no number."""
+    tables = dict[int, Rows]()
+    for path in files:
+        frame = _frame(path, places, first)
+        if frame in tables:
+            raise RequestError(f"{path}: expected one file a frame, got {tables[frame].path.name}, too")
+        tables[frame] = read_rows(path, "YOLO's rows")
+    return tables
+
+
+def _frame(path: Path, places: Mapping[str, int], first: int) -> int:
     if places:
         if path.stem not in places:
             raise RequestError(f"{path}: expected an image {path.stem} in {IMAGES}, found none")
@@ -122,25 +138,42 @@ def _frame(path: Path, places: Mapping[str, int]) -> int:
     number = re.search(r"\d{1,9}$", path.stem)
     if number is None:
         raise RequestError(f"{path}: expected the number of a frame at the end of its name, such as {path.stem}_1.txt")
-    return int(number[0]) - 1
+    if int(number[0]) < first:
+        raise RequestError(
+            f"{path}: expected frames counted from {first} in the names, got {number[0]}; where they count from "
+            f"another number, say it in {ABOUT}, such as first_frame: 0"
+        )
+    return int(number[0]) - first
 
 
-def _rows(path: Path, frame: int, names: Mapping[Any, Any]) -> Iterator[tuple[str, LabelledBox]]:
+def _sixth_is_id(tables: Iterable[Rows]) -> bool:
+    """Whether the last of six cells of a row is an id, and no score."""
+    listed = [cells for table in tables for cells in table.cells]
+    return all(len(cells) <= WITH_ONE for cells in listed) and all(
+        whole(cells[-1]) is not None for cells in listed if len(cells) == WITH_ONE
+    )
+
+
+def _rows(
+    table: Rows, frame: int, names: Mapping[Any, Any], sixth_is_id: bool
+) -> Iterator[tuple[str, LabelledBox]]:  # fmt: skip
     """The rows of a file, by its name and their lines, with centre, width and height as corners."""
-    table = read_rows(path, "YOLO's rows")
     for k, cells in enumerate(table.cells):
-        single = len(cells) == EXPECTED.split().index("height") + 1
-        number, kind = None if single else whole(cells[-1]), whole(cells[0])
+        identified = len(cells) > WITH_ONE or (len(cells) == WITH_ONE and sixth_is_id)
+        number, kind = whole(cells[-1]) if identified else None, whole(cells[0])
         try:
-            x, y, width, height, *score = [float(cell) for cell in (cells[1:] if single else cells[1:-1])]
+            x, y, width, height, *score = [float(cell) for cell in (cells[1:-1] if identified else cells[1:])]
         except ValueError:
             raise table.error(k, EXPECTED) from None
-        if kind is None or len(score) > 1 or (number is None and not single):
+        if kind is None or len(score) > 1 or (number is None and identified):
             raise table.error(k, f"{EXPECTED}, with a whole number as id")
+        if not identified and score and not 0 <= score[0] <= 1:
+            raise table.error(k, f"{EXPECTED}, with a score from 0 to 1 where others have score and id")
+        number = None if number is not None and number < 0 else number
         corners = (x - width / 2, y - height / 2, x + width / 2, y + height / 2)
         named = kind, str(names.get(kind, kind))
         yield (
-            f"{path.name}:{table.lines[k]}",
+            f"{table.path.name}:{table.lines[k]}",
             LabelledBox(frame, number, named, corners, score=score[0] if score else 1.0),
         )
 
