@@ -47,6 +47,7 @@ from tsuiseki.tracking.formats.rotated import (
     turned_detections,
 )
 from tsuiseki.tracking.geometry import rotated_iou
+from tsuiseki.tracking.openers.images import decoded_image
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -131,7 +132,7 @@ def boards(folder: Path) -> None:
     camera = OmnidirectionalCamera(calibration, np.eye(3), np.zeros(3))
     objects, images, residuals = [], [], []
     for path in sorted(folder.rglob("cal*.jpg")):
-        board = _corners(np.asarray(cv2.imread(str(path), cv2.IMREAD_GRAYSCALE), dtype=np.uint8))
+        board = _corners(np.asarray(decoded_image(path, cv2.IMREAD_GRAYSCALE), dtype=np.uint8))
         if board is None:
             continue
         corners, squares = board

@@ -17,6 +17,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import column_names, finite_number, read_named_rows, repeated, write_columns
 from tsuiseki.tracking.formats.track_tables import table_of
 from tsuiseki.tracking.formats.tracked_video import NONE
+from tsuiseki.tracking.openers.images import decoded_image
 from tsuiseki.tracking.types import STATUSES, BoolArray, FloatArray, ImageArray
 from tsuiseki.tracking.types.tracks import BodyTrack, rows_of_each
 
@@ -87,7 +88,7 @@ def read_silhouettes(folder: Path) -> ImageArray:
         raise RequestError(f"expected silhouettes as PNG files in {folder / FOLDER}, found none")
     pictures: list[np.ndarray[tuple[int, ...], np.dtype[np.uint8]]] = []
     for path in paths:
-        picture = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_GRAYSCALE)
+        picture = decoded_image(path, cv2.IMREAD_GRAYSCALE)
         if picture is None or (pictures and picture.shape != pictures[0].shape):
             raise RequestError(f"{path}: expected an image of the same size as the others, got something else")
         pictures.append(np.asarray(picture, dtype=np.uint8))

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
-from tsuiseki.tracking.errors import InputWarning, RequestError, RunError, lacks_memory
+from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.formats.mot_sequence import (
     IMAGE_SUFFIXES,
     ORIENTATION_TAG,
@@ -24,6 +24,7 @@ from tsuiseki.tracking.formats.mot_sequence import (
     read_sequence,
 )
 from tsuiseki.tracking.formats.single import IMAGE_FOLDERS, LABEL_NAMES
+from tsuiseki.tracking.openers.images import decoded_image
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.frame_source import DEFAULT_FRAME_RATE, Size, Source, fingerprint_of
@@ -125,12 +126,7 @@ def read_image(path: Path, size: Size | None = None, depth: int | None = None) -
 
 def _levels(path: Path) -> Levels:
     """``(H, W, 3)`` uint8 or uint16 RGB; raises RunError where the file cannot be decoded."""
-    try:
-        decoded = cv2.imdecode(np.fromfile(path, dtype=np.uint8), cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
-    except (OSError, cv2.error) as error:
-        if lacks_memory(error):
-            raise MemoryError(f"{path} needs more") from error
-        decoded = None
+    decoded = decoded_image(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH)
     if decoded is None:
         raise RunError(not_an_image(path))
     if decoded.dtype not in (np.uint8, np.uint16):

@@ -14,6 +14,7 @@ from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import empty_view
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
+from tsuiseki.tracking.openers.images import decoded_image
 from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.openers.text import refusing
 from tsuiseki.tracking.output import whole_file
@@ -97,7 +98,7 @@ class Watched:
         if self.empty is None:
             return None
         file = Path(self.folder) / "foreground" / f"{number + 1:06d}.png"
-        levels = cv2.imread(str(file), cv2.IMREAD_GRAYSCALE) if file.is_file() else None
+        levels = decoded_image(file, cv2.IMREAD_GRAYSCALE) if file.is_file() else None
         if levels is None:
             different, bright = difference(self.picture(number), self.empty)
             levels = np.where(bright, _BRIGHT, np.where(different, _SHADOW, _SAME)).astype(np.uint8)

@@ -18,6 +18,7 @@ import numpy as np
 from tsuiseki.datamodules.scenes.figures.mesh import triangles_of_quads
 from tsuiseki.datamodules.scenes.render.photographs import shrunk
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.openers.images import decoded_image
 from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 
@@ -176,7 +177,7 @@ def _lacking(what: str) -> RequestError:
 
 def read_texture(path: Path) -> ImageArray:
     """``(h, w, 4)`` uint8 RGBA, at most `_LARGEST_TEXTURE` wide."""
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    image = decoded_image(path, cv2.IMREAD_UNCHANGED)
     if image is None:
         raise RequestError(f"expected a picture at {path}, got something that cannot be decoded; unpack it again")
     codes = {1: cv2.COLOR_GRAY2RGBA, 3: cv2.COLOR_BGR2RGBA, 4: cv2.COLOR_BGRA2RGBA}

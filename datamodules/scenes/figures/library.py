@@ -7,10 +7,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, NonNegativeInt, PositiveInt
 from pydantic.dataclasses import dataclass as settings_dataclass
 
@@ -21,6 +22,7 @@ from tsuiseki.datamodules.scenes.people.poses import draw_pose
 from tsuiseki.datamodules.scenes.people.posture import Build
 from tsuiseki.tracking.bounds import SETTINGS, Share
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.openers.images import decoded_image
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.processes import on_all_cores
 
@@ -81,8 +83,8 @@ class SpriteLibrary:
         """The picture, normals, labels and joints of a row of the index; ``number`` counts from 0."""
         row = self._rows[number]
         name = str(self.folder / row["file"])
-        colours = cv2.imread(f"{name}.png", cv2.IMREAD_UNCHANGED)
-        normals = cv2.imread(f"{name}.normal.png", cv2.IMREAD_COLOR)
+        colours = decoded_image(f"{name}.png", cv2.IMREAD_UNCHANGED)
+        normals = decoded_image(f"{name}.normal.png")
         if colours is None or normals is None or colours.shape[2:] != (4,):
             raise RequestError(f"expected pictures {name}.png and {name}.normal.png, got none; make the folder anew")
         feet_x, feet_y, head_x, head_y, height, tilt, *sides = (float(row[c]) for c in _COLUMNS[1:])
@@ -160,10 +162,15 @@ def _person(work: Path, assets: Path, settings: SpriteSettings, seed: int, perso
         name = str(work / f"{person:04d}-{view}")
         # The label lies where a picture viewer expects opacity, so that the files can be viewed.
         opacity = np.where(sprite.label > 0, sprite.label * np.uint8(32) + np.uint8(31), 0).astype(np.uint8)
-        cv2.imwrite(f"{name}.png", np.dstack([sprite.albedo[..., ::-1], opacity]))
+        _write_png(f"{name}.png", np.dstack([sprite.albedo[..., ::-1], opacity]))
         shifted = (sprite.normal.astype(np.int16) + 128).astype(np.uint8)
-        cv2.imwrite(f"{name}.normal.png", shifted[..., ::-1])
+        _write_png(f"{name}.normal.png", shifted[..., ::-1])
         numbers = [*sprite.feet, *sprite.head, sprite.height, sprite.tilt, *sprite.steady]
         posed = [f"{sprite.middle:.4f}", f"{sprite.heading:.4f}", sprite.drawn] if placed_anyhow else []
         rows.append([*(f"{number:.4f}" for number in numbers), *posed])
     return rows
+
+
+def _write_png(path: str, pixels: NDArray[Any]) -> None:
+    """Write BGR or BGRA; `cv2.imwrite` would say nothing of a full disk, and takes no names that are not UTF-8."""
+    Path(path).write_bytes(cv2.imencode(".png", pixels)[1].tobytes())

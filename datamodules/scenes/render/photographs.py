@@ -15,6 +15,7 @@ from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Float32, Surface, across, along, boxes
 from tsuiseki.datamodules.scenes.render.tracing import Layer, RayCamera, ray_grid, tight
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.openers.images import decoded_image
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 # Opacity of 255 from which a pixel of a cut-out belongs to the thing.
@@ -107,7 +108,7 @@ def shrunk(image: NDArray[Any], factor: float) -> ImageArray:
 
 @lru_cache(maxsize=600)
 def _read(path: Path) -> ImageArray:
-    image = cv2.imread(str(path))
+    image = decoded_image(path)
     if image is None:
         raise RequestError(f"expected a photograph at {path}, got something that cannot be decoded; remove it")
     return shrunk(cv2.cvtColor(image, cv2.COLOR_BGR2RGB), 1400 / max(image.shape[:2]))
@@ -115,7 +116,7 @@ def _read(path: Path) -> ImageArray:
 
 @lru_cache(maxsize=600)
 def _read_thing(path: Path) -> ImageArray:
-    image = cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    image = decoded_image(path, cv2.IMREAD_UNCHANGED)
     if image is None or image.shape[2:] != (4,) or image.dtype != np.uint8 or not (image[..., 3] >= OPAQUE).any():
         raise RequestError(f"expected a cut-out thing at {path}, 8-bit colours with opacity, got none; remove it")
     x1, y1, x2, y2 = tight(image[..., 3] >= OPAQUE)
