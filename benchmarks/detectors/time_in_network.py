@@ -55,9 +55,10 @@ def main() -> None:
 
 def turn(source: str, detector: str, frames: str | None, view: str, threads: int) -> tuple[int, float, float]:
     """Frames, the CPU seconds of the networks, and those of this process since it began."""
-    import onnxruntime
+    import tsuiseki  # turns telemetry off before onnxruntime is loaded
 
-    from tsuiseki import track_people
+    # isort: split
+    import onnxruntime
 
     run, lock, inside = onnxruntime.InferenceSession.run, Lock(), [0.0]
 
@@ -69,7 +70,7 @@ def turn(source: str, detector: str, frames: str | None, view: str, threads: int
         return outputs
 
     onnxruntime.InferenceSession.run = timed
-    result = track_people(source, detector=detector, frames=frames, view=view, threads=threads)
+    result = tsuiseki.track_people(source, detector=detector, frames=frames, view=view, threads=threads)
     return len(result.frames["frame"]), inside[0], time.process_time()
 
 
