@@ -98,12 +98,15 @@ def explained(error: ImportError) -> RunError | RequestError | None:
     return RunError(f"OpenCV does not load, for {library[1]} is not there; {ADVICE}")
 
 
-# How OpenCV, onnxruntime, the loader of libraries and Python's threads word it.
+# How OpenCV, onnxruntime, torch, CUDA, the loader of libraries and Python's threads word it.
 MEMORY_SIGNS = (
     "insufficient memory",
     "not enough memory",
     "cannot allocate memory",
     "failed to allocate memory",
+    "can't allocate memory",
+    "out of memory",
+    "smaller than requested bytes",
     "bad_alloc",
     "failed to map segment",
     "can't start new thread",

@@ -26,6 +26,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.errors import lacks_memory
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 Grey = NDArray[np.uint8]
@@ -185,7 +186,9 @@ def refine(first: Pattern, second: Pattern, guess: FloatArray) -> ProposedStep |
     grey_second, grey_first = (np.ascontiguousarray(image.mean(axis=2)) for image in (second, first))
     try:
         _, back = cv2.findTransformECC(grey_second, grey_first, back, cv2.MOTION_EUCLIDEAN, until, None, 5)  # type: ignore[call-overload]
-    except cv2.error:  # It has left the image.
+    except cv2.error as error:  # It has left the image.
+        if lacks_memory(error):
+            raise
         return None
     similarity = np.asarray(cv2.invertAffineTransform(back.astype(np.float64)), dtype=np.float64)
     return ProposedStep(similarity, agreement(first, second, similarity))

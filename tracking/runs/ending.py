@@ -44,7 +44,8 @@ def ended(command: Callable[[], int | None]) -> int:
         return FAILED
     except Exception as error:
         explanation: BaseException | None = error if isinstance(error, LATE) else None
-        if explanation is None and lacks_memory(error):
+        # Whatever a lack of memory was taken for on its way here, such as a file that cannot be read.
+        if not isinstance(error, MemoryError) and lacks_memory(error if explanation is None else error.__cause__):
             explanation = MemoryError()
         elif isinstance(error, ImportError):
             explanation = explained(error)

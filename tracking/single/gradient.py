@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, lacks_memory
 from tsuiseki.tracking.single.tracker import TargetState
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -188,7 +188,9 @@ class Mil:
         _seed_opencv(self._rng)
         try:
             tracked, (x, y, w, h) = self._tracker.update(np.ascontiguousarray(image[..., ::-1]))
-        except cv2.error:  # no window of the size of the box near where it was
+        except cv2.error as error:  # no window of the size of the box near where it was
+            if lacks_memory(error):
+                raise
             return TargetState(self._box, 0.0, "lost")
         if tracked and w > 0 and h > 0:
             self._box = np.array([x, y, x + w, y + h], dtype=np.float64)
