@@ -13,6 +13,7 @@ from tsuiseki.tracking.association.inference_times import stride_of
 from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath
+from tsuiseki.tracking.features.exported import Describe
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.view_choice import inner_detector, knows_scores
 from tsuiseki.tracking.interchange import BadBoxes
@@ -92,6 +93,8 @@ def open_people(
     describe = people_describer(
         source, compared, finding.appearance, threads, finding.appearance_options, finding.device
     )
+    if method == "deepsort" or isinstance(method, DeepSort):
+        _check_appearance(detect, describe, source, finding)
     # The flow sees for itself where the camera stands still.
     camera = CameraPath() if linking.moving_camera else StandingCamera() if method == "flow" else None
     ground = ground_of(detect, finding.ground, source)
@@ -117,6 +120,16 @@ def open_people(
         fresh = partial(_own_tracker, inputs, linking, apart)
     tracker = ByClass(fresh, chosen.plain) if chosen is not None and apart else fresh()
     return OpenedPeople(inputs, tracker, floor, bad)
+
+
+def _check_appearance(detect: object, describe: Describe | None, source: Source, finding: PeopleFinding) -> None:
+    """Refuse DeepSORT where nothing has an appearance and nobody has said so: it would be another method, silently."""
+    described = isinstance(detect, list) and any(rows.features is not None for rows in detect)
+    if describe is None and finding.appearance is None and not described:
+        raise RequestError(
+            f"{source.name} has no images, and deepsort compares appearance; give `method` sort, or `appearance` none "
+            "for boxes alone"
+        )
 
 
 def _own_tracker(inputs: PeopleInputs, linking: Linking, copied: bool) -> PeopleTracker:

@@ -17,8 +17,8 @@ from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
 from tsuiseki.tracking.people.api import follow_people, track_people
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.people.sort import Sort
-from tsuiseki.tracking.types import Targets, Track
+from tsuiseki.tracking.people.sort import DeepSort, Sort
+from tsuiseki.tracking.types import Detections, Targets, Track
 from tsuiseki.tracking.types.tracks import targets_at
 from tsuiseki.tracking.video.source import open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
@@ -154,6 +154,22 @@ def test_detections_of_a_folder_without_images_are_enough(tmp_path: Path) -> Non
     (tmp_path / "seqinfo.ini").write_text("[Sequence]\nname=x\nimDir=img1\nframeRate=25\nseqLength=20\n")
     (track,) = track_people(tmp_path, "sort", detections=tmp_path / "det" / "det.txt")
     assert len(track) == 20
+
+
+def test_deepsort_without_pictures_is_refused_unless_it_shall_do_without(tmp_path: Path) -> None:
+    (tmp_path / "det").mkdir()
+    rows = [f"{t},-1,{3 * t},20,30,80,0.9" for t in range(1, 21)]
+    (tmp_path / "det" / "det.txt").write_text("\n".join(rows))
+    (tmp_path / "seqinfo.ini").write_text("[Sequence]\nname=x\nimDir=img1\nframeRate=25\nseqLength=20\n")
+    given = tmp_path / "det" / "det.txt"
+    refused = r"^x has no images, and deepsort compares appearance; give `method` sort, or `appearance` none for boxes"
+    for method in ("deepsort", DeepSort()):
+        with pytest.raises(RequestError, match=refused):
+            track_people(tmp_path, method, detections=given)
+    assert [len(track) for track in track_people(tmp_path, "deepsort", detections=given, appearance="none")] == [20]
+    boxes = [np.array([[3.0 + 3 * t, 20, 33 + 3 * t, 100]]) for t in range(20)]
+    described = [Detections(box, np.array([0.9]), features=np.array([[1.0, 0]])) for box in boxes]
+    assert [len(track) for track in track_people(tmp_path, "deepsort", detections=described)] == [20]
 
 
 def test_frames_that_wait_for_an_answer_get_it_at_the_end(street: Path) -> None:
