@@ -2,9 +2,9 @@
 
 Understood are arrays ``(N, 4)`` of boxes, ``(N, 5)`` with a score and ``(N, 6)`` with a score and a class, nested
 sequences of the same, objects with ``xyxy`` and ``confidence`` (supervision) or ``conf`` (ultralytics, whose results
-hold them under ``boxes``), and dictionaries with ``boxes`` and ``scores`` (torchvision). Tensors of any library that
-NumPy can read are arrays here, and an empty array of any shape is no detection. Boxes are ``x1, y1, x2, y2`` in pixels.
-What has no score gets 1. Classes, and names of them where objects have some, stay with their boxes.
+hold them under ``boxes`` or ``obb``), and dictionaries with ``boxes`` and ``scores`` (torchvision). Tensors of any
+library that NumPy can read are arrays here, and an empty array of any shape is no detection. Boxes are ``x1, y1, x2,
+y2`` in pixels. What has no score gets 1. Classes, and names of them where objects have some, stay with their boxes.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Number
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
@@ -113,6 +114,8 @@ def _unwrapped(detections: Any) -> Any:
         if isinstance(inside, Mapping | Detections) or hasattr(inside, "xyxy") or hasattr(inside, "boxes"):
             detections = inside
     boxes = None if isinstance(detections, Mapping) else getattr(detections, "boxes", None)
+    # Results of turned boxes hold them, and the upright boxes about them, under another name.
+    boxes = getattr(detections, "obb", None) if boxes is None else boxes
     if boxes is None or hasattr(detections, "xyxy"):
         return detections
     return boxes if hasattr(boxes, "xyxy") else {"boxes": boxes, "scores": getattr(detections, "scores", None)}
@@ -134,14 +137,26 @@ def _of_columns(boxes: Any, scores: Any, labels: Any) -> tuple[FloatArray, Float
 
 def _array(values: Any) -> FloatArray:
     """``values`` as numbers; tensors that need gradients or lie on an accelerator come to this memory."""
-    for step in ("detach", "cpu"):
+    for step in ("detach", "cpu", "numpy"):
         values = getattr(values, step)() if hasattr(values, step) else values
     if values is None:
         raise RequestError(f"{EXPECTED}; got None")
-    try:
-        return np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise RequestError(f"{EXPECTED}; got {type(values).__name__}") from error
+    if _holds_numbers(values):
+        try:
+            return np.asarray(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            pass
+    name = type(values).__name__
+    if isinstance(values, list | tuple) and values and hasattr(values[0], "boxes"):
+        name = f"the results of {len(values)} images; give those of an image at a time"
+    raise RequestError(f"{EXPECTED}; got {name}")
+
+
+def _holds_numbers(values: Any) -> bool:
+    """Whether NumPy can read it: results of Ultralytics hold results by index, without an end, until memory is full."""
+    if isinstance(values, Sequence) and not isinstance(values, str | bytes):
+        return all(map(_holds_numbers, values))
+    return hasattr(values, "__array__") or isinstance(values, Number | str | bytes)
 
 
 @dataclass
