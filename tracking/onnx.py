@@ -10,6 +10,7 @@ import dataclasses
 import json
 import os
 import re
+import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -29,6 +30,10 @@ Kind = Literal["detector", "appearance", "action", "affinity", "association", "o
 METADATA_KEY = "tsuiseki"
 # Of the card; a file of a later one is refused.
 FORMAT_VERSION = 1
+# Longest that a call of a network may take, seconds: it is stopped rather than waited for without end.
+RUN_SECONDS = 600.0
+# The same of a trial before the first frame, of one or two rows.
+TRIAL_SECONDS = 30.0
 _PIXELS = {"tensor(float)": "float32", "tensor(float16)": "float16", "tensor(uint8)": "uint8"}
 # How a file names another that holds weights: the key, then the length of the name and the name itself.
 _WEIGHTS_AT = re.compile(rb"\n\x08location\x12([\x01-\x7f])")
@@ -183,18 +188,40 @@ def run_session(
     path: Path,
     inputs: Mapping[str, NDArray[Any]],
     outputs: Sequence[str] | None = None,
+    seconds: float = RUN_SECONDS,
 ) -> list[NDArray[Any]]:
     """The named outputs of a network of others for ``inputs`` by name; by default all, in the order of the file.
 
+    Args:
+        session: of the network.
+        path: of its file, for messages.
+        inputs: arrays by name.
+        outputs: names of those that are computed.
+        seconds: after which the network is stopped.
+
     Raises:
-        RequestError: the network cannot work on them; with onnxruntime's reason, in one line.
+        RequestError: the network cannot work on them, with onnxruntime's reason, in one line; or does not end in time.
     """
+    import onnxruntime
+
+    options = onnxruntime.RunOptions()
+    options.log_severity_level = 4
+    bound = threading.Timer(seconds, setattr, (options, "terminate", True))
+    bound.daemon = True
     try:
-        arrays: list[NDArray[Any]] = session.run(outputs, dict(inputs))
+        bound.start()
+        arrays: list[NDArray[Any]] = session.run(outputs, dict(inputs), options)
     except Exception as error:
+        if options.terminate:
+            raise RequestError(
+                f"{path}: expected the network to end within {seconds:g} s, it did not; does it hold a loop without "
+                "an end? export it again"
+            ) from error
         if lacks_memory(error):
             raise MemoryError(f"{path} needs more") from error
         raise RequestError(f"{path}: the network refuses its input; onnxruntime says: {_reason(error)}") from error
+    finally:
+        bound.cancel()
     return arrays
 
 
@@ -310,4 +337,11 @@ class OnnxModel:
 
     def run(self, *inputs: NDArray[Any]) -> list[NDArray[Any]]:
         """The outputs for ``inputs``, in the order of the file."""
-        return run_session(self.session, self.path, dict(zip(self.input_names, inputs, strict=True)))
+        return run_session(self.session, self.path, self._named(inputs))
+
+    def _named(self, inputs: Sequence[NDArray[Any]]) -> dict[str, NDArray[Any]]:
+        return dict(zip(self.input_names, inputs, strict=True))
+
+    def try_out(self, *inputs: NDArray[Any]) -> list[NDArray[Any]]:
+        """As `run`, before the first frame: it ends within `TRIAL_SECONDS`."""
+        return run_session(self.session, self.path, self._named(inputs), seconds=TRIAL_SECONDS)

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.association.costs import ObservationCost, PairFeatures
 from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, JOIN_FEATURES, LINK_FEATURES
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.network_trial import TRIED, most_at_once
 from tsuiseki.tracking.onnx import ModelCard, OnnxModel
 from tsuiseki.tracking.types import FloatArray, IntArray
 
@@ -105,6 +106,8 @@ class Affinity:
                 f"{path}: expected numbers window, alpha, beta and b in the metadata, got {error!r}; "
                 "fit the affinity again"
             ) from error
+        rows = np.random.default_rng(0).random((TRIED, len(self.card.class_names)), np.float32)
+        self._most = most_at_once(self.model.try_out, [rows], ROWS_A_CALL, self.model.path, "pairs")
 
     @property
     def acting(self) -> bool:
@@ -117,8 +120,8 @@ class Affinity:
         order = _alike_together(rows)
         rows, probability = rows[order], np.empty(len(rows))
         # In blocks: the trees' own buffers grow with the rows of a call.
-        for start in range(0, len(rows), ROWS_A_CALL):
-            piece = slice(start, start + ROWS_A_CALL)
+        for start in range(0, len(rows), self._most):
+            piece = slice(start, start + self._most)
             probability[order[piece]] = self.model.run(rows[piece])[0]
         return probability
 
@@ -171,6 +174,9 @@ class CostNetwork:
         self.path, self.card = Path(path), self.model.card
         # A network that was trained before a feature was added does without it.
         self._columns = {part: self._places(part, computed) for part, computed in asdict(FeatureNames()).items()}
+        rng = np.random.default_rng(0)
+        rows = [rng.random((TRIED, len(columns)), np.float32) for columns in self._columns.values()]
+        self._together = most_at_once(self.model.try_out, rows, TRIED, self.path, "rows") > 1
 
     def _places(self, part: str, computed: tuple[str, ...]) -> list[int]:
         """Which of the columns known here the file wants, in its order."""
@@ -197,6 +203,8 @@ class CostNetwork:
 
     def _run(self, part: str, features: FloatArray) -> FloatArray:
         """The output of one part for its rows; the others get none."""
+        if not self._together and len(features) > 1:
+            return np.concatenate([self._run(part, row[None]) for row in features])
         rows = {
             name: features[:, columns] if name == part else np.zeros((0, len(columns)))
             for name, columns in self._columns.items()

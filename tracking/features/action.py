@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.optical_flow import FLOW_METHODS, FlowName, optical_flow
+from tsuiseki.tracking.network_trial import most_at_once, noise
 from tsuiseki.tracking.onnx import ModelCard, OnnxModel
 from tsuiseki.tracking.preprocessing import FARTHEST, MOST_PIXELS, normalise
 from tsuiseki.tracking.types import FloatArray, ImageArray
@@ -218,6 +219,10 @@ class ActionRecogniser:
         self.names = self.models[0].card.class_names
         self.streams: tuple[StreamName, ...] = tuple(stream.stream for stream in self.inputs)
         self._check_together()
+        self._most = [
+            most_at_once(model.try_out, [_noise(stream) for stream in inputs], BATCH, model.path, "crops")
+            for model, inputs in zip(self.models, self._taken, strict=True)
+        ]
         self._flow = next((stream for stream in self.inputs if stream.is_flow), None)
         self.history = 1 if self._flow else 0
 
@@ -248,11 +253,11 @@ class ActionRecogniser:
         if len(boxes) == 0:
             return result  # type: ignore[return-value]
         flow = None if self._flow is None else self.flow(images)
-        for model, inputs, probabilities in zip(self.models, self._taken, result, strict=True):
+        for model, inputs, most, probabilities in zip(self.models, self._taken, self._most, result, strict=True):
             pictures = [images[-1] if not stream.is_flow or flow is None else flow for stream in inputs]
             squares = [square_boxes(boxes, stream.scale) for stream in inputs]
-            for start in range(0, len(boxes), BATCH):
-                batch = slice(start, start + BATCH)
+            for start in range(0, len(boxes), most):
+                batch = slice(start, start + most)
                 crops = [
                     normalise(crop_squares(picture, square[batch], stream.size), stream.card("", ()))
                     for picture, square, stream in zip(pictures, squares, inputs, strict=True)
@@ -266,6 +271,11 @@ class ActionRecogniser:
         if len(images) < 2:
             return np.full((*images[-1].shape[:2], 2), NO_MOTION, dtype=np.uint8)
         return flow_to(images[-2], images[-1], self._flow.flow)
+
+
+def _noise(stream: ActionInput) -> NDArray[np.float32]:
+    """Two normalised crops of noise, as a stream takes them."""
+    return normalise(noise(stream.size, stream.size, stream.channels), stream.card("", ()))
 
 
 def averaged(streams: FloatArray) -> FloatArray:

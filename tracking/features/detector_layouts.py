@@ -26,8 +26,19 @@ from tsuiseki.tracking.types import FloatArray
 
 # Strides of most families, pixels of the input.
 STRIDES = (8, 16, 32)
-# Strides of NanoDet-Plus, pixels of the input.
+# Strides of NanoDet-Plus and of P6 networks, pixels of the input.
 MORE_STRIDES = (8, 16, 32, 64)
+# Strides of all families with maps of several, those of P2 networks with a finer one, pixels of the input.
+STRIDE_SETS = (
+    STRIDES,
+    MORE_STRIDES,
+    (8, 16, 32, 64, 128),
+    (4, 8, 16, 32),
+    (4, 8, 16, 32, 64),
+    (4, 8, 16),
+    (8, 16),
+    (16, 32),
+)
 # The stride of FastestDet, pixels of the input.
 ONE_STRIDE = (16,)
 # Steps from which NanoDet takes the mean distance to a side.
@@ -166,7 +177,7 @@ def _tensorflow(outputs: Outputs, size: Size) -> Rows:
 
 def grid(size: Size, count: int) -> tuple[FloatArray, FloatArray]:
     """Columns and rows ``(N, 2)`` of the cells of all strides, and the strides ``(N, 1)``, finest first."""
-    strides = next((s for s in (STRIDES, MORE_STRIDES, ONE_STRIDE) if cell_count(size, s) == count), None)
+    strides = next((s for s in (*STRIDE_SETS, ONE_STRIDE) if cell_count(size, s) == count), None)
     if strides is None:
         raise ValueError(f"expected {cell_count(size)} cells for an input of {size[1]}x{size[0]}, got {count}")
     cells, scale = [], []

@@ -24,7 +24,16 @@ from tsuiseki.tracking.features.foreign_detector import MOST_CANDIDATES, SAME, F
 from tsuiseki.tracking.features.foreign_options import IMAGENET, AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.geometry import clip_boxes, set_apart, straddling, suppress
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
-from tsuiseki.tracking.onnx import MissingCardError, OnnxModel, image_input, open_session, run_session
+from tsuiseki.tracking.network_trial import most_at_once, noise
+from tsuiseki.tracking.onnx import (
+    RUN_SECONDS,
+    TRIAL_SECONDS,
+    MissingCardError,
+    OnnxModel,
+    image_input,
+    open_session,
+    run_session,
+)
 from tsuiseki.tracking.preprocessing import check_images, crop_boxes, fit_image, normalise
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray, check_boxes
 from tsuiseki.tracking.types.class_choice import ClassChoice, only_people
@@ -118,6 +127,10 @@ class Detector:
         )
         self._usual = [n for n in names if only_people({n: names[n]})] or list(names)
         self.people_only = only_people(self.wanted)
+        # The caches of a CPU hold the layers of one picture: it is faster one by one, and gives the same.
+        most = 1 if self.device == "cpu" else BATCH
+        pictures = normalise(noise(*self.input_size), card)
+        self._most = most_at_once(lambda x: self.model.try_out(x)[:2], [pictures], most, self.model.path, "pictures")
 
     @property
     def input_size(self) -> tuple[int, int]:
@@ -138,8 +151,7 @@ class Detector:
         if not check_images(images):
             return []
         card = self.model.card
-        # The caches of a CPU hold the layers of one picture: it is faster one by one, and gives the same.
-        count = 1 if self.device == "cpu" else len(images)
+        count = 1 if self._most == 1 else len(images)
         detections = []
         for batch in (images[start : start + count] for start in range(0, len(images), count)):
             inputs, scales = zip(*(fit_image(image, card) for image in batch), strict=True)
@@ -200,14 +212,16 @@ class Appearance:
 
     def __init__(self, path: str | Path, threads: int = 0, device: Device = "auto") -> None:
         self.model = OnnxModel(path, "appearance", threads, device)
-        self.device = self.model.device
+        self.device, card = self.model.device, self.model.card
+        crops = normalise(noise(card.input_height, card.input_width), card)
+        self._most = most_at_once(self.model.try_out, [crops], BATCH, self.model.path, "crops")
 
     def describe(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         """``(N, D)`` unit-length features of the people in ``(N, 4)`` boxes of an ``(H, W, 3)`` uint8 RGB image."""
         check_images([image])
         boxes, card = check_boxes(boxes), self.model.card
         features = [np.empty((0, card.feature_length), dtype=np.float32)]
-        for batch in np.array_split(boxes, range(BATCH, len(boxes), BATCH)):
+        for batch in np.array_split(boxes, range(self._most, len(boxes), self._most)):
             if len(batch):
                 crops = crop_boxes(image, batch, card.input_height, card.input_width)
                 features += self.model.run(normalise(crops, card))
@@ -476,16 +490,16 @@ class ForeignAppearance:
                 f"{self.path}: expected crops (N, 3, H, W) in and one output of features, got "
                 f"{len(self._wanted.shape)} axes and {len(self.session.get_outputs())} outputs"
             )
-        self._batch = BATCH if isinstance(self._wanted.shape[0], str) else 1
         self.input = replace(IMAGENET, colour=options.colour, pixels=options.pixels, mean=options.mean, std=options.std)
-        # The length of the features, measured on noise and on black.
-        noise = np.random.default_rng(0).integers(0, 256, (1, self.height, self.width, 3), dtype=np.uint8)
-        rows = self._rows(noise)
-        if np.array_equal(rows, self._rows(np.zeros_like(noise))):
+        crops = noise(self.height, self.width)
+        rows, black = (self._rows(x, TRIAL_SECONDS) for x in (crops[:1], np.zeros_like(crops[:1])))
+        if np.array_equal(rows, black):
             raise RequestError(
                 f"{self.path}: expected features that depend on the crop, got the same for two crops; export it again"
             )
         self.feature_length = int(rows.shape[1])
+        most = BATCH if isinstance(self._wanted.shape[0], str) else 1
+        self._most = most_at_once(lambda x: [self._rows(x, TRIAL_SECONDS)], [crops], most, self.path, "crops")
 
     def describe(self, image: ImageArray, boxes: FloatArray) -> FloatArray:
         """``(N, D)`` unit-length features of the people in ``(N, 4)`` boxes of an ``(H, W, 3)`` uint8 RGB image.
@@ -495,7 +509,7 @@ class ForeignAppearance:
         """
         assert self.height is not None
         assert self.width is not None
-        parts = np.array_split(boxes, range(self._batch, len(boxes), self._batch))
+        parts = np.array_split(boxes, range(self._most, len(boxes), self._most))
         features = [self._rows(crop_boxes(image, part, self.height, self.width)) for part in parts if len(part)]
         rows = np.concatenate([np.empty((0, self.feature_length)), *features])
         length = np.linalg.norm(rows, axis=1, keepdims=True)
@@ -503,9 +517,9 @@ class ForeignAppearance:
             raise RunError(f"{self.path}: expected finite features, got zero or NaN; check its normalisation")
         return np.asarray(rows / length)
 
-    def _rows(self, crops: NDArray[np.uint8]) -> FloatArray:
+    def _rows(self, crops: NDArray[np.uint8], seconds: float = RUN_SECONDS) -> FloatArray:
         values = self.input.normalise(crops, self._wanted.dtype)
-        output = run_session(self.session, self.path, {self._wanted.name: values})[0]
+        output = run_session(self.session, self.path, {self._wanted.name: values}, seconds=seconds)[0]
         if output.ndim < 2 or len(output) != len(crops) or output[0].size != output.shape[1]:
             raise RequestError(f"{self.path}: expected features (N, D), got {output.shape} for {len(crops)} crops")
         return output.reshape(len(crops), -1).astype(np.float64)

@@ -16,6 +16,9 @@ from tsuiseki.tracking.features.detector_layouts import LAYOUTS, TENSORFLOW, TUR
 from tsuiseki.tracking.features.foreign_options import DetectorOptions, ImageInput, LayoutName, ScoreKind
 from tsuiseki.tracking.features.layout_recognition import (
     COCO,
+    COCO_FIRST,
+    COCO_OWN,
+    RF_DETR,
     background_first,
     class_names,
     class_of_people,
@@ -27,10 +30,12 @@ from tsuiseki.tracking.features.layout_recognition import (
     possible_layouts,
     useful_outputs,
 )
+from tsuiseki.tracking.features.yolo_heads import RICHER_TASKS, TASKS, Part, detection_part, rows_beside_masks
 from tsuiseki.tracking.formats.label_checks import BoxCheck
 from tsuiseki.tracking.formats.rotated import RotatedBoxes, half_turned, turned_detections
 from tsuiseki.tracking.geometry import about_rotated, clip_boxes, set_apart, suppress, suppress_rotated
-from tsuiseki.tracking.onnx import byte_image_input, image_input, open_session, run_session
+from tsuiseki.tracking.network_trial import TRIED, noise, same_detections, say_one_at_a_time
+from tsuiseki.tracking.onnx import RUN_SECONDS, TRIAL_SECONDS, byte_image_input, image_input, open_session, run_session
 from tsuiseki.tracking.preprocessing import check_images
 from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.class_choice import ClassChoice, only_people
@@ -90,6 +95,8 @@ class ForeignDetector:
         options, self.turned = options or DetectorOptions(), turned
         self.path, self.score_threshold = Path(path), score_threshold
         self._apart = True
+        # Whether two pictures at once give what they give one at a time; None until a picture shows it.
+        self._together: bool | None = False
         self.session = open_session(path, threads, device)
         self.device = device_of(self.session)
         self.metadata: Mapping[str, str] = self.session.get_modelmeta().custom_metadata_map
@@ -98,11 +105,13 @@ class ForeignDetector:
         self._tensorflow = names.keys() >= set(TENSORFLOW) and not (len(first) == 4 and first[1] == 3)
         # Newer files of TensorFlow give more beside them.
         self._outputs = [names[name] for name in TENSORFLOW] if self._tensorflow else list(names.values())
-        if (task := self.metadata.get("task", "detect")) not in ("detect", "obb"):
+        if (task := self.metadata.get("task", "detect")) not in TASKS:
             raise RequestError(f"{self.path}: expected a detector, got a network for {task!r}; export one for 'detect'")
+        self._part: Part | None = None
+        self._seconds = TRIAL_SECONDS
         self.input_size = self._size_of_input(options)
         self.names = options.classes or class_names(self.metadata)
-        trial = self._try()
+        trial = self._try(options)
         self.layout = self._choose_layout(trial, options)
         self.scores = self._choose_scores(list(trial.values()), options)
         self.input = self._choose_input(trial, options)
@@ -111,6 +120,10 @@ class ForeignDetector:
         self.across, self._classed_by_user = classes is None or classes.across, classes is not None
         self.wanted = self._choose_classes(list(trial.values()), options, classes)
         self.people_only = classes is None or only_people(self.wanted)
+        if self._batched and self._apart and isinstance(self._wanted.shape[0], str):
+            self._together = None
+            self._run([*noise(*(self.input_size or (_TRIAL_SIDE, _TRIAL_SIDE)))])
+        self._seconds = RUN_SECONDS
         self.gave: set[bool] = set()
         self.check = BoxCheck(f"{self.path}, read as layout {self.layout}")
 
@@ -159,10 +172,7 @@ class ForeignDetector:
         self, outputs: Sequence[NDArray[Any]], fitted: Size, scale: tuple[float, float], size: Size
     ) -> Detections:
         self._check_values(outputs)
-        outputs = with_probabilities(LAYOUTS[self.layout], outputs, self.scores)
-        read = [LAYOUTS[self.layout].read(outputs, fitted, number) for number in self.wanted]
-        boxes, scores = (np.concatenate([boxes_and_scores[k] for boxes_and_scores in read]) for k in (0, 1))
-        classes = np.repeat([*self.wanted], [len(boxes_and_scores[1]) for boxes_and_scores in read])
+        boxes, scores, classes = self._candidates(outputs, fitted)
         good = np.flatnonzero((scores >= self.score_threshold) & (scores > 0))
         good = good[np.argsort(-scores[good], kind="stable")][:MOST_CANDIDATES]
         boxes, scores, classes = boxes[good], scores[good].clip(0, 1), classes[good]
@@ -177,6 +187,13 @@ class ForeignDetector:
             chosen = suppress(boxes if self.across else set_apart(boxes, classes), scores, SAME)
             boxes, scores, classes = boxes[chosen], scores[chosen], classes[chosen]
         return self._classed(Detections(boxes, scores), classes)
+
+    def _candidates(self, outputs: Sequence[NDArray[Any]], fitted: Size) -> tuple[FloatArray, FloatArray, IntArray]:
+        """Boxes ``(N, 4)`` or ``(N, 5)`` in pixels of the input, scores and classes, of the wanted classes."""
+        outputs = with_probabilities(LAYOUTS[self.layout], outputs, self.scores)
+        read = [LAYOUTS[self.layout].read(outputs, fitted, number) for number in self.wanted]
+        boxes, scores = (np.concatenate([boxes_and_scores[k] for boxes_and_scores in read]) for k in (0, 1))
+        return boxes, scores, np.repeat([*self.wanted], [len(boxes_and_scores[1]) for boxes_and_scores in read])
 
     @property
     def _doubled(self) -> bool:
@@ -205,15 +222,40 @@ class ForeignDetector:
 
     def _run(self, images: Sequence[ImageArray]) -> list[list[NDArray[Any]]]:
         """Outputs of each picture without their batch axis; all in one call where the file takes any batch."""
-        several = self._batched and isinstance(self._wanted.shape[0], str) and len(images) > 1
-        if several and self._apart and len({image.shape for image in images}) == 1:
+        several = len(images) > 1 and len({image.shape for image in images}) == 1
+        if self._together and several:
             batch = self._call(np.stack(images))
-            if all(len(x) == len(images) for x in batch):
-                return [[x[n] for x in batch] for n in range(len(images))]
+            return [[x[n] for x in batch] for n in range(len(images))]
         singles = [self._call(image[None]) for image in images]
         # Lists of boxes alone, such as torchvision's, have no axis of pictures.
         self._apart = any(x.ndim >= 3 for x in singles[0])
-        return [[x[0] for x in outputs] for outputs in singles] if self._apart else singles
+        if not self._apart:
+            self._together = False
+            return singles
+        rows = [[x[0] for x in outputs] for outputs in singles]
+        if self._together is None and several:
+            self._together = self._same_together(images[:TRIED], rows[:TRIED])
+        return rows
+
+    def _same_together(self, images: Sequence[ImageArray], singles: Sequence[Sequence[NDArray[Any]]]) -> bool | None:
+        """Whether ``images`` at once give what they gave one at a time; where not, that is said. None: they are empty.
+
+        Networks that drop doubles themselves give nothing for noise, so that only a frame with people tells.
+        """
+        size = images[0].shape[:2]
+        apart = [self._candidates(outputs, size)[:2] for outputs in singles]
+        try:
+            batch = self._call(np.stack(images))
+        except RequestError:  # a batch of one is baked into the file
+            batch = []
+        verdicts: list[bool | None] = [False]
+        if batch and all(len(x) == len(images) for x in batch):
+            together = [self._candidates([x[n] for x in batch], size)[:2] for n in range(len(images))]
+            verdicts = [same_detections(*a, *b, max(size)) for a, b in zip(apart, together, strict=True)]
+        if False in verdicts:
+            say_one_at_a_time(self.path, "pictures")
+            return False
+        return None if None in verdicts else True
 
     def _call(self, images: NDArray[np.uint8]) -> list[NDArray[Any]]:
         values = self.input.normalise(images, self._wanted.dtype)
@@ -221,7 +263,8 @@ class ForeignDetector:
         for side_input in self.session.get_inputs():
             if side_input.name != self._wanted.name:
                 inputs[side_input.name] = self._side_input(side_input, len(images), images.shape[1:3])
-        return run_session(self.session, self.path, inputs, self._outputs)
+        outputs = run_session(self.session, self.path, inputs, self._outputs, self._seconds)
+        return outputs if self._part is None else [self._part.of(outputs[0], axes_before=1)]
 
     def _side_input(self, side_input: Any, count: int, size: Size) -> NDArray[Any]:
         """The value of an input beside the picture.
@@ -262,14 +305,21 @@ class ForeignDetector:
             "give `detector_options.height` and `detector_options.width`, or export with fixed ones"
         )
 
-    def _try(self) -> dict[str, NDArray[Any]]:
-        """Outputs by name for a noise picture."""
+    def _try(self, options: DetectorOptions) -> dict[str, NDArray[Any]]:
+        """Outputs by name for a noise picture; of a network that does more than detect, what is detected."""
         self.input = ImageInput("as-is", raw_nhwc=self._tensorflow)
         size = self.input_size or (_TRIAL_SIDE, _TRIAL_SIDE)
-        noise = np.random.default_rng(0).integers(0, 256, (*size, 3), dtype=np.uint8)
-        outputs = dict(zip(self._outputs, self._run([noise])[0], strict=True))
-        self._outputs = useful_outputs(outputs)
+        outputs = dict(zip(self._outputs, self._run([noise(*size)[0]])[0], strict=True))
+        beside_masks = rows_beside_masks(outputs, size)
+        self._outputs = useful_outputs(outputs) if beside_masks is None else [beside_masks[0]]
         outputs = {name: outputs[name] for name in self._outputs}
+        if len(outputs) == 1 and self._apart and options.layout not in TURNED:
+            ((name, rows),) = outputs.items()
+            task, classes = self.metadata.get("task", "detect"), len(self.names) if self.names else None
+            masks = 0 if beside_masks is None else beside_masks[1]
+            key_points = metadata_value(self.metadata, "kpt_shape")
+            self._part = detection_part(rows, size, task, classes, key_points, masks)
+            outputs = {name: rows if self._part is None else self._part.of(rows)}
         if not _finite(list(outputs.values())):
             raise RequestError(
                 f"{self.path}: its outputs for a picture of noise are NaN or infinite; export it again in float32"
@@ -278,8 +328,18 @@ class ForeignDetector:
 
     def _choose_layout(self, trial: Mapping[str, NDArray[Any]], options: DetectorOptions) -> LayoutName:
         size = self.input_size or (_TRIAL_SIDE, _TRIAL_SIDE)
-        inputs, turned = [x.name for x in self.session.get_inputs()], self.metadata.get("task") == "obb"
-        possible = possible_layouts(trial, size, inputs, turned=turned, channels_first=not self._tensorflow)
+        inputs, task = [x.name for x in self.session.get_inputs()], self.metadata.get("task")
+        possible = possible_layouts(
+            trial,
+            size,
+            inputs,
+            turned=task == "obb",
+            richer=task in RICHER_TASKS,
+            channels_first=not self._tensorflow,
+        )
+        columns = {LAYOUTS[name].classes(list(trial.values())) for name in possible}
+        if self.names and self.names[:3] == COCO_FIRST and len(self.names) not in columns and columns & COCO_OWN:
+            self.names = None  # COCO's names without its gaps: the number of classes tells more
         fitting = of_so_many_classes(possible, list(trial.values()), len(self.names) if self.names else None)
         if options.layout is not None:
             if options.layout == "tensorflow" and not self._tensorflow:
@@ -317,7 +377,8 @@ class ForeignDetector:
     def _choose_scores(self, trial: Sequence[NDArray[Any]], options: DetectorOptions) -> ScoreKind | None:
         layout = LAYOUTS[self.layout]
         values = np.empty((0, 0)) if layout.values is None else layout.values(trial)
-        kinds = possible_kinds(values, len(self.names) if self.names else None, paired=layout.paired)
+        names, of_rf_detr = len(self.names) if self.names else None, set(RF_DETR) <= set(self._outputs)
+        kinds = possible_kinds(values, names, paired=layout.paired, rf_detr=of_rf_detr)
         if not layout.paired:
             if options.scores not in (None, *kinds):
                 raise RequestError(

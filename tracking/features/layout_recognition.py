@@ -26,6 +26,7 @@ from tsuiseki.tracking.features.detector_layouts import (
     NANODET_BINS,
     NANODET_G_BINS,
     ONE_STRIDE,
+    STRIDE_SETS,
     STRIDES,
     TENSORFLOW,
     TURNED,
@@ -52,6 +53,8 @@ _KNOWN_BY_COUNT = {"yolox", "yolox-decoded", "yolov8-rows", "nanodet", "nanodet-
 # Outputs whose names tell what they are, boxes first; others beside them, such as masks, are left aside.
 _PAIRS = (("dets", "labels"), ("pred_boxes", "logits"), ("pred_boxes", "pred_logits"))
 _DETR_NAMES = [set(pair) for pair in _PAIRS]
+# Those of RF-DETR.
+RF_DETR = _PAIRS[0]
 # What four outputs are, in the order in which `_counted` takes them.
 _COUNTED_BY_NAME: Sequence[Callable[[str, NDArray[Any]], bool]] = (
     lambda name, _: "box" in name.lower(),
@@ -77,6 +80,10 @@ hair drier, toothbrush"""
 _GAPS = {12, 26, 29, 30, 45, 66, 68, 69, 71, 83}
 # Where people stand, by how many classes a network tells: 80 without gaps, 90 or 91 with COCO's own numbers.
 COCO = {80: 0, 90: 1, 91: 1}
+# Numbers of classes of networks that count as COCO itself, with gaps.
+COCO_OWN = {90, 91}
+# By which a list of COCO's names is known.
+COCO_FIRST = ("person", "bicycle", "car")
 
 
 def coco_names(count: int | None) -> Mapping[int, str]:
@@ -117,6 +124,7 @@ def possible_layouts(
     inputs: Collection[str] = (),
     *,
     turned: bool = False,
+    richer: bool = False,
     channels_first: bool = False,
 ) -> list[LayoutName]:
     """The layouts that ``outputs`` can be; none where they are of no known kind.
@@ -126,6 +134,7 @@ def possible_layouts(
         size: height and width of the input.
         inputs: names of the inputs.
         turned: the file says that its boxes are turned.
+        richer: it says that the network gives more than boxes.
         channels_first: the pictures are, as TensorRT has them and TensorFlow has not.
     """
     arrays = list(outputs.values())
@@ -135,7 +144,7 @@ def possible_layouts(
         return ["tensorflow"]
     layouts: list[LayoutName] = []
     if len(arrays) == 1:
-        layouts = _single(next(iter(outputs)), arrays[0], size)
+        layouts = _single(next(iter(outputs)), arrays[0], size, richer=richer)
     elif len(arrays) == 2:
         layouts = _pair(outputs, size)
     elif len(arrays) == 3 and _is_torchvision(arrays):
@@ -158,18 +167,23 @@ def plain_name(output: str) -> str:
     return output.partition(":")[0]
 
 
-def _single(name: str, rows: NDArray[Any], size: Size) -> list[LayoutName]:
+def _single(name: str, rows: NDArray[Any], size: Size, *, richer: bool) -> list[LayoutName]:
     layouts: list[LayoutName] = ["fastestdet"] if _is_fastestdet(rows, size) else []
     if rows.ndim != 2:
         return layouts
     count, columns = rows.shape
-    cells = (cell_count(size), cell_count(size, MORE_STRIDES))
+    cells = [cell_count(size, strides) for strides in STRIDE_SETS]
     if columns in cells and count >= 5 and count not in cells:
         layouts += ["yolov8", "obb"] if count >= 6 else ["yolov8"]
     if count in [3 * n for n in cells] and columns >= 6:
         layouts.append("yolov5")
     if count in cells and columns >= 5:
         layouts += _box_a_cell(rows, size)
+    if columns > 7 and count <= _MOST_ROWS and not {count, columns} & {*cells}:
+        # Key points or weights of masks stand behind; rows of zeros alone could be anything.
+        filled = rows[rows[:, 4] > 0]
+        likely = bool((filled[:, 2:4] > filled[:, :2]).all()) if len(filled) else richer
+        layouts += ["yolo-suppressed"] if likely and _can_be_suppressed(rows, size, (0, 4, 5)) else []
     if columns == 6 and count <= _MOST_ROWS:
         layouts += ["yolo-suppressed"] if _can_be_suppressed(rows, size, (0, 4, 5)) else []
         layouts += ["paddle"] if _can_be_suppressed(rows, size, (2, 1, 0)) and rows.any() else []
@@ -285,7 +299,7 @@ def _pair(outputs: Mapping[str, NDArray[Any]], size: Size) -> list[LayoutName]:
         return []
     in_order = bool((boxes[:, 2:] >= boxes[:, :2]).all())
     if (boxes < -0.5).any() or (boxes > 1.5).any():
-        cells = len(boxes) in (cell_count(size), cell_count(size, MORE_STRIDES))
+        cells = len(boxes) in [cell_count(size, strides) for strides in STRIDE_SETS]
         return ["yolo-nas"] if cells and in_order and _shares_of_one(values) else []
     if set(outputs) in _DETR_NAMES or any("logits" in name.lower() for name in outputs):
         return ["detr"]
@@ -323,13 +337,16 @@ def of_so_many_classes(layouts: list[LayoutName], arrays: Outputs, classes: int 
     return [n for n in layouts if counts[n] in (None, classes) or (LAYOUTS[n].paired and counts[n] == classes + 1)]
 
 
-def possible_kinds(values: NDArray[Any], names: int | None = None, *, paired: bool = True) -> list[ScoreKind]:
+def possible_kinds(
+    values: NDArray[Any], names: int | None = None, *, paired: bool = True, rf_detr: bool = False
+) -> list[ScoreKind]:
     """What ``(N, C)`` class values for a picture of noise can be.
 
     Args:
         values: of N queries and C classes.
         names: number of classes that have a name, where that is known: "no object" has none.
         paired: they are an output of their own; those in rows with the boxes never go through a softmax.
+        rf_detr: the outputs have the names of RF-DETR's, which gives logits of a sigmoid.
     """
     if not paired:
         return ["sigmoid"] if values.size and values.min() < 0 else ["probabilities"]
@@ -338,8 +355,11 @@ def possible_kinds(values: NDArray[Any], names: int | None = None, *, paired: bo
     count = values.shape[1]
     if count == 1 or names == count:
         return ["sigmoid"]
-    if names == count - 1 or background_first(values) or min(_wins(values, count - 1)) >= _NEARLY_ALL:
+    # That a class has no name says nothing: RF-DETR has one too many, and a sigmoid.
+    if background_first(values) or min(_wins(values, count - 1)) >= _NEARLY_ALL:
         return ["softmax"]
+    if rf_detr:
+        return ["sigmoid"]
     # The only class that was trained, or "no object" with small numbers: from a half on softmax cannot be ruled out.
     return ["sigmoid", "softmax"] if _wins(values, count - 1)[0] >= 0.5 else ["sigmoid"]
 

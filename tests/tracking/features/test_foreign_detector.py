@@ -374,7 +374,7 @@ BAD_FILES = {
     r"pictures of 3 channels": {"shape": ("batch", 1, HEIGHT, WIDTH)},
     r"expected pictures \(N, 3, H, W\) as input": {"shape": ("batch", 12)},
     r"a batch of 1 or any, got 4": {"shape": (4, 3, HEIGHT, WIDTH)},
-    r"a network for 'segment'": {"metadata": {"task": "segment"}},
+    r"a network for 'classify'": {"metadata": {"task": "classify"}},
     r"height and width of its input are open": {"shape": ("batch", "c", "h", "w")},
 }
 
