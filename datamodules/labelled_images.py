@@ -15,11 +15,12 @@ from tsuiseki.datamodules.scenes.clip import write_image
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.label_checks import PEOPLE, NothingLabelledError
 from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
-from tsuiseki.tracking.formats.mot_sequence import list_images
+from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES, list_images
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
+from tsuiseki.tracking.video.image_folder import one_image
 from tsuiseki.tracking.video.image_folder import read_image as decoded
 from tsuiseki.tracking.video.source import open_source
 
@@ -71,7 +72,7 @@ def labelled_images(
         classes: names of those that count.
 
     Raises:
-        RequestError: there is no video, one has no images or no usable label, or no frame is left.
+        RequestError: there is no video, one has no images or no usable label, no frame is left, or an image is none.
     """
     samples = [
         sample for video in open_labelled(Path(folder)) for sample in _images_of(video, frames, part, single, classes)
@@ -79,16 +80,20 @@ def labelled_images(
     if not samples:
         within = f"{part[0]:.0%} to {part[1]:.0%} of a video" if frames is None else f"{frames}; frames count from 1"
         raise RequestError(f"{folder}: no frame lies within {within}")
+    # By their headers alone: a data set may hold more images than can be decoded before the first batch.
+    for sample in samples:
+        one_image(sample.path)
     return samples
 
 
 def _images_of(
     video: LabelledVideo, frames: tuple[int, int] | None, part: Part, single: bool, classes: Sequence[str]
 ) -> Iterator[LabelledFrame]:
+    if video.lacks:
+        raise RequestError(video.lacks)
     files = picture_files(video)
     if video.length is None or len(files) != video.length:
-        there = f"the video {files[0]}; write its frames there" if len(files) == 1 else "none"
-        raise RequestError(f"{video.name}: training needs images in img1/ or images/, found {there}")
+        raise RequestError(f"{video.name}: training needs images in img1/ or images/, found {_there(video, files)}")
     truth, kinds = _of_classes(video, single, classes)
     first, last = frames or (1, video.length)
     start, end = (round(share * video.length) for share in part)
@@ -99,6 +104,13 @@ def _images_of(
         yield LabelledFrame(
             files[frame], video.name, frame, rows.boxes, rows.ids, rows.ignored, rows.visibility, kinds[here]
         )
+
+
+def _there(video: LabelledVideo, files: Sequence[Path]) -> str:
+    """What there is in the place of one image a frame."""
+    if len(files) == 1 and files[0].suffix.lower() not in IMAGE_SUFFIXES:
+        return f"the video {files[0]}; write its frames there"
+    return f"{len(files)} for {video.length} frames" if files else "none"
 
 
 def _of_classes(video: LabelledVideo, single: bool, classes: Sequence[str]) -> tuple[GroundTruth, IntArray]:

@@ -24,7 +24,7 @@ from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
 from tsuiseki.tracking.cli.config import named_config
-from tsuiseki.tracking.errors import Interrupted, RequestError, RunError
+from tsuiseki.tracking.errors import Interrupted, RequestError, RunError, lacks_memory
 from tsuiseki.tracking.output import RunRecord
 from tsuiseki.trainers.fine_tune import fine_tune, folder_of
 from tsuiseki.trainers.network_module import interruptible
@@ -83,6 +83,10 @@ ASSOCIATION = Task(
 # Packages of Lightning's loggers whose own errors end a training.
 LOGGING = ("wandb", "mlflow", "comet_ml", "neptune")
 CONFIG = ("--config", "-c")
+# What a training that goes on needs of a checkpoint.
+CHECKPOINT_PARTS = {"state_dict", "optimizer_states", "lr_schedulers", "loops", "pytorch-lightning_version"}
+# How torch says that weights, or what moves them, are another network's.
+FOREIGN_WEIGHTS = ("Error(s) in loading state_dict", "loaded state dict")
 SCORING = ("validate", "test")
 
 
@@ -164,6 +168,8 @@ def fit(task: Task, arguments: Sequence[str]) -> Path | None:
         warnings.filterwarnings("ignore", message=".*module.s. in eval mode.*")
         warnings.filterwarnings("ignore", message=".*overridden `transfer_batch_to_device`.*")
         warnings.filterwarnings("ignore", message=".*Checkpoint directory .* exists and is not empty.*")
+        # An epoch without a batch is refused.
+        warnings.filterwarnings("ignore", message=".*Total length of .* across ranks is zero.*")
         warnings.filterwarnings("ignore", message=".*WeightAveraging callback, but loading a checkpoint outside.*")
         # Lightning calls jsonargparse by names that newer versions discourage.
         warnings.filterwarnings("ignore", category=DeprecationWarning, module="lightning.pytorch.cli")
@@ -212,6 +218,8 @@ def _fit(task: Task, cli: TaskCLI) -> None:
         with interruptible():
             path = None if checkpoint is None else str(checkpoint)
             cli.trainer.fit(cli.model, datamodule=cli.datamodule, ckpt_path=path)
+        if cli.trainer.num_training_batches == 0:
+            raise RequestError("an epoch has no batch; give a smaller --data.batch_size, or more to learn from")
     except Interrupted as error:
         record.partial, record.reason = True, "interrupted"
         last = cli.out / "checkpoints" / "last.ckpt"
@@ -221,11 +229,42 @@ def _fit(task: Task, cli: TaskCLI) -> None:
         record.partial, record.reason = True, one_line(error)
         if type(error).__module__.partition(".")[0] in LOGGING:
             raise RunError(f"the logger could not go on: {record.reason}") from error
+        if (refused := in_one_line(error)) is not None:
+            record.reason = str(refused)
+            raise refused from error
         raise
     finally:
         if cli.trainer.is_global_zero and cli.out.is_dir():
             record.seconds = {"training": time.perf_counter() - start}
             record.write(cli.out)
+
+
+def check_checkpoint(path: Path) -> None:
+    """Refuse a file that is no checkpoint of a training; nothing but tensors and plain values is unpickled.
+
+    Raises:
+        RequestError: it is none.
+    """
+    try:
+        held = torch.load(path, map_location="meta", weights_only=True)
+    except Exception as error:  # torch reads bytes as orders, so that a foreign file may end in any error
+        if lacks_memory(error):
+            raise
+        raise RequestError(f"{path}: expected a checkpoint of a training, got something else") from error
+    missing = sorted(CHECKPOINT_PARTS - set(held)) if isinstance(held, dict) else ["parts of a training"]
+    if missing:
+        raise RequestError(f"{path}: expected a checkpoint of a training, found no {missing[0]} in it")
+
+
+def in_one_line(error: Exception) -> RequestError | None:
+    """What a training refused in a process that prepares images, or of a checkpoint; None where it is neither."""
+    text = str(error)
+    if isinstance(error, RequestError) and "\n" in text:
+        # Torch puts the trace of the process before the message.
+        return RequestError(text.rpartition("RequestError: ")[2].strip())
+    if text.startswith(FOREIGN_WEIGHTS):
+        return RequestError(f"--ckpt_path: expected a checkpoint of this network, got another: {one_line(error)[:200]}")
+    return None
 
 
 class TaskCLI(LightningCLI):
@@ -267,6 +306,8 @@ class TaskCLI(LightningCLI):
         checkpoint = self.config.ckpt_path
         if checkpoint is not None and not checkpoint.is_file():
             raise RequestError(f"expected a checkpoint at {checkpoint}, found none; give last.ckpt of a training")
+        if checkpoint is not None:
+            check_checkpoint(checkpoint)
         if self.out.exists() and not self.out.is_dir():
             raise RequestError(f"expected --out to be a folder, but {self.out} is a file")
         occupied = (self.out / "checkpoints").exists()

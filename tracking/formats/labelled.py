@@ -39,7 +39,7 @@ from tsuiseki.tracking.formats.label_checks import LabelFile, compare_with_pictu
 from tsuiseki.tracking.formats.listed_images import other_sizes, picture_paths
 from tsuiseki.tracking.formats.mot import LABELS as MOT_LABELS
 from tsuiseki.tracking.formats.mot import class_names, read_ground_truth
-from tsuiseki.tracking.formats.mot_sequence import MotSequence, is_sequence, list_images, read_sequence
+from tsuiseki.tracking.formats.mot_sequence import MotSequence, is_sequence, left_out, list_images, read_sequence
 from tsuiseki.tracking.formats.okutama import (
     ACTIONS_FILE,
     Protocol,
@@ -81,6 +81,7 @@ class LabelledVideo:
         labelled_classes: these are the classes that somebody labelled, and no layout's own.
         first: frame of a video file, from 0, that is frame 0 of the labels.
         frame_rate: frames a second, where the layout says; None elsewhere.
+        lacks: which images are left out in their numbers, in words; empty where none is.
         network: file of the detections of a reviewed result, whose frames count as in the video; None elsewhere.
         listed: ``(N,)`` frames that the labels speak of, in order; None for all. `files` has a folder for each other.
     """
@@ -97,6 +98,7 @@ class LabelledVideo:
     frame_rate: float | None = None
     network: Path | None = None
     listed: IntArray | None = None
+    lacks: str = ""
 
     def people(
         self, protocol: Protocol = "lenient", size: Size = None, kind: CountedClass = None, single: bool = False
@@ -212,6 +214,7 @@ def _reviewed(folder: Path) -> LabelledVideo:
 
 
 def _sequence(sequence: MotSequence) -> LabelledVideo:
+    gap = left_out(sequence.images)
     return LabelledVideo(
         sequence.name,
         sequence.images,
@@ -221,6 +224,7 @@ def _sequence(sequence: MotSequence) -> LabelledVideo:
         (sequence.width, sequence.height) if sequence.width and sequence.height else None,
         class_names(sequence.ground_truth_path),
         sequence.ground_truth_path.with_name(MOT_LABELS).is_file(),
+        lacks=f"{sequence.folder}: {gap}; labels go by the numbers, so add them" if gap else "",
     )
 
 

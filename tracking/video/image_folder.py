@@ -155,6 +155,8 @@ def not_an_image(path: Path) -> str:
                 return f"{path}: expected an image, got {kind}, which is not read; write it as PNG or JPEG"
     if path.is_symlink() and not path.exists():
         return f"{path}: expected an image, got a link to {path.readlink()}, where nothing lies"
+    if not path.exists():
+        return f"{path}: expected an image, found none"
     return f"{path}: expected an image, got something that cannot be decoded"
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.errors import InputWarning, RequestError
@@ -109,6 +110,8 @@ def test_labelled_images_count_frames_as_the_files_do(tmp_path):
     folder = make_sequence(tmp_path / "A")
     (folder / "gt").mkdir()
     write(folder / "gt", "1,1,1,1,9,9,1,1,1\n2,1,2,1,9,9,1,1,1\n2,5,2,1,9,9,1,8,1\n3,1,3,1,9,9,1,1,1")
+    for image in (folder / "img1").iterdir():
+        Image.new("RGB", (64, 48)).save(image)
     samples = labelled_images(tmp_path, (2, 3))
     assert [(s.path.name, s.frame, len(s.boxes)) for s in samples] == [("000002.jpg", 1, 2), ("000003.jpg", 2, 1)]
     assert samples[0].ignored.tolist() == [False, True]
