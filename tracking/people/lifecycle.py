@@ -37,7 +37,8 @@ class LifecycleSettings:
         min_hits: detections in a row that confirm a new track; an earlier miss drops it.
         max_age: inferences for which a confirmed track is kept without a detection.
         start_score: lowest score of a detection that may start a track; one without a score may.
-        boxes: box that a detected track reports: the box of its filter after the update, or the detected one.
+        boxes: box that a detected track reports: the box of its filter after the update, or the detected one; the
+            latter also where the filter's has no area.
         motion: noise of the Kalman filter.
     """
 
@@ -188,9 +189,11 @@ class LifecycleTracker(Generic[S]):
         numbers = self._numbers[present]
         self._record.confirm(numbers[self._hits[present] == self.settings.min_hits])
         scores[present] = np.nan_to_num(detections.scores[detected])
-        if self.settings.boxes == "detected":
+        # Where a detection is much flatter than expected, the filter's corners may have passed each other.
+        replaced = (boxes[present, 2:] <= boxes[present, :2]).any(axis=1) | (self.settings.boxes == "detected")
+        if replaced.any():
             boxes = boxes.copy()
-            boxes[present] = detections.boxes[detected]
+            boxes[present[replaced]] = detections.boxes[detected[replaced]]
         rows = np.concatenate([boxes[present], origin], axis=1)
         self._record.append(self._clock.frame - 1, numbers, rows, scores[present])
         return scores, boxes
@@ -208,8 +211,8 @@ class LifecycleTracker(Generic[S]):
         live, (gone, last_boxes, classes) = np.flatnonzero(self._hits >= self.settings.min_hits), lost
         status = np.append((self._misses[live] > 0) | skipped, np.full(len(gone), 2))
         boxes = np.concatenate([boxes[live], last_boxes])
-        # Only a box that was missed can have shrunk.
-        boxes = with_area(boxes) if status.any() else boxes
+        # The predicted box of who was missed can have shrunk.
+        boxes = np.where((status > 0)[:, None], with_area(boxes), boxes) if status.any() else boxes
         origin = np.concatenate([origin[live], np.column_stack([np.full(len(gone), -1), classes])])
         ids, scores = (
             self._record.ids(np.append(self._numbers[live], gone)),

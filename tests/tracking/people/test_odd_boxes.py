@@ -16,7 +16,8 @@ from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.people.api import track_people
 from tsuiseki.tracking.people.flow import FlowTracker
-from tsuiseki.tracking.people.sort import Sort
+from tsuiseki.tracking.people.sort import DeepSort, Sort
+from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.video.source import open_source
 
 WIDTH, HEIGHT, FRAMES = 320, 240, 12
@@ -151,3 +152,25 @@ def source_of(given: str, rows: Callable[[int], Any], folder: Path) -> Any:
 def test_a_network_of_shares_where_pixels_are_expected(video: Path, data_folder: Path) -> None:
     with pytest.raises(RequestError, match=r"nms_norm.onnx.* look like shares of the"):
         track_people(video, "sort", detector=data_folder / "cases" / "onnx" / "nms_norm.onnx")
+
+
+def test_who_sinks_down_faster_than_expected_has_the_detected_box() -> None:
+    """The corners of the filter pass each other, and the box that was detected still has an area."""
+    tracker, looks = DeepSort(), np.array([[1.0, 0.0]])
+    for height in (100, 70, 40, 10, 5):
+        detected = np.array([[0.0, 50 - height / 2, 20, 50 + height / 2]])
+        people = tracker.update(Detections(detected, np.array([0.9]), looks))
+    assert people.status.tolist() == ["tracking"]
+    (track,) = tracker.tracks()
+    np.testing.assert_array_equal(track.boxes[-1], detected[0])
+    np.testing.assert_array_equal(people.boxes, detected)
+
+
+def test_boxes_smaller_than_a_pixel_stay_as_small_beside_somebody_missed() -> None:
+    tracker = Sort()
+    boxes = np.array([[0.1, 0.1, 0.2, 0.4], [0.6, 0.1, 0.7, 0.4]])
+    for _ in range(4):
+        tracker.update(Detections(boxes, np.ones(2)))
+    people = tracker.update(Detections(boxes[:1], np.ones(1)))
+    assert people.status.tolist() == ["tracking", "searching"]
+    np.testing.assert_allclose(people.boxes[0], boxes[0])
