@@ -129,14 +129,12 @@ def rows_of(text: str, path: Path) -> Rows:
 
 
 def _separator(lines: Sequence[str]) -> str:
-    """What separates the cells of the first row of numbers, or of the first row where none is of numbers."""
+    """What separates the cells of the first row of numbers as of the heading, or else of either; by default commas."""
     numbers = next((line for line in lines if _NUMBER.match(line)), "")
-    for line in (numbers, *lines[:1]):
-        bare = re.sub(r"\s*([,;])\s*", r"\1", re.sub(r'"[^"]*"', "q", line))
-        for separator in SEPARATORS:
-            if separator in bare:
-                return separator
-    return ","
+    bare = [re.sub(r"\s*([,;])\s*", r"\1", re.sub(r'"[^"]*"', "q", line)) for line in (numbers, *lines[:1])]
+    inside, heading = ([sign for sign in SEPARATORS if sign in line] for line in (bare[0], bare[-1]))
+    # A name in a cell may have a sign that separates cells elsewhere.
+    return next((sign for sign in inside if sign in heading), [*inside, *heading, ","][0])
 
 
 def _cells(texts: Sequence[str], separator: str) -> list[list[str]]:

@@ -18,7 +18,7 @@ from tsuiseki.tracking.formats.mot import read_detections, read_ground_truth, re
 from tsuiseki.tracking.formats.mot_sequence import read_sequence
 from tsuiseki.tracking.formats.okutama import read_okutama
 from tsuiseki.tracking.formats.rotated import read_rotated_labels
-from tsuiseki.tracking.formats.rows import finite_number, read_rows
+from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, read_rows
 from tsuiseki.tracking.formats.single import read_boxes
 from tsuiseki.tracking.formats.world_tables import read_correspondences
 
@@ -204,3 +204,13 @@ def test_rows_of_boxes_keep_hidden_targets(tmp_path: Path) -> None:
 def test_what_nobody_measures_is_refused_by_its_line(text: str) -> None:
     with pytest.raises(RequestError, match=r"a\.csv:7: expected a finite number in column x"):
         finite_number(Path("a.csv"), 7, "x", text)
+
+
+@pytest.mark.parametrize("name", ["a;b", ";", "bus\tstop"])
+def test_a_sign_in_a_name_separates_no_cells_where_the_heading_has_another(tmp_path: Path, name: str) -> None:
+    (tmp_path / "tracks.csv").write_text(f"frame,id,class_name\n1,2,{name}\n3,4,{name}\n")
+    table = read_named_rows(tmp_path / "tracks.csv", "tracks")
+    assert table.separator == "commas"
+    assert [row for _, row in table.rows] == [
+        {"frame": frame, "id": number, "class_name": name} for frame, number in ("12", "34")
+    ]
