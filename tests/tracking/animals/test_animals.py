@@ -8,9 +8,9 @@ import pytest
 from pydantic import ValidationError
 
 from tsuiseki.tracking.animals.linking import contacts, exchanged_after_contacts, link_animals
-from tsuiseki.tracking.animals.pose import AnimalPose, pose_of
+from tsuiseki.tracking.animals.pose import AnimalPose, ExpectedAnimal, pose_of
 from tsuiseki.tracking.animals.settings import AnimalSettings
-from tsuiseki.tracking.animals.tracker import AnimalTracker
+from tsuiseki.tracking.animals.tracker import AnimalTracker, find_animals
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features import background_difference
 from tsuiseki.tracking.features.background_difference import learn_background
@@ -103,6 +103,18 @@ def test_entering_and_leaving():
     paths[20:45, 1] = [150, 120, 1.2, 36, 14]
     _, tracks = followed(paths)
     assert [(int(track.frames[0]), int(track.frames[-1])) for track in tracks] == [(0, 59), (20, 44)]
+
+
+def test_animals_expected_far_away_have_no_part_in_a_region():
+    away = np.linspace(0, 100, 12)
+    background = learn_background([scene([(60 + x, 90, 0, 36, 14)], seed=k) for k, x in enumerate(away)])
+    difference = background.difference(scene([(60, 90, 0, 36, 14)]))
+
+    def found(x):
+        expected = [ExpectedAnimal(np.array([x, y]), 0.0, np.array([9.0, 3.5]), 0.0, 36.0) for y in (88.0, 92.0)]
+        return len(find_animals(difference, background, 0.3, expected))
+
+    assert (found(60.0), found(160.0)) == (2, 1)
 
 
 def test_one_that_never_moves_is_seen_beside_one_that_does():

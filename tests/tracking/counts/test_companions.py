@@ -61,3 +61,10 @@ def test_at_the_border_of_the_picture_and_of_the_video_people_come_and_go():
     border = with_hidden([NEAR, seen(*range(30, 60))], (260, 480), LENGTH, RATE)
     assert [len(chain) for chain in border] == [1, 1]
     assert with_hidden([], SIZE, 0, RATE) == []
+
+
+def test_of_two_who_vanish_behind_somebody_the_last_one_comes_out():
+    """One who comes out was one who vanished, not two."""
+    first, last, out = seen(*range(15)), seen(*range(5, 25), number=3, away=-1.0), seen(*range(40, 60), number=4)
+    joined = [chain[-2:] for chain in chains(first, last, out) if list(range(40, 60)) in chain]
+    assert joined == [[list(range(5, 25)), list(range(40, 60))]]

@@ -110,3 +110,10 @@ def test_random_walks_agree_with_counting_one_step_after_the_other():
             side = now or side
         assert [s for who, _, s in found if who == track.id] == expected
     assert len(found) > 20
+
+
+def test_no_detection_supports_the_places_in_a_gap():
+    paths = paths_of([walker(down(50, [60, 80, 140]), frames=np.array([3, 4, 7]))], SCENE, CountSettings())
+    assert paths.frames.tolist() == [3, 4, 5, 6, 7]
+    assert paths.observed.tolist() == [True, True, False, False, True]
+    np.testing.assert_allclose(paths.points[:, 1], [60, 80, 100, 120, 140])

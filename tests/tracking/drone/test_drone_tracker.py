@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.drone.settings import DroneSettings
-from tsuiseki.tracking.drone.tracker import DroneTracker
+from tsuiseki.tracking.drone.tracker import DroneTracker, acting_track
 from tsuiseki.tracking.features.camera_motion import CameraStep
 from tsuiseki.tracking.features.camera_path import CameraTrajectory, move_boxes
-from tsuiseki.tracking.types import Detections, FloatArray
+from tsuiseki.tracking.types import Detections, FloatArray, Track
 
 SIZE = np.array([10.0, 25.0])
 
@@ -55,6 +55,18 @@ def test_people_and_what_they_do(actions: bool) -> None:
             assert person.single.shape == person.multi.shape == (len(person.track), 4)
             # Everybody does one thing; means over windows are surer of it than single frames.
             assert person.multi.std(axis=0).mean() < 0.8 * person.single.std(axis=0).mean()
+
+
+def test_between_detections_what_somebody_does_changes_evenly() -> None:
+    frames = np.array([3, 4, 5, 8])
+    track = Track(1, np.arange(3, 9), np.tile([0.0, 0, 9, 9], (6, 1)), np.ones(6), np.isin(np.arange(3, 9), frames))
+    doing = np.array([[1.0, 0.0], [0.6, 0.4], [0.8, 0.2], [0.2, 0.8]])
+    person = acting_track(track, doing, half=1)
+    assert person.single is not None
+    assert person.multi is not None
+    np.testing.assert_allclose(person.single[:, 0], [1.0, 0.6, 0.8, 0.6, 0.4, 0.2])
+    # Over windows of three frames the means of the detections in them; without any, the frame alone.
+    np.testing.assert_allclose(person.multi[:, 0], [0.8, 0.8, 0.7, 0.8, 0.2, 0.2])
 
 
 def test_asking_in_between_changes_nothing() -> None:

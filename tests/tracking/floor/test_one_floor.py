@@ -112,6 +112,11 @@ def test_a_group_has_one_of_each_sensor():
     assert label[0] != label[1]
 
 
+def test_the_more_people_are_expected_the_sooner_two_points_are_two():
+    pair = points_at([[0, 0], [0.6, 0]], [0, 1], sensors=2)
+    assert [len(set(group(pair, density))) for density in (1e-3, 1e-2, 10.0, 100.0)] == [1, 1, 2, 2]
+
+
 def test_certain_names_keep_apart():
     assert len(set(group(points_at([[0, 0], [0, 0]], [0, 1], names=[4, 7]), 0.05))) == 2
     assert len(set(group(points_at([[0, 0], [0, 0]], [0, 1], names=[4, 4]), 0.05))) == 1

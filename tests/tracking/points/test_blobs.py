@@ -62,6 +62,9 @@ def test_points_are_tracked_whole_and_frame_by_frame() -> None:
     ends = {track.id: track.boxes[-1] for track in tracks}
     for target in last:
         np.testing.assert_array_equal(target.box, ends[target.id])
+    middles = sorted(((box[:2] + box[2:]) / 2).tolist() for box in ends.values())
+    # Boxes lie about the points; a filter follows within a pixel or two.
+    np.testing.assert_allclose(middles, sorted(points()[-1].tolist()), atol=3)
 
 
 def test_points_come_in_the_forms_of_detections_too() -> None:

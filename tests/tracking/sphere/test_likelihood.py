@@ -81,6 +81,13 @@ def test_without_an_outline_in_the_image_there_is_nothing_to_say():
     assert np.isfinite(values).all()
 
 
+@pytest.mark.parametrize("pixel", [(0.5, 120.5), (319.5, 120.5), (160.5, 0.5), (160.5, 239.5)])
+def test_of_an_outline_that_leaves_the_picture_that_share_counts_which_lies_in_it(pixel):
+    centre = CAMERA.position + 3.0 * CAMERA.rays(np.array([pixel]))[0]
+    _, (share,) = support(centre)
+    assert 0.35 < share < 0.5  # half of its rays, less those along the border
+
+
 def test_more_particles_than_opencv_has_columns_give_the_same(monkeypatch):
     points = BALL + np.random.default_rng(1).normal(0, 0.1, (50, 3))
     whole = support(points)
