@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Iterable
 from copy import deepcopy
 from dataclasses import dataclass
@@ -11,7 +12,7 @@ from typing import Any
 from tsuiseki.tracking.association.clutter import above_floor, score_choice
 from tsuiseki.tracking.association.inference_times import stride_of
 from tsuiseki.tracking.association.learnt_costs import Affinity
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import Describe
 from tsuiseki.tracking.features.standing_camera import StandingCamera
@@ -94,7 +95,7 @@ def open_people(
         source, compared, finding.appearance, threads, finding.appearance_options, finding.device
     )
     if method == "deepsort" or isinstance(method, DeepSort):
-        _check_appearance(detect, describe, source, finding)
+        _say_without_appearance(detect, describe, source, finding)
     # The flow sees for itself where the camera stands still.
     camera = CameraPath() if linking.moving_camera else StandingCamera() if method == "flow" else None
     ground = ground_of(detect, finding.ground, source)
@@ -122,13 +123,15 @@ def open_people(
     return OpenedPeople(inputs, tracker, floor, bad)
 
 
-def _check_appearance(detect: object, describe: Describe | None, source: Source, finding: PeopleFinding) -> None:
-    """Refuse DeepSORT where nothing has an appearance and nobody has said so: it would be another method, silently."""
+def _say_without_appearance(detect: object, describe: Describe | None, source: Source, finding: PeopleFinding) -> None:
+    """Say that DeepSORT goes by boxes alone, where nobody has asked for that: it is another method then."""
     described = isinstance(detect, list) and any(rows.features is not None for rows in detect)
     if describe is None and finding.appearance is None and not described:
-        raise RequestError(
-            f"{source.name} has no images, and deepsort compares appearance; give `method` sort, or `appearance` none "
-            "for boxes alone"
+        warnings.warn(
+            f"{source.name} has no images, so deepsort compares boxes alone and no appearance; give `appearance` none "
+            "to say so, or a source with images",
+            InputWarning,
+            stacklevel=3,
         )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ import pytest
 
 from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot import read_ground_truth, read_tracks
@@ -156,16 +157,17 @@ def test_detections_of_a_folder_without_images_are_enough(tmp_path: Path) -> Non
     assert len(track) == 20
 
 
-def test_deepsort_without_pictures_is_refused_unless_it_shall_do_without(tmp_path: Path) -> None:
+def test_deepsort_without_pictures_says_so_unless_it_shall_do_without(tmp_path: Path) -> None:
     (tmp_path / "det").mkdir()
     rows = [f"{t},-1,{3 * t},20,30,80,0.9" for t in range(1, 21)]
     (tmp_path / "det" / "det.txt").write_text("\n".join(rows))
     (tmp_path / "seqinfo.ini").write_text("[Sequence]\nname=x\nimDir=img1\nframeRate=25\nseqLength=20\n")
     given = tmp_path / "det" / "det.txt"
-    refused = r"^x has no images, and deepsort compares appearance; give `method` sort, or `appearance` none for boxes"
+    said = r"^x has no images, so deepsort compares boxes alone and no appearance; give `appearance` none"
     for method in ("deepsort", DeepSort()):
-        with pytest.raises(RequestError, match=refused):
-            track_people(tmp_path, method, detections=given)
+        with pytest.warns(InputWarning, match=said):
+            assert [len(track) for track in track_people(tmp_path, method, detections=given)] == [20]
+    warnings.simplefilter("error")
     assert [len(track) for track in track_people(tmp_path, "deepsort", detections=given, appearance="none")] == [20]
     boxes = [np.array([[3.0 + 3 * t, 20, 33 + 3 * t, 100]]) for t in range(20)]
     described = [Detections(box, np.array([0.9]), features=np.array([[1.0, 0]])) for box in boxes]
