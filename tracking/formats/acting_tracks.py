@@ -69,6 +69,8 @@ def read_acting_tracks(path: Path, needed: bool = True) -> tuple[list[ActingTrac
 def _person(entry: dict[str, Any], actions: int) -> ActingTrack:
     boxes = corners_from_xywh(np.asarray(entry["boxes"], dtype=np.float64).reshape(-1, 4) - ONE_BASED)
     frames = np.asarray(entry["frames"], dtype=np.int64) - 1
+    if frames.min(initial=0) < 0:
+        raise ValueError(f"frame {frames.min() + 1}, where frames count from 1")
     observed = np.asarray(entry["observed"], dtype=np.bool_)
     identity = whole(str(entry["id"]))
     if identity is None:

@@ -6,7 +6,8 @@ import configparser
 import os
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from decimal import Decimal
 from itertools import pairwise
@@ -24,6 +25,8 @@ from tsuiseki.tracking.types.labels import GroundTruth
 AnyPath = TypeVar("AnyPath", bound=PurePath)
 # A time or a frame number, as the whole of a name.
 NUMBER = re.compile(r"-?\d+(?:\.\d+)?", re.ASCII)
+# A minus before a number: it stands behind no letter and no digit, as a hyphen does.
+MINUS = re.compile(r"(^|[^A-Za-z0-9])-$")
 # A name that ends in the number of a frame, and not in a fraction of a second.
 FRAME_NAME = re.compile(r"(|.*(?:\D\.|[^\d.]))(\d+)", re.DOTALL | re.ASCII)
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".bmp", ".tif", ".tiff", ".webp")
@@ -132,8 +135,8 @@ def find_sequences(folder: str | Path) -> list[MotSequence]:
 def list_images(folder: Path) -> tuple[Path, ...]:
     """The image files of ``folder`` in the order of the numbers in their names; hidden files are passed over.
 
-    A name that is all a number, but for what all begin with, may be a decimal fraction or negative, as times are:
-    ``1.04.jpg`` comes before ``1.2.jpg``. There is none where ``folder`` is no folder.
+    A name that is all a number, but for what all begin and end with, may be a decimal fraction or negative, as times
+    are: ``1.04.jpg`` comes before ``1.2.jpg``. There is none where ``folder`` is no folder.
     """
     if not folder.is_dir():
         return ()
@@ -143,12 +146,19 @@ def list_images(folder: Path) -> tuple[Path, ...]:
 def in_order(images: Sequence[AnyPath]) -> tuple[AnyPath, ...]:
     """The paths of one folder as `list_images` orders them."""
     stems = [path.stem for path in images]
-    common = os.path.commonprefix(stems)  # noqa: RUF071  # letters, not folders
-    start = len(re.sub(r"[\d.]*$", "", common)) if common != "-" else 0
-    numbers = [stem[start:] for stem in stems]
-    if all(NUMBER.fullmatch(number) for number in numbers) and not _counts_parts(numbers):
-        return tuple(sorted(images, key=lambda path: (Decimal(path.stem[start:]), path.name)))
+    numbers = dict(zip(images, _differing(stems), strict=True))
+    if all(NUMBER.fullmatch(number) for number in numbers.values()) and not _counts_parts([*numbers.values()]):
+        return tuple(sorted(images, key=lambda path: (Decimal(numbers[path]), path.name)))
     return tuple(sorted(images, key=lambda path: (name_parts(path.name), path.name)))
+
+
+def _differing(stems: Sequence[str]) -> list[str]:
+    """The names without what all begin and end with, but for digits, points and a minus; a decimal comma as a point."""
+    begin = os.path.commonprefix(stems)  # noqa: RUF071  # letters, not folders
+    start = len(MINUS.sub(r"\1", re.sub(r"[\d.,]*$", "", begin)))
+    end = os.path.commonprefix([stem[start:][::-1] for stem in stems])  # noqa: RUF071
+    stop = len(re.sub(r"[\d.,]*$", "", end))
+    return [stem[start : len(stem) - stop].replace(",", ".") for stem in stems]
 
 
 def _counts_parts(numbers: Sequence[str]) -> bool:
@@ -177,6 +187,12 @@ def left_out(images: Sequence[Path]) -> str:
     missing = np.maximum(np.round(steps / max(np.median(steps), 1)) - 1, 0)
     gap = int(np.argmax(missing))
     return f"{int(missing.sum())} images are left out, the first after {images[gap].name}" if missing.any() else ""
+
+
+def first_number(images: Sequence[Path]) -> int:
+    """The number at the end of the first image's name; 1 where there is none."""
+    name = FRAME_NAME.fullmatch(images[0].stem)
+    return 1 if name is None else int(name[2])
 
 
 def name_parts(name: str) -> list[tuple[bool, int, str]]:
@@ -233,6 +249,14 @@ ORIENTATION_TAG = 0x0112
 TURNED_ORIENTATIONS = (5, 6, 7, 8)
 
 
+@contextmanager
+def quiet_about_size() -> Iterator[None]:
+    """Pillow does not warn of large images, which are bounded elsewhere."""
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Image size .* exceeds limit")
+        yield
+
+
 def image_size(image: Path) -> tuple[int, int]:
     """Width and height of an image, turned as its camera says, of which no more than that is read.
 
@@ -242,7 +266,7 @@ def image_size(image: Path) -> tuple[int, int]:
     from PIL import Image  # Here, since few runs need it.
 
     try:
-        with Image.open(image) as opened:
+        with quiet_about_size(), Image.open(image) as opened:
             # Asking a PNG for tags that it does not have would decode it all.
             turned = "exif" in opened.info and opened.getexif().get(ORIENTATION_TAG) in TURNED_ORIENTATIONS
             return (opened.height, opened.width) if turned else opened.size

@@ -18,9 +18,11 @@ from tsuiseki.tracking.formats.mot_sequence import (
     IMAGE_SUFFIXES,
     ORIENTATION_TAG,
     TURNED_ORIENTATIONS,
+    first_number,
     is_sequence,
     left_out,
     list_images,
+    quiet_about_size,
     read_sequence,
 )
 from tsuiseki.tracking.formats.single import IMAGE_FOLDERS, LABEL_NAMES
@@ -72,6 +74,9 @@ class ImageFolder(Source):
             raise RequestError(f"{folder}: {gap}; labels and detections go by the numbers, so add them")
         if gap:
             warnings.warn(f"{folder}: {gap}; frames are counted on as if none were", InputWarning, stacklevel=3)
+        if sequence is not None and images and first_number(images) > 1:
+            line = f"its first image, {images[0].name}, is taken as frame 1 of labels and detections"
+            warnings.warn(f"{folder}: {line}", InputWarning, stacklevel=3)
         length = len(images) or (sequence.length if sequence else 0) or None
         size = _common_size(images) if images else (sequence.width, sequence.height) if sequence else (0, 0)
         return cls(
@@ -203,14 +208,14 @@ def _common_size(images: tuple[Path, ...]) -> Size:
 
 def _is_deep(path: Path) -> bool:
     """Whether an image has 16 bits a colour, by its header."""
-    with Image.open(path) as image:
+    with quiet_about_size(), Image.open(path) as image:
         return ";16" in str(image.tile)
 
 
 def one_image(path: Path) -> Size:
     """Width and height of the image at ``path``; raises RequestError where it is none, or several in one file."""
     try:
-        with Image.open(path) as image:
+        with quiet_about_size(), Image.open(path) as image:
             pages = getattr(image, "n_frames", 1) if image.format in PAGED else 1
             if pages > 1:
                 raise RequestError(f"{path}: expected one image in a file, got {pages}; write each to its own file")

@@ -30,6 +30,15 @@ def make(folder: Path, *names: str, level: int = 90) -> Path:
         ("1.8", "1.9", "1.10", "1.11"),  # a part that counts on
         ("-10", "-2", "0", "3", "12"),
         ("-0.5", "-0.25", "0", "0.25"),
+        ("-1.5", "-1.25", "-1.0"),  # all of them negative
+        ("t_-10", "t_-9", "t_-1"),
+        ("frame_-1", "frame_0", "frame_1"),
+        ("cam-0.25", "cam-0.5"),  # a hyphen behind a letter
+        ("0.04s", "0.2s", "1.0s"),  # a unit
+        ("1700000000.04_left", "1700000000.2_left"),
+        ("0,04", "0,2", "1,0"),  # a decimal comma
+        ("cam1_2", "cam1_10", "cam2_1"),
+        ("a_2b", "a_10b"),
         ("img-2", "img-10"),  # a hyphen, no minus
         ("2024-01-05", "2024-01-10"),
         ("9", "10", "011"),
@@ -56,6 +65,22 @@ def test_58_9_numbers_that_are_left_out_are_said_or_refused(tmp_path: Path) -> N
         open_source(sequence)
     # Each tenth of a video leaves nothing out.
     open_source(make(tmp_path / "tenth" / "img1", *(f"{n:06d}.png" for n in range(1, 100, 10))).parent)
+
+
+def test_58_9_a_sequence_whose_images_do_not_begin_with_1_says_which_frame_is_1(
+    tmp_path: Path, recwarn: pytest.WarningsRecorder
+) -> None:
+    for first in (0, 1, 302):
+        folder = make(tmp_path / f"{first}" / "img1", *(f"{n:06d}.png" for n in range(first, first + 5))).parent
+        assert open_source(folder).length == 5
+    (warning,) = recwarn
+    assert str(warning.message).endswith("its first image, 000302.png, is taken as frame 1 of labels and detections")
+
+
+def test_58_9_an_image_of_many_pixels_is_read_without_a_word(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:
+    Image.fromarray(np.zeros((9_500, 9_500), np.uint8)).save(tmp_path / "1.png", compress_level=1)
+    assert open_source(tmp_path).size == (9_500, 9_500)
+    assert not list(recwarn)
 
 
 def test_58_9_a_link_to_nothing_is_said(tmp_path: Path) -> None:
