@@ -114,6 +114,7 @@ def read_kitti(path: Path, length: int | None = None, kind: int | str | None = N
     flat = ~(rows[:, 4:] > rows[:, 2:4])
     table.refuse(
         (~framed, f"a frame number from 0 to {LAST_FRAME - 1}"),
+        (~np.isfinite(rows).all(axis=1), "finite numbers"),
         (flat[:, 0] | flat[:, 1], "right beyond left and bottom below top"),
     )
     ids = table.whole_numbers("track", 1)
@@ -148,10 +149,10 @@ def read_kitti_video(path: Path) -> TrackedVideo:
     """
     table = read_rows(path, "KITTI tracking").without_heading(len(KITTI_ROW.split()))
     numbers = {name: number for number, name in KITTI_NAMES.items()}
+    corners = table.numbers(KITTI_ROW, (6, 7, 8, 9)).tolist()
     kinds = [(numbers.setdefault(cells[2], len(numbers)), cells[2]) for cells in table.cells]
     ids = table.whole_numbers("track", 1).tolist()
     frames = table.whole_numbers("frame", 0, 0, LAST_FRAME - 1).tolist()
-    corners = table.numbers(KITTI_ROW, (6, 7, 8, 9)).tolist()
     cells_of_scores = [cells[KITTI_SCORE] if len(cells) > KITTI_SCORE else "1" for cells in table.cells]
     scores = [finite_number(path, line, "score", cell) for line, cell in zip(table.lines, cells_of_scores, strict=True)]
     boxes = [
@@ -228,6 +229,7 @@ def read_visdrone(path: Path, length: int | None = None, kind: int | str | None 
     framed = (rows[:, 0] >= 1) & (rows[:, 0] <= LAST_FRAME) & (rows[:, 0] % 1 == 0)
     table.refuse(
         (~framed, f"a frame number from 1 to {LAST_FRAME}"),
+        (~np.isfinite(rows).all(axis=1), "finite numbers"),
         (~np.isin(rows[:, 7], np.arange(MOST + 1)), f"a category of 0-{MOST}"),
         (counted & ~wide, "a positive width and height"),
     )

@@ -263,11 +263,26 @@ def read_table(path: Path) -> tuple[Columns, dict[str, Any]]:
             table, about = {name: np.asarray(column) for name, column in content["columns"].items()}, content[KNOWN]
     else:
         table, about = _read_parquet(path)
+    with refusing(
+        f"{path}: expected tracks as `Result.save` writes them, got other columns", lambda error: f": {error}"
+    ):
+        _check_columns(table)
     if "frame" in table:
         table["frame"] = np.asarray(table["frame"], dtype=np.int64) - 1
         if table["frame"].min(initial=0) < 0:
             raise RequestError(f"{path}: expected frames counted from 1, got frame {table['frame'].min() + 1}")
     return table, about
+
+
+def _check_columns(table: Columns) -> None:
+    """Raise ValueError where columns differ in length, or hold something else than their names say."""
+    for name, column in table.items():
+        if column.ndim != 1 or len(column) != len(next(iter(table.values()))):
+            raise ValueError(f"{name} of another length")
+        if name not in TEXTS and column.size and column.dtype.kind not in "biuf":
+            raise ValueError(f"{name} of something else than numbers")
+        if name in WHOLE and column.size and not (np.isfinite(column) & (column == np.floor(column))).all():
+            raise ValueError(f"{name} of something else than whole numbers")
 
 
 def _read_csv(path: Path) -> Columns:

@@ -103,3 +103,11 @@ def test_58_15_a_table_of_other_targets_is_refused(tmp_path: Path) -> None:
     (tmp_path / "states.csv").write_text("frame,id,a,b,theta,score,status\n1,1,2,3,0,1,tracking\n")
     with pytest.raises(RequestError):
         read_boxes(tmp_path / "states.csv")
+
+
+@pytest.mark.parametrize("row", ["0 1 Pedestrian 0 0 -10 1 2 3", "0 1 Pedestrian 0 0 -10 1 2 x 4"])
+def test_58_15_a_broken_row_of_kitti_is_refused_in_words(row: str, tmp_path: Path) -> None:
+    path = kitti(tmp_path / "res.txt", "0 Pedestrian")
+    path.write_text(path.read_text() + row + "\n")
+    with pytest.raises(RequestError, match=r"res\.txt:13: expected frame track type"):
+        read_kitti_video(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from shutil import copytree
@@ -104,3 +105,21 @@ def test_58_40_other_numbers_than_those_of_wildtracks_frames_are_refused(part_of
     path.write_text(path.read_text().replace("\n1605,", "\n1606,", 1))
     with pytest.raises(RequestError, match=r"view1_CVLab1\.csv:\d+: expected frames 0, 5, 10, …, got 1606"):
         read_floor_folder(part_of_wildtrack)
+
+
+@pytest.mark.parametrize(
+    ("columns", "reason"),
+    [
+        ({"x1": [1]}, "x1 of another length"),
+        ({"frame": [1, 1.5]}, "frame of something else than whole numbers"),
+        ({"frame": ["a", "b"]}, "frame of something else than numbers"),
+        ({"y2": [[1], [2]]}, "y2 of another length"),
+    ],
+)
+def test_58_15_a_table_whose_columns_are_others_is_refused(
+    columns: dict[str, Any], reason: str, tmp_path: Path
+) -> None:
+    table = {"frame": [1, 2], "id": [1, 1], **{name: [1, 1] for name in ("x1", "y1")}, "x2": [5, 5], "y2": [5, 5]}
+    (tmp_path / "t.json").write_text(json.dumps({"tsuiseki": {}, "columns": table | columns}))
+    with pytest.raises(RequestError, match=reason):
+        read_table(tmp_path / "t.json")
