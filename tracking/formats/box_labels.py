@@ -22,11 +22,11 @@ wrong; one on another class is wrong. Pictures are found in ``images/track/*/NAM
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -35,16 +35,18 @@ from tsuiseki.tracking.formats.label_checks import (
     LabelFile,
     NothingLabelledError,
     Sieve,
+    UnusableError,
     compare_with_picture,
     wanted_numbers,
 )
-from tsuiseki.tracking.formats.labelled_boxes import LabelledBox, labelled_video, with_area
+from tsuiseki.tracking.formats.labelled_boxes import LabelledBox, finite, labelled_video, with_area
 from tsuiseki.tracking.formats.mot_sequence import list_images
-from tsuiseki.tracking.formats.rows import finite_number, read_rows, repeated
+from tsuiseki.tracking.formats.rows import Rows, finite_number, read_rows, repeated, whole
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.geometry import corners_from_xywh
 from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.openers.text import refusing
+from tsuiseki.tracking.types import BoolArray, FloatArray
 from tsuiseki.tracking.types.class_choice import PERSON_NAMES
 from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -73,6 +75,8 @@ PEDESTRIAN = 1
 PEOPLE = 2
 # VisDrone's highest number of a category.
 MOST = 11
+# Corners that span something.
+SQUARE = np.array([0.0, 0.0, 1.0, 1.0])
 _KINDS = ("pedestrian", "people", "bicycle", "car", "van", "truck", "tricycle", "awning-tricycle", "bus", "motor")
 VISDRONE_NAMES = dict(enumerate(_KINDS, start=PEDESTRIAN))
 BDD_NAMES = dict(enumerate(("pedestrian", "rider", "car", "truck", "bus", "train", "motorcycle", "bicycle")))
@@ -110,17 +114,16 @@ def read_kitti(path: Path, length: int | None = None, kind: int | str | None = N
     table = read_rows(path, "KITTI tracking labels").without_heading(len(KITTI_ROW.split()))
     # Frame, occlusion, and the box.
     rows = table.numbers(KITTI_ROW, (0, 4, 6, 7, 8, 9))
-    infinite = np.asarray(~np.isfinite(rows).all(axis=1))
     framed = (rows[:, 0] >= 0) & (rows[:, 0] < LAST_FRAME) & (rows[:, 0] % 1 == 0)
-    flat = ~(rows[:, 4:] > rows[:, 2:4])
     table.refuse(
         (~framed, f"a frame number from 0 to {LAST_FRAME - 1}"),
-        (infinite, "finite numbers"),
-        (flat[:, 0] | flat[:, 1], "right beyond left and bottom below top"),
+        (~np.isfinite(rows[:, 1]), "a finite number of occlusion"),
     )
-    ids = table.whole_numbers("track", 1)
+    usable = _usable(path, table, rows[:, 2:6])
+    ids, kinds = table.whole_numbers("track", 1), np.array([cells[2] for cells in table.cells], dtype=np.str_)
+    rows, ids, kinds = rows[usable], ids[usable], kinds[usable]
     (number,) = wanted_numbers(kind, KITTI_NAMES, (0,), path)
-    name, kinds = KITTI_NAMES[number], np.array([cells[2] for cells in table.cells], dtype=np.str_)
+    name = KITTI_NAMES[number]
     frames, counted = rows[:, 0].astype(np.int64), kinds == name
     if not counted.any():
         what = "pedestrians, of the type " if name == COUNTED else ""
@@ -164,6 +167,17 @@ def read_kitti_video(path: Path) -> TrackedVideo:
     named = zip((f"in line {line}" for line in table.lines), boxes, strict=True)
     usable = sieve.read(named, lambda _, box: box._replace(corners=with_area(box.corners)))
     return replace(labelled_video(path, usable, sieve), name=path.stem)
+
+
+def _usable(path: Path, table: Rows, corners: FloatArray) -> BoolArray:
+    """``(N,)`` the rows of a table that can be used: whose ``(N, 4)`` corners span something; warns of others."""
+    infinite: BoolArray = np.asarray(~np.isfinite(corners).all(axis=1))
+    flat: BoolArray = np.asarray(~(corners[:, 2:] > corners[:, :2]).all(axis=1))
+    sieve = Sieve(path, "rows")
+    names = [f"line {line}" for line in table.lines]
+    usable = sieve.usable(names, (infinite, "without finite corners"), (flat, "without an area"))
+    sieve.tell()
+    return usable
 
 
 def _beginning(path: Path) -> list[str]:
@@ -227,20 +241,24 @@ def read_visdrone(path: Path, length: int | None = None, kind: int | str | None 
     wide = (rows[:, 4] > 0) & (rows[:, 5] > 0)
     numbers = wanted_numbers(kind, VISDRONE_NAMES, (PEDESTRIAN, PEOPLE), path)
     counted = np.isin(rows[:, 7], numbers) & (rows[:, 6] != 0)
-    infinite = np.asarray(~np.isfinite(rows).all(axis=1))
+    infinite = np.asarray(~np.isfinite(np.delete(rows, range(2, 6), axis=1)).all(axis=1))
     framed = (rows[:, 0] >= 1) & (rows[:, 0] <= LAST_FRAME) & (rows[:, 0] % 1 == 0)
+    # Rows that do not count may span nothing.
+    corners = corners_from_xywh(rows[:, 2:6])
+    corners = np.where((counted | ~np.isfinite(corners).all(axis=1))[:, None], corners, SQUARE)
     table.refuse(
         (~framed, f"a frame number from 1 to {LAST_FRAME}"),
         (infinite, "finite numbers"),
         (~np.isin(rows[:, 7], np.arange(MOST + 1)), f"a category of 0-{MOST}"),
-        (counted & ~wide, "a positive width and height"),
     )
+    usable = _usable(path, table, corners)
+    ids = table.whole_numbers("id", 1)[usable]
+    rows, wide, counted = rows[usable], wide[usable], counted[usable]
     if length is not None and len(rows) and rows[:, 0].max() > length:
         raise RequestError(
             f"{path}: labels reach frame {rows[:, 0].max():g}, but the clip has {length} images; "
             "are these the labels of another clip?"
         )
-    ids = table.whole_numbers("id", 1)
     if not counted.any():
         what = "pedestrians (1) or people (2)" if kind is None else f"labels of {kind}"
         raise NothingLabelledError(f"{path}: no usable box: expected {what} with score 1")
@@ -283,27 +301,51 @@ def read_bdd100k(path: Path, _: int | None = None, kind: int | str | None = None
     Raises:
         RequestError: the file is missing or malformed, has no such class, or none of it is labelled.
     """
-    expected = f"{path}: expected a list of frames with frameIndex and labels of id, category and box2d: "
-    with refusing(expected, str):
+    sieve = Sieve(path, "labels")
+    with refusing(f"{path}: expected a list of frames with frameIndex and labels, got something else"):
         frames = read_json(path, "labels of BDD100K")
-        rows = [(int(f["frameIndex"]), label) for f in frames for label in f.get("labels") or [] if label.get("box2d")]
-        numbers = np.array([number for number, _ in rows], dtype=np.int64)
-        corners = ("x1", "y1", "x2", "y2")
-        boxes = np.array([[float(label["box2d"][k]) for k in corners] for _, label in rows]).reshape(-1, 4)
-        kinds = np.array([OLDER.get(label["category"], label["category"]) for _, label in rows], dtype=np.str_)
-        ids = np.unique([str(label["id"]) for _, label in rows], return_inverse=True)[1].astype(np.int64) + 1
-        visible = np.array([0.5 if _attribute(label, "occluded") else 1.0 for _, label in rows])
-        crowd = np.array([_attribute(label, "crowd") for _, label in rows], dtype=np.bool_)
-    if len(numbers) and not (numbers.min() >= 0 and numbers.max() < LAST_FRAME):
-        raise RequestError(f"{path}: expected frameIndex from 0 to {LAST_FRAME - 1}")
+        if len(videos := {str(frame.get("videoName")) for frame in frames}) > 1:
+            raise RequestError(f"{path}: expected the frames of one video, got those of {len(videos)}")
+        numbered = [(frame["frameIndex"], label) for frame in frames for label in frame.get("labels") or []]
+        named = [(f"{label.get('id')!r} in frame {n}", (n, label)) for n, label in numbered if label.get("box2d")]
+        rows = [*sieve.read(named, _bdd_row)]
+    sieve.tell()
+    numbers = np.array([row.frame for row in rows], dtype=np.int64)
+    boxes = np.array([row.corners for row in rows]).reshape(-1, 4)
+    kinds = np.array([row.kind for row in rows], dtype=np.str_)
+    ids = np.unique([row.id for row in rows], return_inverse=True)[1].astype(np.int64) + 1
+    visible = np.array([0.5 if row.occluded else 1.0 for row in rows])
+    crowd = np.array([row.crowd for row in rows], dtype=np.bool_)
     counted = np.isin(kinds, [BDD_NAMES[n] for n in wanted_numbers(kind, BDD_NAMES, (0,), path)]) & ~crowd
     if not counted.any():
         raise NothingLabelledError(f"{path}: no usable box: expected labels of {kind or BDD_NAMES[0]}, got none")
-    if bad := np.flatnonzero((boxes[:, 2:] <= boxes[:, :2]).any(axis=1)).tolist():
-        raise RequestError(f"{path}: expected x1 < x2 and y1 < y2, got {boxes[bad[0]].tolist()}")
     if (row := repeated(numbers[counted], ids[counted])) is not None:
         raise RequestError(f"{path}: expected each id once a frame, got one twice in frame {numbers[counted][row]}")
     return _in_order(path, GroundTruth(numbers, ids, boxes, counted, np.isin(kinds, BDD_IGNORED) | crowd, visible))
+
+
+class _BddRow(NamedTuple):
+    frame: int
+    id: str
+    kind: str
+    corners: Sequence[float]
+    occluded: bool
+    crowd: bool
+
+
+def _bdd_row(_: str, entry: tuple[Any, dict[str, Any]]) -> _BddRow:
+    """A label in its frame; raises UnusableError, see `Sieve`."""
+    number, label = whole(str(entry[0])), entry[1]
+    if number is None or not 0 <= number < LAST_FRAME:
+        raise UnusableError(f"without a frameIndex from 0 to {LAST_FRAME - 1}")
+    if not isinstance(label.get("category"), str):
+        raise UnusableError("without a category")
+    if label.get("id") is None:
+        raise UnusableError("without an id")
+    box = label["box2d"] if isinstance(label["box2d"], dict) else {}
+    corners = with_area([finite(box.get(corner), corner) for corner in ("x1", "y1", "x2", "y2")])
+    kind = OLDER.get(label["category"], label["category"])
+    return _BddRow(number, str(label["id"]), kind, corners, _attribute(label, "occluded"), _attribute(label, "crowd"))
 
 
 def _attribute(label: dict[str, Any], name: str) -> bool:

@@ -63,7 +63,7 @@ def id_of(value: object, what: str) -> int | None:
         return None
     number = whole(str(value))
     if number is None:
-        raise UnusableError(f"without a whole number as {what}")
+        raise UnusableError(f"with {str(value)[:24]!r} as {what}, which is no whole number")
     return number if number >= 0 else None
 
 

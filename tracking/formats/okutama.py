@@ -16,7 +16,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.acting_tracks import OKUTAMA_ACTIONS
-from tsuiseki.tracking.formats.label_checks import LabelFile
+from tsuiseki.tracking.formats.label_checks import LabelFile, Sieve
 from tsuiseki.tracking.formats.mot_sequence import MotSequence, image_size, list_images
 from tsuiseki.tracking.formats.rows import read_rows, repeated, rows_of
 from tsuiseki.tracking.geometry import areas, clip_boxes
@@ -39,8 +39,8 @@ def read_okutama(path: str | Path, size: tuple[int, int]) -> ActionLabels:
     """The labels in the file at ``path``, in pixels of frames of ``size``, width and height.
 
     Raises:
-        RequestError: the file is missing or malformed, quotes are missing, an action is unknown, a box that is not
-            lost lies outside the frame, or an id stands twice in a frame.
+        RequestError: the file is missing or malformed, quotes are missing, an action is unknown, most boxes that are
+            not lost lie outside the frame, or an id stands twice in a frame.
     """
     path = Path(path)
     rows = read_rows(path, "Okutama-Action labels").without_heading(9)
@@ -59,14 +59,17 @@ def read_okutama(path: str | Path, size: tuple[int, int]) -> ActionLabels:
     lost, occluded, generated = (numbers[:, column] == 1 for column in (6, 7, 8))
     boxes = clip_boxes(numbers[:, 1:5] * np.tile(np.array(size) / LABEL_SIZE, 2), *size)
     width, height = LABEL_SIZE
-    expected = f"xmin ymin xmax ymax of a box in {width}x{height} (mark a person out of view as lost)"
-    rows.refuse((~lost & (areas(boxes) <= 0), expected))
-    present = np.flatnonzero(~lost)
+    sieve = Sieve(path, "rows")
+    outside = ~lost & (areas(boxes) <= 0), f"without an area in {width}x{height}, and not lost"
+    usable = sieve.usable([f"line {line}" for line in rows.lines], outside)
+    sieve.tell()
+    present = np.flatnonzero(~lost & usable)
     if (row := repeated(frames[present], ids[present])) is not None:
         k = present[row]
         raise RequestError(f"{path}:{rows.lines[k]}: id {ids[k]} stands twice in frame {frames[k]}")
     boxes[lost] = 0.0, 0.0, 1.0, 1.0
-    return ActionLabels(frames, ids, boxes, lost, occluded, generated, actions_of(names), OKUTAMA_ACTIONS)
+    labels = ActionLabels(frames, ids, boxes, lost, occluded, generated, actions_of(names), OKUTAMA_ACTIONS)
+    return labels if usable.all() else labels.select(usable)
 
 
 def _complaint(cells: list[str], text: str) -> str:

@@ -17,7 +17,10 @@ from typing import Any
 import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.formats.rows import read_rows, whole
+from tsuiseki.tracking.formats.label_checks import Sieve, UnusableError
+from tsuiseki.tracking.formats.labelled_boxes import finite, id_of
+from tsuiseki.tracking.formats.mot_sequence import name_parts
+from tsuiseki.tracking.formats.rows import read_rows
 from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray
 
@@ -53,10 +56,13 @@ def is_rotated(path: Path) -> bool:
     except RequestError:
         return False
     entries = content.get("annotations") if isinstance(content, dict) else None
-    first = entries[0] if isinstance(entries, list) and entries and isinstance(entries[0], dict) else {}
+    if not isinstance(entries, list):
+        return False
+    boxes = [(entry["bbox"], entry) for entry in entries if isinstance(entry, dict) and "bbox" in entry]
     # COCO's own annotations are of a track, or have four numbers.
-    upright = isinstance(first.get("bbox"), list) and (len(first["bbox"]) == 4 or "track_id" in first)
-    return isinstance(entries, list) and not upright
+    upright = sum(isinstance(box, list) and (len(box) == 4 or "track_id" in entry) for box, entry in boxes)
+    turned = sum(isinstance(box, list) and len(box) == 5 and "track_id" not in entry for box, entry in boxes)
+    return turned > upright or (turned == upright and not content.get("categories"))
 
 
 def read_rotated_labels(path: Path) -> dict[str, RotatedBoxes]:
@@ -66,14 +72,16 @@ def read_rotated_labels(path: Path) -> dict[str, RotatedBoxes]:
         RequestError: nothing to read, or a box is no five numbers with a positive size.
     """
     if path.is_dir():
-        rows = [row for text in sorted(path.glob("*.txt")) for row in _habbof_rows(text)]
-        names = [text.stem for text in sorted(path.glob("*.txt"))]
+        sieve, texts = Sieve(path), sorted(path.glob("*.txt"), key=lambda text: name_parts(text.stem))
+        rows = [row for text in texts for row in _habbof_rows(sieve, text)]
+        names = [text.stem for text in texts]
+        sieve.tell()
     else:
         content = read_json(path, "JSON with labels of rotated boxes")
         entries = content.get("annotations") if isinstance(content, dict) else None
         if not isinstance(entries, list):
             raise RequestError(f"{path}: expected a list named annotations, found none")
-        rows = [_row(entry, f"{path}: annotation {k + 1}") for k, entry in enumerate(entries)]
+        rows = _rows(Sieve(path, "annotations"), entries)
         images = content.get("images") or []
         names = [str(i.get("id")) for i in images if isinstance(i, dict) and "id" in i]
     if not rows:
@@ -90,7 +98,7 @@ def read_rotated_detections(path: Path) -> dict[str, RotatedBoxes]:
     content = read_json(path, "JSON with labels of rotated boxes")
     if not isinstance(content, list):
         raise RequestError(f"{path}: expected a JSON list of detections, got a {type(content).__name__}")
-    return _grouped([_row(entry, f"{path}: detection {k + 1}") for k, entry in enumerate(content)], [])
+    return _grouped(_rows(Sieve(path, "detections"), content), [])
 
 
 def write_rotated_detections(path: Path, detections: Mapping[str, RotatedBoxes]) -> None:
@@ -138,38 +146,54 @@ def about_bodies(boxes: FloatArray) -> FloatArray:
 _Row = tuple[str, list[float], int, float]
 
 
-def _row(entry: Any, where: str) -> _Row:
+def _rows(sieve: Sieve, entries: Sequence[Any]) -> list[_Row]:
+    """The rows of annotations or detections, counted from 1; a sieve is told of others."""
+    named = ((f"{sieve.what[:-1]} {number}", entry) for number, entry in enumerate(entries, start=1))
+    rows = [*sieve.read(named, _row)]
+    sieve.tell()
+    return rows
+
+
+def _row(_: str, entry: Any) -> _Row:
+    """An annotation; raises UnusableError, see `Sieve`."""
     if not isinstance(entry, dict) or "image_id" not in entry:
-        raise RequestError(f"{where}: expected an image_id and a bbox, got {str(entry)[:60]}")
-    box = entry.get("bbox")
-    person = entry.get("person_id")
-    score = entry.get("score", 1.0)
-    try:
-        values = [float(v) for v in box]  # type: ignore[union-attr]
-        number, certainty = -1 if person is None else whole(str(person)), float(score)
-        if number is None:
-            raise ValueError
-    except (TypeError, ValueError) as error:
-        got = f"{box!r}, {person!r} and {score!r}"
-        raise RequestError(f"{where}: expected numbers in bbox, person_id and score, got {got}") from error
-    return str(entry["image_id"]), _checked(values, where), number, certainty
+        raise UnusableError("without an image_id")
+    box, person = entry.get("bbox"), entry.get("person_id")
+    if not isinstance(box, list):
+        raise UnusableError(FIVE)
+    number = id_of(person, "person_id")
+    return (
+        str(entry["image_id"]),
+        _checked(box),
+        -1 if number is None else number,
+        finite(entry.get("score"), "score", 1.0),
+    )
 
 
-def _habbof_rows(path: Path) -> list[_Row]:
+def _habbof_rows(sieve: Sieve, path: Path) -> list[_Row]:
     table = read_rows(path, "labels of HABBOF")
     table.refuse((np.array([len(cells) != 1 + 5 for cells in table.cells]), HABBOF_ROW))
-    rows = zip(table.lines, table.numbers(HABBOF_ROW, range(1, 6)).tolist(), strict=True)
-    return [(path.stem, _checked(values, f"{path}:{line}"), -1, 1.0) for line, values in rows]
+    numbers = table.numbers(HABBOF_ROW, range(1, 6)).tolist()
+    named = zip([f"{path.name}:{line}" for line in table.lines], numbers, strict=True)
+    return [(path.stem, box, -1, 1.0) for box in sieve.read(named, lambda _, values: _checked(values))]
 
 
-def _checked(values: Sequence[float], where: str) -> list[float]:
-    if len(values) != 5 or not np.isfinite(values).all() or min(values[2:4]) <= 0:
-        raise RequestError(f"{where}: expected cx, cy, a positive w and h, and degrees, got {list(values)}")
-    return [*values[:4], float(np.radians(values[4]))]
+# Why a label cannot be used whose box is another one.
+FIVE = "without cx, cy, w, h and degrees"
+
+
+def _checked(values: Sequence[object]) -> list[float]:
+    """A turned box, whose angle becomes radians; raises UnusableError, see `Sieve`."""
+    if len(values) != 5:
+        raise UnusableError(FIVE)
+    box = [finite(value, "bbox") for value in values]
+    if min(box[2:4]) <= 0:
+        raise UnusableError("without a positive w and h")
+    return [*box[:4], float(np.radians(box[4]))]
 
 
 def _grouped(rows: Sequence[_Row], names: Sequence[str]) -> dict[str, RotatedBoxes]:
-    grouped: dict[str, list[_Row]] = {name: [] for name in sorted({*names, *(row[0] for row in rows)})}
+    grouped: dict[str, list[_Row]] = {name: [] for name in sorted({*names, *(row[0] for row in rows)}, key=name_parts)}
     for row in rows:
         grouped[row[0]].append(row)
     largest = max((row[2] for row in rows), default=0)

@@ -109,7 +109,7 @@ def test_detections_come_back(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ('{"annotations": [{"image_id": "a", "bbox": [1, 2, 3, 4]}]}', "positive w and h"),
+        ('{"annotations": [{"image_id": "a", "bbox": [1, 2, 3, 4]}]}', "1 without cx, cy, w, h and degrees"),
         ('{"annotations": [{"image_id": "a", "bbox": [1, 2, 0, 4, 5]}]}', "positive w and h"),
         ('{"annotations": [{"bbox": [1, 2, 3, 4, 5]}]}', "an image_id"),
         ('{"annotations": []}', "labelled boxes"),
@@ -171,3 +171,22 @@ def test_people_in_rotated_boxes_teach_by_upright_ones(tmp_path):
     assert [image.name for image in video.files] == ["a.jpg", "b.jpg"]
     with pytest.raises(RequestError, match="expected labelled video, such as"):
         open_labelled(tmp_path / "frames")
+
+
+def test_rotated_labels_that_cannot_be_used_are_left_out_and_images_are_in_the_order_of_numbers(tmp_path):
+    rows = [(str(n), [30, 40, 10, 20, n], n) for n in (10, 9, 1)]
+    rows += [("1", [30, 40, 0, 20, 0], 4), ("1", [30, 40, None, 20, 0], 5), ("1", [30, 40, 10, 20], 6)]
+    path = annotations(tmp_path / "a.json", rows)
+    assert is_rotated(path)
+    with pytest.warns(
+        InputWarning, match=r"3 of 6 annotations are left out: 1 without a positive w and h .annotation 4"
+    ):
+        labels = read_rotated_labels(path)
+    assert {name: image.ids.tolist() for name, image in labels.items()} == {"1": [1], "9": [9], "10": [10]}
+    assert [*labels] == ["1", "9", "10"]
+    found = tmp_path / "d.json"
+    found.write_text(
+        json.dumps([{"image_id": "1", "bbox": box, "score": 1} for box in ([1, 2, 3, 4, 5], [1, 2, 0, 4, 5])])
+    )
+    with pytest.warns(InputWarning, match="1 of 2 detections are left out"):
+        assert len(read_rotated_detections(found)["1"].boxes) == 1

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
+import re
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.box_labels import read_kitti
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.trainers.flow.videos import detected_videos
@@ -60,7 +62,6 @@ def test_it_trains_the_association(kitti: Path) -> None:
     [
         ("0 3 Cyclist 0 0 -1.9 737.6", "0 3 Cyclist 0 0 -1.9 wide", "0007.txt:3: expected frame track type"),
         (f"40 20 60 70 {SPACE}", "40 20 60", "0007.txt:6: expected frame track type"),
-        ("10 20 30 70", "10 20 10 70", "0007.txt:5: expected right beyond left"),
         ("1 5 Person", "-1 5 Person", "0007.txt:5: expected a frame number from 0"),
         ("1 6 Pedestrian", "1 2 Pedestrian", "got track 2 twice in frame 1"),
         ("1 6 Pedestrian", "9 6 Pedestrian", "labels reach frame 9, but the drive has 2 images"),
@@ -72,6 +73,50 @@ def test_one_line_says_what_is_wrong(kitti: Path, old: str, new: str, message: s
     path.write_text(ROWS.replace(old, new))
     (video,) = open_labelled(kitti)
     with pytest.raises(RequestError, match=message):
+        video.people()
+
+
+def test_kittis_boxes_that_span_nothing_are_left_out_and_most_refuse(kitti: Path) -> None:
+    path = kitti / "label_02" / "0007.txt"
+    path.write_text(ROWS.replace(" 10 20 30 70", " 10 20 10 70").replace("40 20 60 70", "nan 20 60 70"))
+    (video,) = open_labelled(kitti)
+    reasons = r"1 without finite corners .line 6., 1 without an area .line 5."
+    with pytest.warns(InputWarning, match=f"2 of 6 rows are left out: {reasons}"):
+        assert video.people().ids.tolist() == [-1, 2, 3, 2]
+    for left, right in (("1106.1", "2000"), ("1073.3", "2000"), (" 10 20 ", " 30 20 "), (" nan 20 ", " 60 20 ")):
+        path.write_text(path.read_text().replace(left, right))
+    with pytest.raises(RequestError, match="expected rows that can be used, but 4 of 6 cannot"):
+        video.people()
+
+
+def bdd(folder: Path, *labels: object, **more: object) -> Path:
+    """Two good labels in two frames, and others in the third."""
+    box = {"x1": 1, "y1": 2, "x2": 30, "y2": 40}
+    good = {"id": "a", "category": "pedestrian", "box2d": box}
+    frames = [{"frameIndex": n, "labels": [good]} for n in range(2)]
+    frames.append({"frameIndex": 2, "labels": list(labels), **more})
+    path = folder / "b.json"
+    path.write_text(json.dumps(frames))
+    return path
+
+
+def test_bdd100ks_labels_that_cannot_be_used_are_left_out_and_named(tmp_path: Path) -> None:
+    box = {"x1": 1, "y1": 2, "x2": 30, "y2": 40}
+    bad = {
+        "without an area ('b' in frame 2)": {"id": "b", "category": "pedestrian", "box2d": {**box, "x2": 1}},
+        "without an id (None in frame 2)": {"category": "pedestrian", "box2d": box},
+        "without a category ('c' in frame 2)": {"id": "c", "box2d": box},
+        "without a finite number as y1 ('d' in frame 2)": {"id": "d", "category": "car", "box2d": {**box, "y1": None}},
+    }
+    for reason, label in bad.items():
+        (video,) = open_labelled(bdd(tmp_path, label))
+        with pytest.warns(InputWarning, match=re.escape(f"1 of 3 labels are left out: 1 {reason}")):
+            assert video.people().frames.tolist() == [0, 1]
+    (video,) = open_labelled(bdd(tmp_path, *bad.values()))
+    with pytest.raises(RequestError, match="expected labels that can be used, but 4 of 6 cannot"):
+        video.people()
+    (video,) = open_labelled(bdd(tmp_path, videoName="another"))
+    with pytest.raises(RequestError, match="expected the frames of one video, got those of 2"):
         video.people()
 
 

@@ -11,7 +11,7 @@ import pytest
 from tsuiseki.datamodules.action_crops import action_sequences
 from tsuiseki.datamodules.identity_crops import crops_from_folder, training_crops
 from tsuiseki.datamodules.labelled_images import labelled_images
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.box_labels import read_visdrone
 from tsuiseki.tracking.formats.drone_action import find_drone_action, read_drone_action_boxes
 from tsuiseki.tracking.formats.labelled import open_labelled
@@ -99,8 +99,6 @@ def test_written_labels_are_read_back(okutama, tmp_path):
         ('0 1 1 9 9 0 0 0 0 "Person" Walking', "expected names in double quotes"),
         ('0 1 1 9 9 0 0 0 0 "Person" "Walking', "expected names in double quotes"),
         ('0 1 1 9 9 0 0 0 0 "Person" "Flying"', "unknown action 'Flying'; known are Handshaking, Hugging"),
-        ('0 5000 10 5050 90 0 0 0 0 "Person" "Walking"', "expected xmin ymin xmax ymax of a box in 3840x2160"),
-        ('0 90 10 50 90 0 0 0 0 "Person" "Walking"', "expected xmin ymin xmax ymax of a box"),
         ('0 1 1 9 9 0 0 2 0 "Person" "Walking"', "expected lost, occluded and generated as 0 or 1"),
         ('-1 1 1 9 9 0 0 0 0 "Person"', "expected a whole number from 0 to 9223372036854775807 in column track_id"),
         ('0 1 1 9 9 1.5 0 0 0 "Person"', "expected a whole number from 0 to 9999999 in column frame"),
@@ -113,6 +111,25 @@ def test_broken_okutama_rows_are_named(tmp_path, row, complaint):
     with pytest.raises(RequestError, match=f"1.1.1.txt:2: {complaint}") as caught:
         read_okutama(path, (1280, 720))
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("box", ["5000 10 5050 90", "90 10 50 90"])
+def test_okutamas_boxes_that_show_nothing_are_left_out(tmp_path, box):
+    path = tmp_path / "1.1.1.txt"
+    path.write_text(f'0 1 1 9 9 7 0 0 0 "Person"\n0 {box} 8 0 0 0 "Person" "Walking"\n')
+    with pytest.warns(InputWarning, match=r"1 of 2 rows are left out: 1 without an area in 3840x2160.* .line 2"):
+        labels = read_okutama(path, (1280, 720))
+    assert (labels.frames.tolist(), labels.actions.shape) == ([7], (1, 12))
+
+
+def test_visdrones_boxes_that_span_nothing_are_left_out(tmp_path):
+    # Regions in which results are neither right nor wrong may be as thin as a line.
+    text = VISDRONE + "2,9,10,20,0,40,1,1,0,0\n2,10,nan,20,9,40,1,4,0,0\n2,0,10,20,0,40,0,0,0,0\n"
+    path = visdrone(tmp_path, text) / "annotations" / "uav0000013_00000_v.txt"
+    reasons = "1 without finite corners .line 7., 1 without an area .line 6."
+    with pytest.warns(InputWarning, match=f"2 of 8 rows are left out: {reasons}"):
+        truth = read_visdrone(path)
+    assert truth.evaluated.tolist() == [True, True, False, False, False]
 
 
 @pytest.mark.parametrize(
@@ -168,7 +185,7 @@ def test_visdrone_categories_decide_what_counts(tmp_path):
     [
         ("1,0,10,20,30,40,1,1,0\n", "txt:1: expected frame,id,left"),
         ("1,0,10,20,30,40,1,44,0,0\n", "txt:1: expected a category of 0-11"),
-        ("1,0,10,20,0,40,1,1,0,0\n", "txt:1: expected a positive width and height"),
+        ("1,0,10,20,0,40,1,1,0,0\n", "1 of 1 cannot: 1 without an area .line 1"),
         ("1,0,10,20,30,40,1,4,0,0\n", "no usable box"),
         ("9,0,10,20,30,40,1,1,0,0\n", "labels reach frame 9, but the clip has 2 images"),
     ],

@@ -250,7 +250,7 @@ def bad_annotations() -> Iterator[tuple[str, str, object, str]]:
         yield f"four-{value}", "bbox", value, "without x, y, width and height in bbox"
     yield "category", "category_id", 7, "of category 7, which is not listed"
     yield "image", "image_id", 7, "of an image that is not listed"
-    yield "id", "track_id", "Anna", "without a whole number as track_id"
+    yield "id", "track_id", "Anna", "with 'Anna' as track_id, which is no whole number"
     yield "score", "score", "high", "without a finite number as score"
     yield "rotation", "attributes", {"rotation": "left"}, "without a finite number as rotation"
 
