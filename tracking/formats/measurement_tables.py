@@ -47,19 +47,24 @@ def read_scans(path: Path, names: Sequence[str], period: float = 1.0) -> list[Sc
     Args:
         path: of the file.
         names: of the measured columns, in the sensor's order.
-        period: seconds from one frame to the next, where the file has frames; frames without a row are empty scans.
+        period: seconds from one frame to the next, where the file has frames; frames without a row, also those before
+            the first row, are empty scans.
 
     Raises:
         RequestError: a column is missing, a value is no number, a covariance is not positive definite, or a row is
             earlier than the one before it.
     """
     table = read_named_rows(path, "a CSV of measurements")
-    clock = "time" if "time" in table.names else "frame"
+    clock = next((name for name in ("time", *FIRST_FRAME) if name in table.names), "frame")
     table.need([clock, *names])
     errors = _error_columns(table, names)
     if not table.rows:
         raise RequestError(f"{path}: expected at least one row of measurements, got none")
     times = table.numbers([clock])[:, 0]
+    if clock != "time":
+        if (times != np.floor(times)).any():
+            raise RequestError(f"{path}: expected whole numbers in column {clock}; name it time where it holds seconds")
+        times = table.frames() + 1.0
     if len(early := np.flatnonzero(np.diff(times) < 0)):
         earlier, later = times[early[0] : early[0] + 2]
         line = table.rows[early[0] + 1][0]
@@ -83,14 +88,12 @@ def read_scans(path: Path, names: Sequence[str], period: float = 1.0) -> list[Sc
 def _filled(path: Path, scans: list[Scan], period: float, width: int) -> list[Scan]:
     """Scans of all frames, with their times."""
     by_frame = {scan.time: scan for scan in scans}
-    if any(frame != int(frame) for frame in by_frame):
-        raise RequestError(f"{path}: expected whole numbers in column frame; name it time where it holds seconds")
-    first, last = int(min(by_frame)), int(max(by_frame))
-    if last - first >= 100 * len(scans) + 1000:
-        raise RequestError(f"{path}: expected frames that follow each other, got {len(scans)} from {first} to {last}")
+    last = int(max(by_frame))
+    if last >= 100 * len(scans) + 1000:
+        raise RequestError(f"{path}: expected frames that follow each other from 1 on, got {len(scans)} up to {last}")
     nothing = np.empty((0, width))
     filled = []
-    for frame in range(first, last + 1):
+    for frame in range(1, last + 1):
         scan = by_frame.get(float(frame), Scan(frame, nothing))
         filled.append(Scan(frame * period, scan.measurements, scan.covariances))
     return filled

@@ -15,7 +15,7 @@ from tsuiseki.tracking.cameras.multicamera import read_floor_folder, read_placed
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
 from tsuiseki.tracking.floor.run import track_floor
-from tsuiseki.tracking.formats.measurement_tables import is_point_file, read_point_tracks, read_points
+from tsuiseki.tracking.formats.measurement_tables import is_point_file, read_point_tracks, read_points, read_scans
 from tsuiseki.tracking.formats.track_tables import read_table
 from tsuiseki.tracking.formats.world_tables import read_ball_points
 from tsuiseki.tracking.result import Result
@@ -54,6 +54,18 @@ def test_58_40_a_column_frame_idx_counts_from_0_whether_or_not_something_is_ther
 def test_58_40_frame_0_in_a_file_that_counts_from_1_is_refused_with_what_to_do(kind: str, tmp_path: Path) -> None:
     with pytest.raises(RequestError, match=r"a\.csv:2: expected .* from 1 to .* got '0'; name the column frame_idx"):
         READERS[kind][2](write(tmp_path / "a.csv", "frame", kind, 0, 2))
+
+
+def test_58_40_scans_count_from_1_whether_or_not_something_was_measured_in_the_first(tmp_path: Path) -> None:
+    for column, numbers in (("frame", (3, 5)), ("frame_idx", (2, 4))):
+        path = tmp_path / f"{column}.csv"
+        path.write_text(f"{column},x,y\n" + "".join(f"{number},1,2\n" for number in numbers))
+        scans = read_scans(path, ("x", "y"), period=0.5)
+        assert [len(scan.measurements) for scan in scans] == [0, 0, 1, 0, 1]
+        assert [scan.time for scan in scans] == [0.5, 1.0, 1.5, 2.0, 2.5]
+    (tmp_path / "zero.csv").write_text("frame,x,y\n0,1,2\n1,2,3\n")
+    with pytest.raises(RequestError, match=r"zero\.csv:2: .* got '0'; name the column frame_idx"):
+        read_scans(tmp_path / "zero.csv", ("x", "y"))
 
 
 def test_58_40_two_columns_of_frames_are_refused(tmp_path: Path) -> None:
