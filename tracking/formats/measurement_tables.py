@@ -64,7 +64,7 @@ def read_scans(path: Path, names: Sequence[str], period: float = 1.0) -> list[Sc
     if clock != "time":
         if (times != np.floor(times)).any():
             raise RequestError(f"{path}: expected whole numbers in column {clock}; name it time where it holds seconds")
-        times = table.frames() + 1.0
+        times = (table.frames() + 1).astype(np.float64)
     if len(early := np.flatnonzero(np.diff(times) < 0)):
         earlier, later = times[early[0] : early[0] + 2]
         line = table.rows[early[0] + 1][0]
