@@ -10,10 +10,13 @@ import dataclasses
 import json
 import os
 import re
+import shutil
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -139,7 +142,8 @@ def open_session(path: str | Path, threads: int = 0, device: Device = "cpu") -> 
     path = a_path(path)
     if not path.is_file():
         raise RequestError(f"expected an ONNX file at {path}, found none; check the path, or export one")
-    for file in weight_files(path):
+    weights = weight_files(path)
+    for file in weights:
         if not file.is_file():
             raise RequestError(f"{path}: expected its weights in {file}, found none; keep both files together")
     options = onnxruntime.SessionOptions()
@@ -149,10 +153,11 @@ def open_session(path: str | Path, threads: int = 0, device: Device = "cpu") -> 
 
     def create(providers: list[str]) -> onnxruntime.InferenceSession:
         # Left to itself, onnxruntime goes over to the CPU without a word.
-        return onnxruntime.InferenceSession(str(path), options, providers=providers, enable_fallback=0)
+        return onnxruntime.InferenceSession(name, options, providers=providers, enable_fallback=0)
 
     try:
-        return opened_on(device, create)
+        with _plain_name(path, weights) as name:
+            return opened_on(device, create)
     except RequestError:
         raise
     except Exception as error:
@@ -168,6 +173,22 @@ def open_session(path: str | Path, threads: int = 0, device: Device = "cpu") -> 
         raise RequestError(
             f"{path} is not a readable ONNX model; export it again; onnxruntime says: {_reason(error)}"
         ) from error
+
+
+@contextmanager
+def _plain_name(path: Path, weights: Sequence[Path]) -> Iterator[str]:
+    """The name of an ONNX file for onnxruntime, which takes UTF-8 only: of a copy for now, where it is another."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        with TemporaryDirectory() as folder:
+            for file in weights:
+                copy = Path(folder) / file.relative_to(path.parent)
+                copy.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(file, copy)
+            yield str(shutil.copyfile(path, Path(folder) / "model.onnx"))
+    else:
+        yield str(path)
 
 
 def weight_files(path: Path) -> list[Path]:

@@ -1,5 +1,6 @@
 """Models whose weights lie in files beside them, as `torch.onnx.export` writes them."""
 
+import os
 import shutil
 
 import numpy as np
@@ -98,3 +99,22 @@ def test_exports_of_others_with_weights_apart(data_folder, tmp_path):
     shutil.copy(cases / "ext_ok" / "v8.onnx", tmp_path)
     with pytest.raises(RequestError, match=r"v8.onnx: expected its weights in .*v8.onnx.data"):
         open_detector(tmp_path / "v8.onnx")
+
+
+@pytest.mark.parametrize("how", [None, {}, {"location": "weights/w.bin"}])
+def test_models_of_names_that_are_not_utf8_run(tmp_path, how):
+    path, folder = shipped("appearance_people"), tmp_path / os.fsdecode(b"caf\xe9")
+    try:
+        folder.mkdir()
+    except OSError:
+        pytest.skip("this file system takes names of UTF-8 only")
+    if how is None:
+        strange = shutil.copyfile(path, folder / os.fsdecode(b"m\xe9.onnx"))
+    else:
+        (tmp_path / "plain" / "weights").mkdir(parents=True)
+        apart(path, tmp_path / "plain", **how)
+        strange = shutil.copytree(tmp_path / "plain", folder / "copy") / path.name
+    whole, other = OnnxModel(path, "appearance"), OnnxModel(strange, "appearance")
+    crops = rows(whole)
+    for expected, got in zip(whole.run(crops), other.run(crops), strict=True):
+        np.testing.assert_array_equal(got, expected)

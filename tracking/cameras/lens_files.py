@@ -201,13 +201,14 @@ def write_intrinsics(path: Path, camera: PinholeCamera, error: float) -> None:
     """Write a lens as OpenCV's own calibration program does (YAML), with the root mean square error in pixels."""
     matrix = np.diag([*camera.focal, 1.0])
     matrix[:2, 2] = camera.principal_point - HALF_PIXEL
-    storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_FORMAT_YAML)
+    # In memory first: OpenCV takes no names that are not UTF-8, and says nothing of a full disk.
+    storage = cv2.FileStorage(".yaml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     storage.write("image_width", camera.width)
     storage.write("image_height", camera.height)
     storage.write("camera_matrix", matrix)
     storage.write("distortion_coefficients", camera.distortion[None])
     storage.write("avg_reprojection_error", error)
-    storage.release()
+    path.write_text(storage.releaseAndGetString(), encoding="utf-8")
 
 
 def _first(path: Path, content: dict[str, Any], names: Sequence[str]) -> FloatArray | None:

@@ -1,6 +1,7 @@
 """Camera files: what is written is read back, and what is wrong is named."""
 
 import json
+import os
 
 import cv2
 import numpy as np
@@ -8,7 +9,7 @@ import pytest
 import yaml
 
 from tsuiseki.tracking.cameras.camera_files import PlacedCamera, read_projective_cameras, write_cameras
-from tsuiseki.tracking.cameras.lens_files import read_intrinsics
+from tsuiseki.tracking.cameras.lens_files import read_intrinsics, write_intrinsics
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.errors import RequestError
 
@@ -88,3 +89,14 @@ def test_wrong_intrinsics_are_refused(tmp_path, content, reason):
     path.write_text(json.dumps(content))
     with pytest.raises(RequestError, match=reason):
         read_intrinsics(path)
+
+
+def test_a_lens_is_written_and_read_under_a_name_that_is_not_utf8(tmp_path):
+    path = tmp_path / os.fsdecode(b"caf\xe9.yaml")
+    lens = PinholeCamera(800, 600, np.array([700.0, 690.0]), np.array([400.0, 300.0]))
+    try:
+        write_intrinsics(path, lens, 0.2)
+    except OSError:
+        pytest.skip("this file system takes names of UTF-8 only")
+    assert path.read_text(encoding="utf-8").startswith("%YAML:1.0\n")
+    np.testing.assert_allclose(read_intrinsics(path).focal, lens.focal)
