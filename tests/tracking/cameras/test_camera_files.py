@@ -98,5 +98,5 @@ def test_a_lens_is_written_and_read_under_a_name_that_is_not_utf8(tmp_path):
         write_intrinsics(path, lens, 0.2)
     except OSError:
         pytest.skip("this file system takes names of UTF-8 only")
-    assert path.read_text(encoding="utf-8").startswith("%YAML:1.0\n")
+    assert path.read_text(encoding="utf-8").startswith("%YAML")
     np.testing.assert_allclose(read_intrinsics(path).focal, lens.focal)
