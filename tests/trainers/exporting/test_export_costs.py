@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -10,9 +11,10 @@ import onnx
 import pytest
 import torch
 
+from tests.tracking.features.faulty_onnx import spoil_batch
 from tsuiseki.models.association import AssociationNetwork
 from tsuiseki.tracking.association.learnt_costs import CostNetwork, FeatureNames
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY
 from tsuiseki.tracking.people.contract import run_tracker
 from tsuiseki.tracking.people.flow import FlowTracker
@@ -118,3 +120,14 @@ def test_the_tracker_decides_while_it_goes_with_it(exported: dict[str, Path]) ->
     tracker = FlowTracker(FlowSettings(decide_every=0.5), frame_rate=25.0, changes=changes)
     assert run_tracker(crossing() * 4, tracker)
     assert FlowTracker(changes=changes, frame_rate=25.0).tracks() == []
+
+
+def test_a_network_that_is_wrong_in_a_batch_gets_one_row_at_a_time_and_that_is_said(
+    exported: dict[str, Path], tmp_path: Path
+) -> None:
+    rows = np.random.default_rng(1).normal(size=(5, len(NAMES.links)))
+    expected = CostNetwork(exported["large"], threads=1).links(rows)
+    path = spoil_batch(shutil.copyfile(exported["large"], tmp_path / "spoilt.onnx"), "first only")
+    with pytest.warns(InputWarning, match="gives for two rows at once something else"):
+        network = CostNetwork(path, threads=1)
+    np.testing.assert_allclose(network.links(rows), expected, atol=TOLERANCE)
