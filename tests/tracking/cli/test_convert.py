@@ -41,7 +41,8 @@ def test_a_folder_becomes_a_file_of_each_format(name: str, result: Result[Track]
         back = Result.load(out)
         np.testing.assert_array_equal(back.by_id[7].frames, [0, 1, 4])
         np.testing.assert_allclose(back.by_id[7].boxes, BOXES, atol=0.001)
-    if FORMATS[name].read:
+    # KITTI's text tells neither the size of the pictures nor how many there are.
+    if FORMATS[name].read and name != "kitti":
         assert (back.size, len(back.frames["frame"])) == ((640, 480), 10)
     assert main(["convert", str(folder), "--to", name, "--out", str(out)]) == 2, "there is one already"
     assert main(["convert", str(folder), "--to", name, "--out", str(out), "--overwrite"]) == 0
