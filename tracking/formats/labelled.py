@@ -17,6 +17,7 @@ The reader of each format says which boxes count. Pictures that were labelled on
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -25,7 +26,7 @@ from typing import Any, TypeAlias
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.box_labels import BOX_LAYOUTS, BoxLayout
 from tsuiseki.tracking.formats.drone_action import (
     DroneActionClip,
@@ -39,7 +40,14 @@ from tsuiseki.tracking.formats.label_checks import LabelFile, compare_with_pictu
 from tsuiseki.tracking.formats.listed_images import other_sizes, picture_paths
 from tsuiseki.tracking.formats.mot import LABELS as MOT_LABELS
 from tsuiseki.tracking.formats.mot import class_names, read_ground_truth
-from tsuiseki.tracking.formats.mot_sequence import MotSequence, is_sequence, left_out, list_images, read_sequence
+from tsuiseki.tracking.formats.mot_sequence import (
+    MotSequence,
+    image_size,
+    is_sequence,
+    left_out,
+    list_images,
+    read_sequence,
+)
 from tsuiseki.tracking.formats.okutama import (
     ACTIONS_FILE,
     Protocol,
@@ -221,11 +229,23 @@ def _sequence(sequence: MotSequence) -> LabelledVideo:
         sequence.length or None,
         lambda _, kind: read_ground_truth(sequence.ground_truth_path, kind),
         (lambda size: read_clip_labels(sequence, size)) if (sequence.folder / ACTIONS_FILE).is_file() else None,
-        (sequence.width, sequence.height) if sequence.width and sequence.height else None,
+        _size_of(sequence),
         class_names(sequence.ground_truth_path),
         sequence.ground_truth_path.with_name(MOT_LABELS).is_file(),
         lacks=f"{sequence.folder}: {gap}; labels go by the numbers, so add them" if gap else "",
     )
+
+
+def _size_of(sequence: MotSequence) -> Size:
+    """Width and height of the pictures of a sequence that says them; where they are others, those of the pictures."""
+    stated = (sequence.width, sequence.height)
+    if min(stated) <= 0:
+        return None
+    actual = image_size(sequence.images[0]) if sequence.images else stated
+    if actual != stated:
+        line = f"says pictures of {stated[0]}x{stated[1]}, but {sequence.images[0].name} has {actual[0]}x{actual[1]}"
+        warnings.warn(f"{sequence.folder}: seqinfo.ini {line}, which counts", InputWarning, stacklevel=3)
+    return actual
 
 
 def _ground_truth(path: Path) -> LabelledVideo:
@@ -246,7 +266,8 @@ def _okutama(video: LabelFile) -> LabelledVideo:
 def _of_boxes(layout: BoxLayout, file: LabelFile) -> LabelledVideo:
     length = len(file.images) or None
     read: Callable[[Size, CountedClass], GroundTruth] = lambda _, kind: layout.read(file.labels, length, kind)  # noqa: E731
-    return LabelledVideo(file.name, file.images, length, read, classes=layout.names)
+    size = image_size(file.images[0]) if file.images else None
+    return LabelledVideo(file.name, file.images, length, read, size=size, classes=layout.names)
 
 
 def _drone_action(clip: DroneActionClip) -> LabelledVideo:

@@ -82,7 +82,7 @@ def read_rotated_labels(path: Path) -> dict[str, RotatedBoxes]:
         if not isinstance(entries, list):
             raise RequestError(f"{path}: expected a list named annotations, found none")
         rows = _rows(Sieve(path, "annotations"), entries)
-        images = content.get("images") or []
+        images = content["images"] if isinstance(content.get("images"), list) else []
         names = [str(i.get("id")) for i in images if isinstance(i, dict) and "id" in i]
     if not rows:
         raise RequestError(f"{path}: expected labelled boxes, found none")

@@ -5,13 +5,14 @@ them with ``save_txt`` and ``save_conf``. Score or id may be left out. Where no 
 is the id if all of them are whole, or else the score; where one has both, it is the score of a box without an id.
 Five numbers a row are labels of single pictures, which may lie in ``labels/train`` and ``images/train``. A frame is the
 number at the end of a file's name, from 1, or the place of the image of that name in ``images/``. ``data.yaml``, here
-or beside the folder, names the classes; width, height, frames, frame_rate, and first_frame, the number of the first
-frame where it is not 1, are ours.
+or beside the folder, names the classes, or else ``classes.txt``; width, height, frames, frame_rate, and first_frame,
+the number of the first frame where it is not 1, are ours.
 """
 
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -21,18 +22,21 @@ from typing import Any
 import numpy as np
 import yaml
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.label_checks import Sieve
 from tsuiseki.tracking.formats.labelled_boxes import LabelledBox, finite, labelled_video, with_area
 from tsuiseki.tracking.formats.mot_sequence import image_size, list_images
 from tsuiseki.tracking.formats.rows import Rows, read_rows, whole
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.geometry import centres
+from tsuiseki.tracking.openers.text import read_text
 from tsuiseki.tracking.openers.yaml_files import read_yaml
 
 LABELS = "labels"
 ABOUT = "data.yaml"
 IMAGES = "images"
+# Name the classes, one a line, where there is no data.yaml: of Label Studio, labelImg and darknet.
+NAME_FILES = ("classes.txt", "obj.names")
 EXPECTED = "class x y width height [score] [id]"
 # Cells of a row with a score or an id.
 WITH_ONE = 6
@@ -81,13 +85,12 @@ def read_yolo(folder: Path) -> TrackedVideo:
         RequestError: a row is broken.
     """
     labels, pictures = picture_places(folder)
-    files = sorted(labels.glob("*.txt"))
+    files = sorted(path for path in labels.glob("*.txt") if path.name not in NAME_FILES)
     about = next((text for place in (folder, folder.parent, folder.parent.parent) if (text := _about(place))), {})
     images = list_images(pictures)
     width, height = int(about.get("width") or 0), int(about.get("height") or 0)
     size = (width, height) if min(width, height) > 0 else image_size(images[0]) if images else None
-    names = about.get("names") or {}
-    named = dict(enumerate(names)) if isinstance(names, list) else names if isinstance(names, dict) else {}
+    named = _class_names(about, (folder, labels, folder.parent, folder.parent.parent))
     places = {image.stem: frame for frame, image in enumerate(images)}
     sieve, boxes = Sieve(folder), list[LabelledBox]()
     tables = _by_frame(files, places, int(about.get("first_frame", 1)))
@@ -96,6 +99,10 @@ def read_yolo(folder: Path) -> TrackedVideo:
         picture = size if about.get("width") or not places else image_size(images[frame])
         boxes += sieve.read(_rows(table, frame, named, sixth_is_id), partial(_in_pixels, picture or (1, 1)))
     video = labelled_video(folder, boxes, sieve)
+    unnamed = {box.kind[0] for box in boxes} - named.keys()
+    if unnamed and (named or len(unnamed) > 1):
+        line = f"no {ABOUT} or {NAME_FILES[0]} names the classes {', '.join(map(str, sorted(unnamed)[:8]))}"
+        warnings.warn(f"{folder}: {line}; they are called by their numbers", InputWarning, stacklevel=3)
     stem = re.sub(r"_?\d+$", "", files[0].stem) if files and video.identified else ""
     return replace(
         video,
@@ -107,6 +114,19 @@ def read_yolo(folder: Path) -> TrackedVideo:
         image_sizes={image.name: size for image in images} if size and about.get("width") else {},
         shares=size is None,
     )
+
+
+def _class_names(about: Mapping[str, Any], folders: Sequence[Path]) -> dict[int, str]:
+    """Names of the classes by number: those of ``data.yaml``, or the lines of a file of `NAME_FILES` in a folder."""
+    names = about.get("names") or {}
+    if isinstance(names, dict):
+        named = {whole(str(number)): str(name) for number, name in names.items()}
+    else:
+        named = dict(enumerate(map(str, names))) if isinstance(names, list) else {}
+    path = next((place / name for place in folders for name in NAME_FILES if (place / name).is_file()), None)
+    if not named and path is not None:
+        named = dict(enumerate(read_text(path, "names of classes, one a line").rstrip().splitlines()))
+    return {number: name.strip() for number, name in named.items() if number is not None}
 
 
 def _about(folder: Path) -> dict[str, Any]:

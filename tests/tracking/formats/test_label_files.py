@@ -519,3 +519,72 @@ def test_cvats_export_as_mot_names_its_classes_in_labels_txt(tmp_path: Path) -> 
     assert evaluate_people(mot_folder(tmp_path / "d", "fly\nbee\n"), [first, second]).hota == 1
     with pytest.raises(RequestError, match=r"1 car, 2 person\), got bus"):
         evaluate_people(mot_folder(tmp_path / "e", "car\nperson\n"), [first], classes=["bus"])
+
+
+def yolo_folder(folder: Path, **files: str) -> Path:
+    """The first as class 0, the second as class 1, in shares of a picture."""
+    (folder / "labels").mkdir(parents=True)
+    for n in range(FRAMES):
+        rows = []
+        for kind, track in enumerate(tracks()):
+            x, y, x2, y2 = track.boxes[n] / np.tile(SIZE, 2)
+            rows.append(f"{kind} {(x + x2) / 2} {(y + y2) / 2} {x2 - x} {y2 - y} 1.0 {track.id}\n")
+        (folder / "labels" / f"a_{n + 1}.txt").write_text("".join(rows))
+    for name, text in files.items():
+        path = folder / name.replace("__", "/").replace("_dot_", ".")
+        path.write_text(text)
+    return folder
+
+
+SIDES = f"width: {SIZE[0]}\nheight: {SIZE[1]}\n"
+
+
+@pytest.mark.parametrize(
+    "files",
+    [
+        {"data_dot_yaml": f"{SIDES}names: [car, person]\n"},
+        {"data_dot_yaml": f"{SIDES}names: {{'0': car, '1': person}}\n"},
+        {"data_dot_yaml": SIDES, "classes_dot_txt": "car\nperson\n"},
+        {"data_dot_yaml": SIDES, "labels__classes_dot_txt": "car\r\nperson\r\n"},
+        {"data_dot_yaml": SIDES, "obj_dot_names": "car\nperson"},
+    ],
+)
+def test_yolos_classes_are_named_in_any_of_its_files(files: dict[str, str], tmp_path: Path) -> None:
+    truth = open_labelled(yolo_folder(tmp_path / "y", **files))[0].people()
+    assert set(truth.ids[truth.evaluated].tolist()) == {2}
+
+
+def test_yolos_classes_without_a_name_are_said(tmp_path: Path) -> None:
+    folder = yolo_folder(tmp_path / "y", data_dot_yaml=SIDES)
+    with pytest.warns(InputWarning, match=r"no data.yaml or classes.txt names the classes 0, 1; they are called by"):
+        assert set(open_labelled(folder)[0].people().ids.tolist()) == {1, 2}
+    folder = yolo_folder(tmp_path / "z", data_dot_yaml=f"{SIDES}names: [person]\n")
+    with pytest.warns(InputWarning, match=r"names the classes 1; they"):
+        truth = open_labelled(folder)[0].people()
+    assert set(truth.ids[truth.evaluated].tolist()) == {1}
+
+
+def test_a_sequence_whose_pictures_are_of_another_size_than_it_says_goes_by_them(tmp_path: Path) -> None:
+    folder = mot_folder(tmp_path, None)
+    (folder / "seqinfo.ini").write_text(f"[Sequence]\nimWidth=1920\nimHeight=1080\nseqLength={FRAMES}\n")
+    for n in range(FRAMES):
+        picture(folder / "img1" / f"{n + 1:06}.png")
+    with pytest.warns(
+        InputWarning, match=r"seqinfo.ini says pictures of 1920x1080, but 000001.png has 200x100, which c"
+    ):
+        (video,) = open_labelled(folder)
+    assert video.size == SIZE
+    (folder / "seqinfo.ini").write_text(f"[Sequence]\nimWidth=200\nimHeight=100\nseqLength={FRAMES}\n")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert open_labelled(folder)[0].size == SIZE
+
+
+def test_boxes_of_larger_pictures_than_those_beside_them_are_refused(tmp_path: Path) -> None:
+    (tmp_path / "annotations").mkdir()
+    rows = "".join(f"{n + 1},1,{300 + n},150,40,40,1,1,0,0\n" for n in range(4))
+    (tmp_path / "annotations" / "a.txt").write_text(rows)
+    for n in range(4):
+        picture(tmp_path / "sequences" / "a" / f"{n + 1:07}.jpg")
+    with pytest.raises(RequestError, match="expected boxes in the picture of 200x100, got all 4 outside of it"):
+        open_labelled(tmp_path)[0].people()
