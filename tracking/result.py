@@ -34,6 +34,7 @@ from tsuiseki.tracking.interchange import as_detections
 from tsuiseki.tracking.output import RunRecord, columns_shifted, output_file, output_folder
 from tsuiseki.tracking.types import Frame, ImageArray, Position, Targets, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
+from tsuiseki.tracking.types.recording import Recording
 from tsuiseki.tracking.types.tracks import (
     ActingTrack,
     BodyTrack,
@@ -44,7 +45,8 @@ from tsuiseki.tracking.types.tracks import (
     targets_at,
 )
 from tsuiseki.tracking.video.frame_source import uneven
-from tsuiseki.tracking.video.source import Source, SourceLike, open_source
+from tsuiseki.tracking.video.recording import check_recording, recording_of
+from tsuiseki.tracking.video.source import Source, SourceLike, absolute, file_of, open_source
 
 if TYPE_CHECKING:
     import pandas
@@ -108,6 +110,7 @@ class Result(Collection[T_co]):
         points: of all animals, where a skeleton is known.
         page: what the page of these tracks says beside them; None where they have a page of their own, or none.
         network: gives what the tracks were chosen from, for corrections; None where nothing else was weighed.
+        recording: what the source says of itself, by which it is known again.
     """
 
     tracks: Sequence[T_co]
@@ -124,6 +127,7 @@ class Result(Collection[T_co]):
     points: PointTable | None = None
     page: PageContent | None = None
     network: Callable[[], SolvedNetwork] | None = None
+    recording: Recording = field(default_factory=Recording)
 
     @classmethod
     def of(cls, source: Source, tracks: Sequence[Any], **attributes: Any) -> Self:
@@ -132,7 +136,8 @@ class Result(Collection[T_co]):
         if "frame" in frames and "time" not in frames and not source.live and uneven(list(source.times.values())):
             at = source.times_of(frames["frame"]).round(4).tolist()
             attributes["frames"] = {**frames, "time": at}
-        return cls(tracks, source.address, source.frame_rate, source.size, **attributes)
+        attributes = {"frame_rate": source.frame_rate, "size": source.size, **attributes}
+        return cls(tracks, source.address, recording=recording_of(source), **attributes)
 
     @classmethod
     def load(cls, path: str | Path) -> Self:
@@ -163,7 +168,9 @@ class Result(Collection[T_co]):
         else:
             got = f"got {path}" if path.exists() else f"found no {path}"
             raise RequestError(f"expected the folder of a result, or a file {', '.join(FILES)}, {got}")
-        attributes |= {name: tuple(attributes[name]) for name in ("size", "names") if attributes.get(name) is not None}
+        recording = Recording.parse(attributes, path)
+        attributes |= {"recording": recording, "frame_rate": recording.frame_rate, "size": recording.size}
+        attributes["names"] = tuple(attributes.get("names", ()))
         names = {attribute.name for attribute in fields(cls)}
         return cls(tracks, **{name: value for name, value in attributes.items() if name in names})
 
@@ -237,6 +244,21 @@ class Result(Collection[T_co]):
         """The tracks by their ids."""
         tracks: Sequence[Any] = self.tracks
         return {track.id: track for track in tracks}
+
+    def check_source(self, source: Source, last: int = -1) -> None:
+        """Refuse what is not the video of these tracks, and say where it may be another; see `check_recording`."""
+        check_recording(source, replace(self.recording, frame_rate=self.frame_rate, size=self.size), last)
+
+    def opened_source(self) -> Source | None:
+        """The source, where it is a file or folder that is still there and of the size that was tracked.
+
+        It is said where it has changed since.
+        """
+        if file_of(self.source) is None:
+            return None
+        source = open_source(self.source)
+        self.check_source(source)
+        return source
 
     @property
     def _boxed(self) -> list[Track] | None:
@@ -353,6 +375,7 @@ class Result(Collection[T_co]):
         if not self.source:
             raise RequestError("expected an image and the number of its frame, for the tracks come from no video")
         opened = open_source(self.source, FrameRange(frame, frame))
+        self.check_source(opened)
         if opened.endless or not opened.has_images:
             raise RequestError(f"{opened.name} has no pictures that can be played again; give the image")
         for read in opened.frames():
@@ -383,6 +406,7 @@ class Result(Collection[T_co]):
             FrameRange(numbers[0], numbers[-1]) if numbers else parse_frames(text if isinstance(text, str) else None)
         )
         opened = open_source(self.source if source is None else source, tracked)
+        self.check_source(opened)
         if opened.endless or not opened.has_images:
             raise RequestError(f"{opened.name} has no pictures that can be played again; give a `source` that has")
         frames = opened.frames()
@@ -449,9 +473,9 @@ class Result(Collection[T_co]):
 
     def video_record(self) -> dict[str, Any]:
         """What ``run.json`` keeps of the video beside the tracks, see `formats.result_folder`."""
-        source = str(Path(self.source).resolve()) if self.source and Path(self.source).exists() else self.source
         filled = filled_frames(self.tracks)
-        about = {"source": source, "frame_rate": self.frame_rate, "size": self.size}
+        about = {"source": absolute(self.source), **vars(self.recording)}
+        about |= {"frame_rate": self.frame_rate, "size": self.size}
         return about | ({"filled": filled} if filled else {})
 
     def save(
@@ -489,14 +513,10 @@ class Result(Collection[T_co]):
     def _tracked_video(self, video: str | Path | None, sized: bool) -> TrackedVideo:
         """The tracks for a file, of which some need the size of the frames."""
         source = str(video or self.source)
-        there = bool(video) or (bool(source) and Path(source).exists())
-        opened = open_source(source) if there and (video or sized) else None
-        size, actual = self.size, opened.size if opened else None
-        if size is not None and video and actual is not None and actual != size:
-            raise RequestError(
-                f"{video}: expected frames of {size[0]}x{size[1]}, as tracked, got {actual[0]}x{actual[1]}"
-            )
-        size = size or actual
+        opened = open_source(source) if video or (sized and file_of(source) is not None) else None
+        if opened is not None:
+            self.check_source(opened)
+        size = self.size or (opened.size if opened else None)
         if sized and size is None:
             raise RequestError("expected the size of the frames, which this result does not tell; give its `video`")
         boxes, about = self._boxed or [], ("settings", "facts", "seconds", "names")

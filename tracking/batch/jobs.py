@@ -22,6 +22,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import is_sequence, read_sequence
 from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import RUN_FILE, is_partial, versions, whole_file
+from tsuiseki.tracking.video.source import file_of
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.tracking.weights.catalogue import file_sum
 
@@ -98,9 +99,11 @@ def content_of(source: str) -> str:
 
     Of each file length and bytes count: all, or `BLOCKS` of a larger one, shared among the files of a folder.
     """
-    digest, path = hashlib.sha256(), Path(source)
+    digest, path = hashlib.sha256(), file_of(source) or Path(source)
     inside = sorted(entry for entry in path.rglob("*") if entry.is_file()) if "://" not in source else []
-    for name in [str(entry) for entry in inside] or [source]:
+    # Another stream of a file is another video.
+    digest.update(source.removeprefix(str(path)).encode())
+    for name in [str(entry) for entry in inside] or [source if "://" in source else str(path)]:
         if inside:
             digest.update(Path(name).relative_to(path).as_posix().encode())
         blocks = max(BLOCKS // max(len(inside), 1), 1)

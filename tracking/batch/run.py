@@ -31,6 +31,7 @@ from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import held, whole_file, writable
 from tsuiseki.tracking.report.rendering import render
 from tsuiseki.tracking.runs.options import Output
+from tsuiseki.tracking.video.source import file_of
 
 COLUMNS = ("name", "status", "frames", "tracks", "seconds", "source", "line")
 # Files of a result of which the first that is there is linked.
@@ -235,9 +236,9 @@ def _crossings(batch: Path, rows: Sequence[Row]) -> dict[str, str]:
 
 def _size(job: Job) -> float:
     """What a video is likely to take, beside the others: its bytes."""
-    path = Path(job.source)
     if "://" in job.source:
         return 1.0
+    path = file_of(job.source) or Path(job.source)
     files = [path] if path.is_file() else [entry for entry in path.rglob("*") if entry.is_file()]
     return max(float(sum(file.stat().st_size for file in files)), 1.0)
 

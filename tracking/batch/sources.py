@@ -17,6 +17,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import is_sequence, list_images
 from tsuiseki.tracking.openers.yaml_files import yaml_of
 from tsuiseki.tracking.output import RUN_FILE
+from tsuiseki.tracking.video.source import file_of
 
 VIDEOS = (".mp4", ".m4v", ".avi", ".mkv", ".mov", ".mpg", ".mpeg", ".webm", ".ts", ".mts", ".m2ts", ".wmv", ".flv")
 MANIFESTS = (".csv", ".yaml", ".yml")
@@ -60,8 +61,8 @@ def _jobs_of(source: str, job: Job) -> Iterator[tuple[str, Job]]:
             yield str(video), replace(job, source=str(video), name="-".join(inside))
     elif path.suffix.lower() in MANIFESTS:
         yield from _in_manifest(path, job)
-    elif path.exists():
-        yield source, replace(job, source=source, name=path.stem)
+    elif (file := file_of(source)) is not None:
+        yield source, replace(job, source=source, name=file.stem)
     else:
         matches = sorted(glob.iglob(source, recursive=True)) if glob.has_magic(source) else []  # noqa: PTH207
         if not matches:
@@ -100,9 +101,9 @@ def _in_manifest(path: Path, job: Job) -> Iterator[tuple[str, Job]]:
         if not row.get("source"):
             raise RequestError(f"{where}: expected a `source`, got {', '.join(map(str, row)) or 'nothing'}")
         source = str(row["source"])
-        if "://" not in source and (path.parent / source).exists():
+        if "://" not in source and file_of(path.parent / source) is not None:
             source = str(path.parent / source)
-        if "://" not in source and not Path(source).exists():
+        if "://" not in source and file_of(source) is None:
             raise RequestError(f"{where}: there is no {source}")
         name = str(row.get("name") or PurePosixPath(source.split("?")[0]).stem)
         row_options: dict[str, Any] = {}

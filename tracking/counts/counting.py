@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from html import escape
@@ -18,7 +19,7 @@ from tsuiseki.tracking.counts.paths import Paths, paths_of
 from tsuiseki.tracking.counts.scene import Scene, read_scene
 from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.counts.zone_tables import counts_table, gathering_table, people, zone_tables
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
@@ -92,6 +93,16 @@ class Answers:
         return table["count"][row], table["low"][row], table["high"][row]
 
 
+def _checked_size(result: Result[Any] | Sequence[Track], scene: Scene, where: str) -> tuple[int, int] | None:
+    """Width and height of the video of a result, which are those of the scene; None where it does not say them."""
+    size: tuple[int, int] | None = getattr(result, "size", None)
+    if size is None and scene.size is not None and getattr(result, "source", None):
+        text = f"{where}: the result does not say the size of its video, so that it is not compared with the scene's"
+        warnings.warn(text, InputWarning, stacklevel=3)
+    scene.check_video(size, where)
+    return size
+
+
 def _html_of(name: str, table: Table) -> str:
     head = "".join(f"<th>{escape(column.replace('_', ' '))}</th>" for column in table)
     rows = ["".join(f"<td>{escape(_cell(value))}</td>" for value in row) for row in zip(*table.values(), strict=True)]
@@ -125,7 +136,7 @@ def count(
     settings = as_settings(settings, CountSettings)
     where = "scene" if isinstance(scene, Scene) else str(scene)
     scene = scene if isinstance(scene, Scene) else read_scene(scene)
-    scene.check_video(getattr(result, "size", None), where)
+    result_size = _checked_size(result, scene, where)
     rate: float = getattr(result, "frame_rate", 0.0) if frame_rate is None else frame_rate
     if not 0 < rate < 1e4:
         raise RequestError(f"expected a frame rate above 0, got {rate:g}; give the video's as `fps`")
@@ -137,7 +148,6 @@ def count(
     paths = paths_of(tracks, scene, settings)
     frames = getattr(result, "frames", {}).get("frame", ())
     first, length = min(frames, default=0), max([-1, *frames, *(int(track.frames[-1]) for track in tracks)]) + 1
-    result_size = getattr(result, "size", None)
     picture_size = scene.size or result_size
     if result_size is None and not bodies:  # one that knows its picture was tracked in it
         compare_with_picture("the result", np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]), picture_size)

@@ -22,7 +22,7 @@ from tsuiseki.tracking.counts.answer_plots import FIGURES, heat_table, heat_valu
 from tsuiseki.tracking.counts.counting import Answers, Table, count
 from tsuiseki.tracking.counts.scene import Scene
 from tsuiseki.tracking.counts.settings import CountSettings
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.report.page import BOXES_NOTE, Timeline
 from tsuiseki.tracking.report.pictures import Pictures, frames_to_show, heat_picture, paths_picture, pictures_of
 from tsuiseki.tracking.report.rendering import overlay_in, render
@@ -31,7 +31,7 @@ from tsuiseki.tracking.result import PageContent, Result, Writer
 from tsuiseki.tracking.types import FloatArray, ImageArray, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.tracks import boxes_about
-from tsuiseki.tracking.video.source import open_source, some_frames
+from tsuiseki.tracking.video.source import file_of, open_source, some_frames
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -97,16 +97,20 @@ class TrackedPage:
         """Of the video; none where it is not at hand, or people are hidden in the result and nothing hides them."""
         place, numbers = self.result.source, frames_to_show(self.tracks)
         clear = self.result.settings.get("hide") and self.hide is None
-        if clear or not numbers or not place or not Path(place).exists():
+        if clear or not numbers or file_of(place) is None:
             return Pictures()
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            try:
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
                 source = open_source(place, FrameRange(numbers[0], numbers[-1]))
+            self.result.check_source(source, numbers[-1])
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
                 frames = some_frames(source, numbers) if source.has_images else iter(())
                 return pictures_of(self.hide(frames) if self.hide else frames, self.tracks)
-            except (RequestError, RunError):  # it is another video now
-                return Pictures()
+        except (RequestError, RunError) as error:
+            warnings.warn(f"{error}; the page is without its pictures", InputWarning, stacklevel=2)
+            return Pictures()
 
     @cached_property
     def _pixels(self) -> FloatArray:

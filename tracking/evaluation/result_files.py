@@ -31,6 +31,7 @@ from tsuiseki.tracking.formats.label_checks import (
 from tsuiseki.tracking.formats.labelled import Size, open_labelled
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.okutama import Protocol
+from tsuiseki.tracking.formats.result_folder import recorded
 from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import RUN_FILE, is_partial
 from tsuiseki.tracking.types import Detections, IntArray, Track
@@ -177,6 +178,16 @@ def warn_of_other_frames(result: Path, first: int, last: int, offset: int = 0) -
         warnings.warn(f"{result} is a partial result; score those it has with `frames`", InputWarning, stacklevel=3)
 
 
+def check_size(result: Path, truth: Truth) -> None:
+    """Refuse the file ``result`` of a run on a video of another size than the labels'; raises RequestError."""
+    size = recorded(result.parent).size if result.suffix == ".txt" else None
+    if size is not None and truth.size is not None and size != tuple(truth.size):
+        raise RequestError(
+            f"{result}: expected a result of {truth.name}, {truth.size[0]}x{truth.size[1]} pixels, got one of "
+            f"{size[0]}x{size[1]}; track the video that is labelled"
+        )
+
+
 # Where the result of the sequence NAME may lie in a folder of results, the most specific place first; and where besides
 # when the truth is a single sequence.
 Places: TypeAlias = tuple[Sequence[str], Sequence[str]]
@@ -208,6 +219,7 @@ def match_results(truths: Sequence[Truth], result: Path, offset: int = 0) -> lis
             file = result_file(truth.name, result, len(truths) == 1, RESULT_PLACES)
         tracks = read_boxes(file, truth.size)
         compare_with_picture(file, np.concatenate([np.empty((0, 4)), *(track.boxes for track in tracks)]), truth.size)
+        check_size(file, truth)
         if offset:
             tracks = moved(file, tracks, offset, FrameRange(0, truth.length - 1 if truth.length else None))
         if fit := frame_offset(truth.labels, tracks):

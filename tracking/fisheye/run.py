@@ -341,12 +341,12 @@ def floor_result(
         "frame_rate": rate,
         "outside_floor": inputs.left_out,
     }
-    return Result(
+    return Result.of(
+        ceiling.source,
         tracks,
-        ceiling.source.address,
-        rate,
-        (ceiling.placed.camera.width, ceiling.placed.camera.height),
-        settings,
+        frame_rate=rate,
+        size=(ceiling.placed.camera.width, ceiling.placed.camera.height),
+        settings=settings,
         facts={ceiling.placed.name: facts, **devices_of(inputs.detector, inputs.describe)},
         seconds=times.seconds,
         files=files,

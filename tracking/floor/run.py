@@ -37,7 +37,9 @@ from tsuiseki.tracking.sphere.settings import FrameTimes
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.measurements import PersonOnFloor
-from tsuiseki.tracking.video.source import Source, SourceLike, frames_of_size, named, open_source
+from tsuiseki.tracking.types.recording import Recording
+from tsuiseki.tracking.video.recording import recording_of
+from tsuiseki.tracking.video.source import Source, SourceLike, file_of, frames_of_size, named, open_source
 from tsuiseki.tracking.weights import shipped
 
 OneFloorMethod = Literal["flow", "lmb"]
@@ -150,6 +152,8 @@ class FloorRun:
             people,
             self.sources[0].address if self.sources else "",
             float(1.0 / np.median(steps)) if len(steps) else 0.0,
+            size=self.sources[0].size if self.sources else None,
+            recording=recording_of(self.sources[0]) if self.sources else Recording(),
             settings=run_settings,
             facts=facts,
             seconds=stages.seconds,
@@ -182,7 +186,7 @@ def open_floor(
         return FloorRun(data_set.cameras, [], data_set.people, detecting, files, settings, times)
     if cameras is None:
         if not files or sources or detections:
-            if missing := [source for source in sources if isinstance(source, str) and not Path(source).exists()]:
+            if missing := [source for source in sources if isinstance(source, str) and file_of(source) is None]:
                 raise RequestError(f"expected videos, or a folder of WILDTRACK or Shelf, found no {missing[0]}")
             raise RequestError("`cameras`: expected cameras.yaml with the videos or detections, got none")
         return FloorRun([], [], [], detecting, files, settings, times)

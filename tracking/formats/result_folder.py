@@ -27,6 +27,7 @@ from tsuiseki.tracking.formats.tracked_video import runs_of
 from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import RUN_FILE, columns_shifted
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
+from tsuiseki.tracking.types.recording import Recording
 from tsuiseki.tracking.types.tracks import FloorTrack
 
 ACTIONS_FILE = "tracks.json"
@@ -84,6 +85,16 @@ def read_folder(folder: Path) -> tuple[list[Any], dict[str, Any]]:
     if (folder / POINTS_FILE).is_file():
         attributes["points"] = read_poses_file(folder / POINTS_FILE)
     return [_with_filled(track, about.get("filled", {})) for track in tracks], {**attributes, **about, "names": names}
+
+
+def recorded(folder: Path) -> Recording:
+    """What ``run.json`` says of the video of the tracks in a folder; nothing where there is none.
+
+    Raises:
+        RequestError: it says something else.
+    """
+    record, name = _record(folder)
+    return Recording.parse(record.get("results", {}).get(name, {}), folder / RUN_FILE)
 
 
 def _record(folder: Path) -> tuple[dict[str, Any], str]:

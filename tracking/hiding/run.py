@@ -27,7 +27,7 @@ from tsuiseki.tracking.runs.options import OutputFile
 from tsuiseki.tracking.runs.progress import progress as watched
 from tsuiseki.tracking.types import BoolArray, Detections, Frame, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
-from tsuiseki.tracking.video.source import Source, open_source
+from tsuiseki.tracking.video.source import Source, file_of, open_source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 TracksLike: TypeAlias = str | Path | Result[Any] | Sequence[Track]
@@ -236,7 +236,7 @@ def _checked_out(out: Path, video: Path, overwrite: bool) -> Path:
     """The list of doubtful places beside the video ``out``; both can be written."""
     if out.suffix.lower() not in VIDEOS:
         raise RequestError(f"`out`: expected a name that ends in {' or '.join(VIDEOS)}, got {out}")
-    if out.exists() and video.exists() and out.samefile(video):
+    if out.exists() and (file := file_of(video)) is not None and out.samefile(file):
         raise RequestError(f"`out`: expected another file than the video, got {out}")
     doubts = out.with_suffix(DOUBTS)
     check_output_file(doubts, overwrite)
@@ -249,26 +249,22 @@ def _opened(video: Path, result: TracksLike) -> tuple[Source, Sequence[Track]]:
     Raises:
         RequestError: the result is none of people's, or is that of another video.
     """
-    tracks, frame_range, size, complete = _read(result)
+    tracks, frame_range, loaded, complete = _read(result)
     if boxless := [track for track in tracks if not isinstance(track, Track)]:
         raise RequestError(f"expected a result with a box for each person, got {type(boxless[0]).__name__}")
     source = open_source(video)
     if source.live or not source.has_images:
         raise RequestError(f"expected a video that can be played again, got {source.name}")
-    pictures, slack = source.size, getattr(source, "slack", 0)
-    if size and pictures and size != pictures:
-        raise RequestError(
-            f"expected the video of the result, {size[0]}x{size[1]} pixels, got {pictures[0]}x{pictures[1]}"
-        )
-    length = source.likely_length
+    loaded.check_source(source)
+    length, slack = source.likely_length, getattr(source, "slack", 0)
     last = max([frame_range.last or 0, *(int(track.frames[-1]) for track in tracks)])
     if length and (last >= length + slack or (complete and last + 1 < length - slack)):
         raise RequestError(f"expected the video of the result, which has {last + 1} frames, got {length} in {video}")
     return open_source(video, frame_range), tracks
 
 
-def _read(result: TracksLike) -> tuple[Sequence[Any], FrameRange, tuple[int, int] | None, bool]:
-    """The tracks, the frames that were tracked, the size of its pictures, and whether it is known to be the whole."""
+def _read(result: TracksLike) -> tuple[Sequence[Any], FrameRange, Result[Any], bool]:
+    """The tracks, the frames that were tracked, the result, and whether it is known to be the whole."""
     loaded: Result[Any] = (
         result if isinstance(result, Result) else Result([] if isinstance(result, str | Path) else result)
     )
@@ -280,7 +276,7 @@ def _read(result: TracksLike) -> tuple[Sequence[Any], FrameRange, tuple[int, int
     numbers = loaded.frames.get("frame", ())
     frame_range = FrameRange(int(numbers[0]), int(numbers[-1])) if len(numbers) else FrameRange()
     complete = not partial and loaded.settings.get("frames", "") is None
-    return [getattr(track, "track", track) for track in loaded], frame_range, loaded.size, complete
+    return [getattr(track, "track", track) for track in loaded], frame_range, loaded, complete
 
 
 # The command has an option of this name.

@@ -22,7 +22,6 @@ from tsuiseki.tracking.people.tracks_of_source import boxes_of, frame_times, nam
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.options import Output
 from tsuiseki.tracking.types import FloatArray, Track
-from tsuiseki.tracking.video.source import open_source
 
 SHIPPED, NONE = "people", "none"
 # Pictures of a track that are described.
@@ -128,7 +127,7 @@ def _features(name: str, result: Result[Track], tracks: Sequence[Track], describ
     """``(N, D)`` mean appearance of each track, of unit length, without what all in the view have in common."""
     if describer is None:
         return np.zeros((len(tracks), 1))
-    source = open_source(result.source) if result.source and Path(result.source).exists() else None
+    source = result.opened_source()
     if source is None or not source.has_images:
         warnings.warn(
             f"{name}: its video is not there; its people are linked by times alone", InputWarning, stacklevel=4

@@ -21,7 +21,9 @@ from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.tracker import SphereLog, SphereRun
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import STATUSES, FloatArray, Frame, ImageArray, Position
+from tsuiseki.tracking.types.recording import Recording
 from tsuiseki.tracking.types.tracks import Path3D
+from tsuiseki.tracking.video.recording import recording_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -217,6 +219,7 @@ def sphere_result(
         "" if first is None else first.address,
         rate or 0.0,
         (camera.width, camera.height),
+        recording=Recording() if first is None else recording_of(first),
         settings=settings,
         seconds=times.seconds,
         frames={

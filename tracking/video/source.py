@@ -95,6 +95,21 @@ def _opened(text: str, frame_range: FrameRange, stream: int | None) -> Source:
     raise RequestError(f"expected a video file, a folder of images, a webcam number or an address, found no {text}")
 
 
+def file_of(address: str | Path) -> Path | None:
+    """The file or folder that an address names, with or without the number of a stream; None where there is none."""
+    path = Path(address)
+    if not str(address) or path.exists():
+        return path if str(address) else None
+    chosen = CHOSEN_STREAM.fullmatch(str(address))
+    return Path(chosen[1]) if chosen and Path(chosen[1]).exists() else None
+
+
+def absolute(address: str) -> str:
+    """An address that holds in any folder: that of a file with its whole path, others as they are."""
+    path = file_of(address)
+    return address if path is None else f"{path.resolve()}{address.removeprefix(str(path))}"
+
+
 def named(source: SourceLike) -> str:
     """A source that was given, for the settings of a run."""
     return str(source) if isinstance(source, str | Path | int) else "images"

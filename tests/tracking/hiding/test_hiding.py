@@ -300,7 +300,7 @@ def test_a_result_of_another_video_is_refused(
 
 def test_a_result_of_other_pictures_is_refused(inputs: Any, tmp_path: Path) -> None:
     tracked = tsuiseki.track_people(inputs.images, "sort", detector=str(inputs.detector))
-    with pytest.raises(RequestError, match="expected the video of the result, 640x480 pixels, got 64x48"):
+    with pytest.raises(RequestError, match="expected frames of 640x480 pixels as in the result, got 64x48"):
         tsuiseki.hide(inputs.images, replace(tracked, size=(640, 480)), tmp_path / "o.webm", detector=nobody)
 
 
