@@ -6,15 +6,16 @@ import bisect
 import itertools
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
 from tsuiseki.tracking.association.correction_demands import NOTHING, Demands, Finder, corners, demands_of, unmet_boxes
+from tsuiseki.tracking.association.near_links import solved_on_near_links
 from tsuiseki.tracking.association.network_flow import FlowGraph, track_labels
 from tsuiseki.tracking.association.pair_constraints import Pair, holds, satisfy
 from tsuiseki.tracking.association.residual_flow import FORBIDDEN, FORCED, InfeasibleError, ResidualFlow
-from tsuiseki.tracking.association.sliding_flow import solve_in_windows
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.correction_log import Box, Correction
@@ -45,6 +46,22 @@ RESIZED = 0.3
 LEAST_LIKELY = 4.0
 # How often pairs are handled, since one way may break another.
 MOST_ROUNDS = 50
+# States that can be gone back to without solving; each may take 100 MB for hours of video.
+MOST_STATES = 4
+# Deleted detections from which taking back begins at such a state instead of the present flow.
+MANY = 20
+
+
+class _State(NamedTuple):
+    """A `CorrectedFlow` as it was under some corrections."""
+
+    corrections: tuple[Correction, ...]
+    network: SolvedNetwork
+    flow: ResidualFlow
+    demands: Demands
+    notes: list[str]
+    dropped: BoolArray
+    ways: dict[Pair, tuple[IntArray, IntArray]]
 
 
 class CorrectedFlow:
@@ -54,15 +71,15 @@ class CorrectedFlow:
         network: of a result.
 
     Attributes:
-        network: with a detection for each box that was drawn where none is.
+        network: with a detection for each box that was drawn where none is; of a dense one its near links.
         flow: of it.
         demands: of the corrections.
         notes: how pairs of boxes were handled, and which corrections do not apply.
     """
 
     def __init__(self, network: SolvedNetwork) -> None:
-        self.network = network
-        self.flow = ResidualFlow(network.graph, solve_in_windows(network.graph))
+        near, self.flow = solved_on_near_links(network.graph)
+        self.network = network if near.all() else replace(network, graph=self.flow.graph)
         self.demands = Demands(network.frames)
         self.notes: list[str] = []
         self._detected = len(network)
@@ -70,14 +87,32 @@ class CorrectedFlow:
         # What was forced and forbidden for pairs: arcs and their status.
         self._ways: dict[Pair, tuple[IntArray, IntArray]] = {}
         self._grow_returns()
+        self._state = self._kept(())
+        self._states = [self._state]
 
     def correct(self, corrections: Sequence[Correction]) -> None:
         """Solve under exactly these corrections.
+
+        It goes on from the present flow, or from one that was kept where that is nearer.
 
         Raises:
             ContradictionError: two of them contradict each other.
             RequestError: they cannot all hold; the message names the last one and one that it contradicts.
         """
+        present = self._state
+        self._go_on_from(self._nearest(tuple(corrections)))
+        if self._state.corrections == tuple(corrections):
+            return
+        try:
+            self._solve_under(corrections)
+        except RequestError:
+            self._go_on_from(present)
+            raise
+        self._state = self._kept(tuple(corrections))
+        # The first state, without corrections, stays.
+        self._states = [*self._states[:1], *self._states[1:][1 - MOST_STATES :], self._state]
+
+    def _solve_under(self, corrections: Sequence[Correction]) -> None:
         network = self.network
         self._grow_detections(unmet_boxes(corrections, network.frames, network.boxes))
         demands = demands_of(corrections, self.network.frames, self.network.boxes)
@@ -90,6 +125,24 @@ class CorrectedFlow:
             raise RequestError(f"{self._refused(corrections)}; take one back") from None
         self.demands, self.notes = demands, notes + demands.left_out
         self._grow_returns()
+
+    def _kept(self, corrections: tuple[Correction, ...]) -> _State:
+        return _State(corrections, self.network, self.flow, self.demands, self.notes, self._dropped, dict(self._ways))
+
+    def _go_on_from(self, state: _State) -> None:
+        self._state = state
+        _, self.network, self.flow, self.demands, self.notes, self._dropped, ways = state
+        self._ways = dict(ways)
+
+    def _nearest(self, corrections: tuple[Correction, ...]) -> _State:
+        """The state from which these corrections are solved soonest."""
+        earlier = [state for state in self._states if state.corrections == corrections[: len(state.corrections)]]
+        longest, present = max(earlier, key=lambda state: len(state.corrections)), self._state.corrections
+        pairs = itertools.takewhile(lambda pair: pair[0] == pair[1], zip(present, corrections, strict=False))
+        undone = present[sum(1 for _ in pairs) :]
+        deleted = (part for correction in undone for part in correction.parts or (correction,) if part.kind == "delete")
+        many = sum(len(part.boxes) for part in deleted) > MANY
+        return longest if many or longest.corrections == corrections else self._state
 
     def _refused(self, corrections: Sequence[Correction]) -> str:
         """The last correction, and the first one with which, and those before, it cannot hold."""
@@ -294,7 +347,10 @@ def returns(network: SolvedNetwork, labels: IntArray, parted: IntArray) -> tuple
     count = np.searchsorted(frames[starts], frames[ends] + LONGEST * network.rate, side="right") - first
     i = np.repeat(ends, count)
     j = starts[np.arange(len(i)) - np.repeat(np.cumsum(count) - count - first, count)]
-    new = ~np.isin(i * len(network) + j, graph.tail * len(network) + graph.head)
+    # Of the links that are there only those between such detections need comparing.
+    is_end, is_start = (np.bincount(numbers, minlength=len(network)) > 0 for numbers in (ends, starts))
+    old = np.flatnonzero(is_end[graph.tail] & is_start[graph.head])
+    new = ~np.isin(i * len(network) + j, graph.tail[old] * len(network) + graph.head[old])
     i, j = i[new], j[new]
     place, height = centres(boxes), boxes[:, 3] - boxes[:, 1]
     waited = (frames[j] - frames[i]) / network.rate

@@ -159,8 +159,9 @@ def track_ids(old_ids: IntArray, labels: IntArray, highest: int) -> IntArray:
         highest: the highest id of the result.
     """
     carried = (old_ids > 0) & (labels >= 0)
-    pairs, counts = np.unique(np.column_stack([labels[carried], old_ids[carried]]), axis=0, return_counts=True)
-    new_ids = dict[int, int]()
+    base = int(old_ids.max(initial=0)) + 1
+    keys, counts = np.unique(labels[carried] * base + old_ids[carried], return_counts=True)
+    pairs, new_ids = np.column_stack(np.divmod(keys, base)), dict[int, int]()
     for label, number in pairs[np.lexsort((pairs[:, 1], -counts))].tolist():
         if label not in new_ids and number not in new_ids.values():
             new_ids[label] = number

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from tsuiseki.tracking.association.nearby import ranges
 from tsuiseki.tracking.association.pair_constraints import Pair
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.correction_log import Box, Correction
-from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
+from tsuiseki.tracking.geometry import corners_from_xywh, iou_pairs
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 # Of a box that was spoken of, the detection of its frame is meant that overlaps it most, and by as much.
@@ -88,8 +89,9 @@ class Demands:
 
     def wanted_pairs(self) -> list[Pair]:
         """What `pairs` come to that links do not make sure of: of one person, neighbours in time."""
-        groups = {id(group): sorted(group.members.items()) for group in self._groups.values()}.values()
-        same = [pair for group in groups for pair in itertools.pairwise(n for _, (n, _) in group)]
+        groups = {id(group): group for group in self._groups.values()}.values()
+        members = [sorted(group.members.items()) for group in groups]
+        same = [pair for group in members for pair in itertools.pairwise(n for _, (n, _) in group)]
         together = [Pair(i, j, same=True) for i, j in same if self.followers.get(i) != j]
         return together + [Pair(i, j, same=False) for (i, j), same in self.pairs.items() if not same]
 
@@ -129,10 +131,11 @@ def demands_of(corrections: Sequence[Correction], frames: IntArray, boxes: Float
     Raises:
         ContradictionError: two of them contradict each other; the message has both.
     """
-    demands, find = Demands(frames), Finder(frames, boxes)
+    demands, single = Demands(frames), [*_single(corrections)]
+    places = iter(Finder(frames, boxes).all([box for correction, _ in single for box in correction.there]))
     sentences = [
-        (correction, sentence, [NOTHING if box is None else find(box) for box in correction.boxes])
-        for correction, sentence in _single(corrections)
+        (correction, sentence, [NOTHING if box is None else next(places) for box in correction.boxes])
+        for correction, sentence in single
     ]
     deleted = {
         n: place
@@ -193,16 +196,28 @@ class Finder:
 
     def __call__(self, box: Box) -> int:
         """Number of the detection that a box of its frame means, -1 for none."""
-        rows = self._order[slice(*np.searchsorted(self._sorted, [box.frame, box.frame + 1]))]
-        if len(rows) == 0:
-            return NOTHING
-        overlap = iou_matrix(corners(box)[None], self._boxes[rows])[0]
-        best = int(overlap.argmax())
-        return int(rows[best]) if overlap[best] >= SAME_BOX else NOTHING
+        return self.all([box])[0]
+
+    def all(self, boxes: Sequence[Box]) -> list[int]:
+        """The same of each of the boxes."""
+        if not boxes:
+            return []
+        table = np.array(boxes)
+        start, end = (np.searchsorted(self._sorted, table[:, 0], side=side) for side in ("left", "right"))
+        which, places = ranges(start, end - start)
+        rows = self._order[places]
+        overlap = iou_pairs(corners_from_xywh(table[which, 1:]), self._boxes[rows])
+        # By box, then the best first; of equal ones the earlier row.
+        best, here = np.lexsort((-overlap, which)), np.flatnonzero(end > start)
+        winners = best[np.searchsorted(which, here)]
+        numbers = np.full(len(boxes), NOTHING)
+        numbers[here] = np.where(overlap[winners] >= SAME_BOX, rows[winners], NOTHING)
+        return [int(n) for n in numbers]
 
 
 def unmet_boxes(corrections: Sequence[Correction], frames: IntArray, boxes: FloatArray) -> list[Box]:
     """Boxes of people where no detection is: they become detections."""
-    find = Finder(frames, boxes)
-    people = (correction.there for correction, _ in _single(corrections) if correction.kind in ("real", "box"))
-    return [*dict.fromkeys(there[-1] for there in people if all(find(box) == NOTHING for box in there))]
+    people = [correction.there for correction, _ in _single(corrections) if correction.kind in ("real", "box")]
+    places = iter(Finder(frames, boxes).all([*itertools.chain(*people)]))
+    met = [max(next(places) for _ in there) != NOTHING for there in people]
+    return [*dict.fromkeys(there[-1] for there, is_met in zip(people, met, strict=True) if not is_met)]

@@ -10,6 +10,8 @@ Costs are whole multiples of ``1 / SCALE``, kept as floats, so that sums are exa
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from copy import copy
 
 import numpy as np
@@ -156,15 +158,49 @@ class ResidualFlow:
             InfeasibleError: not all of it can hold; the flow is left as it was.
         """
         previous = self.used.copy(), self.status.copy(), self.potential.copy()
-        changed = np.flatnonzero(status != self.status)
-        # What is freed first makes room.
-        changed = changed[np.argsort(status[changed] != FREE, kind="stable")]
+        leaving = np.flatnonzero(self.used[: self.count] & (status[: self.count] == FORBIDDEN))
         try:
-            for arc in changed.tolist():
-                self._set(arc, int(status[arc]))
+            self._take_out(leaving)
+            self._set_each(status)
         except InfeasibleError:
             self.used, self.status, self.potential = previous
             raise
+
+    def _set_each(self, status: IntArray) -> None:
+        changed = np.flatnonzero(status != self.status)
+        # What is freed first makes room.
+        for arc in changed[np.argsort(status[changed] != FREE, kind="stable")].tolist():
+            self._set(arc, int(status[arc]))
+
+    def _take_out(self, leaving: IntArray) -> None:
+        """Forbid detections that tracks use; each hole in a track is mended once, however long it is.
+
+        No arc leads on from the first node of such a detection, and none to its second: potentials there follow from
+        those of its neighbours.
+        """
+        out = np.zeros(self.count + 1, np.bool_)
+        out[leaving] = True
+        from_out, to_out = out[self.tail // 2], out[self.head // 2]
+        touched = self.count + np.flatnonzero((from_out | to_out)[self.count :])
+        used = touched[self.used[touched]]
+        following = dict(zip((self.tail[used] // 2).tolist(), self.head[used].tolist(), strict=True))
+        begins, ends = Counter[int](), Counter[int]()
+        for arc in used[~from_out[used]].tolist():
+            end = int(self.head[arc])
+            while out[end // 2]:
+                end = following[end // 2]
+            begins[int(self.tail[arc])] += 1
+            ends[end] += 1
+        self.used[leaving], self.used[used] = False, False
+        self.status[leaving], self.status[used] = FORBIDDEN, FREE
+        potential, into, onwards = self.potential.copy(), touched[to_out[touched]], touched[from_out[touched]]
+        np.minimum.at(potential, self.head[into], (self.potential[self.tail] + self.cost)[into])
+        np.maximum.at(potential, self.tail[onwards], (self.potential[self.head] - self.cost)[onwards])
+        self.potential = potential
+        # What comes to G there may leave it elsewhere.
+        begins, ends = begins - ends, ends - begins
+        for begin in begins.elements():
+            ends[self._reroute(begin, [*+ends], np.inf)] -= 1
 
     def _set(self, arc: int, status: int) -> None:
         self.status[arc] = status
@@ -179,16 +215,17 @@ class ResidualFlow:
             self.status[arc] = FORCED
         ends = (int(self.tail[arc]), int(self.head[arc])) if used else (int(self.head[arc]), int(self.tail[arc]))
         gain = abs(reduced) if status == FREE else np.inf
-        mended = self._reroute(*ends, gain)
+        rerouted = self._reroute(ends[0], ends[1:], gain)
         self.status[arc] = status
-        if not mended:
+        if rerouted < 0:
             self.used[arc] = used
 
-    def _reroute(self, source: int, target: int, limit: float) -> bool:
-        """Send a unit from one node to another by the cheapest way; False where that saves nothing."""
+    def _reroute(self, source: int, targets: Sequence[int], limit: float) -> int:
+        """Send a unit from a node to the nearest of others by the cheapest way; -1 where that saves nothing."""
         distance, predecessor = scipy.sparse.csgraph.dijkstra(
             self.weights(), indices=source, return_predecessors=True, limit=min(limit, LARGEST)
         )
+        target = min(targets, key=lambda node: float(distance[node]))
         if limit == np.inf and not np.isfinite(distance[target]):
             raise InfeasibleError
         mended = bool(distance[target] < limit)
@@ -198,7 +235,7 @@ class ResidualFlow:
             arc = self.arc_between(int(predecessor[node]), node)
             self.used[arc] = not self.used[arc]
             node = int(predecessor[node])
-        return mended
+        return target if mended else -1
 
     def arc_between(self, tail: int, head: int) -> int:
         """The number of the arc that leads from a node to another or back; -1 where there is none."""
