@@ -11,6 +11,7 @@ import os
 import platform
 import secrets
 import shutil
+import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
@@ -62,6 +63,23 @@ def output_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
         _publish(work, folder)
 
 
+@contextmanager
+def replaced_files(folder: Path) -> Iterator[Path]:
+    """A working folder whose files replace those of a result, ``run.json`` last, when the ``with`` block ends.
+
+    Where it fails nothing is replaced. The caller holds ``folder``.
+
+    Raises:
+        RequestError: the disk refuses it.
+    """
+    for left in _unfinished(folder, folder.name):
+        shutil.rmtree(left, ignore_errors=True)
+    with _working_folder(folder.name, folder) as work, writable(folder):
+        yield work
+        for path in sorted(work.iterdir(), key=lambda path: path.name == RUN_FILE):
+            path.replace(folder / path.name)
+
+
 def check_output_folder(folder: Path, overwrite: bool) -> None:
     """Refuse a folder that results cannot go to; see `output_folder`."""
     if str(folder) == "-":
@@ -72,6 +90,7 @@ def check_output_folder(folder: Path, overwrite: bool) -> None:
     if names and not overwrite:
         examples = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
         raise RequestError(f"{folder} already holds {examples}; choose another folder or add `overwrite`")
+    check_writable(folder)
 
 
 @contextmanager
@@ -127,6 +146,17 @@ def check_output_file(path: Path, overwrite: bool) -> None:
         raise RequestError(f"expected the name of a file to write, but {path} is a folder")
     if path.exists() and not overwrite:
         raise RequestError(f"{path} already exists; choose another name or add `overwrite`")
+    check_writable(path.resolve().parent)
+
+
+def check_writable(folder: Path) -> None:
+    """Refuse a folder in which no file can be made, or of one that is not there yet, the nearest above it.
+
+    A file is made and is gone again: what the rights of a folder say is not all that counts.
+    """
+    place = next(parent for parent in (folder.absolute(), *folder.absolute().parents) if parent.exists())
+    with writable(place), tempfile.TemporaryFile(dir=place):
+        pass
 
 
 @dataclass
@@ -170,7 +200,8 @@ class RunRecord:
             **({"results": self.results} if self.results else {}),
             "frames": columns_shifted(self.frames, 1),
         }
-        (folder / RUN_FILE).write_text(record_text(values), encoding="utf-8")
+        with whole_file(folder / RUN_FILE) as file:
+            file.write(record_text(values).encode())
 
 
 def columns_shifted(columns: Mapping[str, Sequence[Any]], by: int) -> dict[str, Sequence[Any]]:

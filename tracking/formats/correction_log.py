@@ -10,6 +10,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -36,6 +37,14 @@ KINDS: Mapping[Kind, tuple[int, float, str]] = {
     "right": (2, math.inf, "the track from {one} to frame {last} is right"),
     "several": (0, 0, ""),
 }
+
+
+# Characters of a track's name.
+LONGEST_NAME = 100
+# Characters of the sentence of a correction.
+LONGEST_SENTENCE = 1000
+# What no text has: control characters, and halves of surrogate pairs, which UTF-8 cannot write.
+NOT_TEXT = re.compile(r"[\x00-\x1f\x7f-\x9f\ud800-\udfff]")
 
 
 class Box(NamedTuple):
@@ -78,6 +87,10 @@ class Correction:
             several = f"{lowest} boxes or more" if highest > 2 else "1 or 2 boxes"
             usual = f"{lowest} boxes" if highest == lowest else several
             raise RequestError(f"correction {self.kind}: expected {usual}, got {len(self.boxes)}")
+        for text, longest in ((self.name, LONGEST_NAME), (self.sentence, LONGEST_SENTENCE)):
+            if len(text) > longest or NOT_TEXT.search(text):
+                got = f"{len(text)}" if len(text) > longest else f"{text[:40]!a}"
+                raise RequestError(f"correction {self.kind}: expected a text of up to {longest} characters, got {got}")
         for box in self.boxes:
             if box is None and self.kind == "switch":
                 continue
@@ -216,27 +229,31 @@ def _is_json(line: str) -> bool:
 
 
 def append(path: Path, rows: Iterable[Correction | Literal["undo", "redo"]], of: CorrectedVideo) -> None:
-    """Append lines to the file, which begins with its video, and wait until the disk has them.
+    """Append lines to the file, which begins with its video, and wait until the disk has them: all or none.
 
     Raises:
         RequestError: the file cannot be written to.
     """
     texts = [{"kind": row} if isinstance(row, str) else row.written() for row in rows]
+    head, *lines = (json.dumps(text).encode() + b"\n" for text in (asdict(of), *texts))
     try:
-        with path.open("ab+") as file:
-            end = file.seek(0, os.SEEK_END)
-            if end == 0:
-                texts.insert(0, asdict(of))
-            else:
-                file.seek(0)
-                *_, last = file.read().split(b"\n")
-                if _is_json(last.decode(errors="replace")):
-                    file.write(b"\n")
-                else:  # a crash cut the last line short
-                    file.truncate(end - len(last))
-            file.write("".join(json.dumps(text) + "\n" for text in texts).encode())
-            file.flush()
-            os.fsync(file.fileno())
+        # Without a buffer, nothing is written late.
+        with path.open("ab+", buffering=0) as file:
+            file.seek(0)
+            content = file.read()
+            last = content.rpartition(b"\n")[2]
+            if is_whole := _is_json(last.decode(errors="replace")):
+                lines.insert(0, b"\n")
+            length = len(content) if is_whole else len(content) - len(last)
+            file.truncate(length)  # a crash cut the last line short
+            left = b"".join(lines if length else [head, *lines])
+            try:
+                while left:
+                    left = left[file.write(left) :]
+                os.fsync(file.fileno())
+            except OSError:
+                file.truncate(length)
+                raise
     except OSError as error:
         raise RequestError(f"cannot write to {path}: {error.strerror}") from error
 

@@ -20,11 +20,14 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.openers.json_files import json_of
+from tsuiseki.tracking.report.local_page import HEADERS, HOST, SILENT, refusal
 from tsuiseki.tracking.report.rendering import TEMPLATES
 from tsuiseki.tracking.types import ImageArray
 
 T = TypeVar("T")
-LONGEST = 1_000_000  # bytes of an answer
+# Bytes of an answer.
+LONGEST = 1_000_000
+TEXT = "text/plain; charset=utf-8"
 
 
 def drawn_on(image: ImageArray, page: str, take: Callable[[Any], T], task: str, instead: str) -> T:
@@ -84,18 +87,23 @@ class _Server(ThreadingHTTPServer, Generic[T]):
     daemon_threads = True
 
     def __init__(self, image: ImageArray, page: str, take: Callable[[Any], T]) -> None:
-        super().__init__(("127.0.0.1", 0), _Handler)
-        self.path = f"/{secrets.token_urlsafe(12)}/"
-        self.address = f"http://127.0.0.1:{self.server_address[1]}{self.path}"
+        super().__init__((HOST, 0), _Handler)
+        self.token = secrets.token_urlsafe(12)
+        self.path = f"/{self.token}/"
+        self.address = f"http://{HOST}:{self.server_address[1]}{self.path}"
         png = bytes(cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1])
-        self.files = {
-            self.path: ("text/html; charset=utf-8", (TEMPLATES / page).read_bytes()),
-            f"{self.path}image.png": ("image/png", png),
-            "/favicon.ico": ("image/png", b""),  # browsers ask for it
-        }
+        self.files = {f"{self.path}image.png": ("image/png", png)}
+        for name, kind in (("", "html"), ("js", "javascript"), ("css", "css")):
+            file = (TEMPLATES / page).with_suffix(f".{name or kind}")
+            self.files[f"{self.path}{file.name if name else name}"] = f"text/{kind}; charset=utf-8", file.read_bytes()
         self._take = take
         self.answers: list[T] = []
         self.answered = threading.Event()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A browser that goes away in the middle is no error."""
+        if not isinstance(sys.exc_info()[1], OSError):
+            super().handle_error(request, client_address)
 
     def take(self, content: bytes) -> str:
         """Take the answer; what is wrong with it, or nothing."""
@@ -110,27 +118,41 @@ class _Handler(BaseHTTPRequestHandler):
     """Answers the page's requests."""
 
     server: _Server[Any]
+    # Who connects and says nothing does not stay.
+    timeout = SILENT
 
     def do_GET(self) -> None:
         """The page, and its image."""
         served = self.server.files.get(self.path)
-        self._answer(200, *served) if served else self._answer(404, "text/plain", b"nothing here")
+        if not self._refused():
+            self._answer(200, *served) if served else self._answer(404, TEXT, b"nothing here")
 
     def do_POST(self) -> None:
+        if self._refused():
+            return
         if self.path != f"{self.server.path}answer":
-            self._answer(404, "text/plain", b"nothing here")
+            self._answer(404, TEXT, b"nothing here")
             return
         length = self.headers.get("Content-Length", "")
-        wrong = self.server.take(self.rfile.read(min(int(length), LONGEST)) if length.isdecimal() else b"")
-        self._answer(400 if wrong else 200, "text/plain; charset=utf-8", wrong.encode())
+        if not length.isascii() or not length.isdecimal() or not 0 < float(length) <= LONGEST:
+            self._answer(400, TEXT, b"expected a short request in JSON")
+            return
+        wrong = self.server.take(self.rfile.read(int(length)))
+        self._answer(400 if wrong else 200, TEXT, wrong.encode(errors="replace"))
         if not wrong:
             self.server.answered.set()
 
+    def _refused(self) -> bool:
+        headers = {name.lower(): value for name, value in self.headers.items()}
+        reason = refusal(self.path, headers, self.server.token, self.server.server_address[1])
+        if reason:
+            self._answer(403, TEXT, reason.encode())
+        return bool(reason)
+
     def _answer(self, status: int, kind: str, content: bytes) -> None:
         self.send_response(status)
-        self.send_header("Content-Type", kind)
-        self.send_header("Content-Length", str(len(content)))
-        self.send_header("Cache-Control", "no-store")
+        for name, value in {**HEADERS, "Content-Type": kind, "Content-Length": str(len(content))}.items():
+            self.send_header(name, value)
         self.end_headers()
         self.wfile.write(content)
 

@@ -6,6 +6,7 @@ import hmac
 import importlib.util
 import os
 import secrets
+import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -14,6 +15,8 @@ from tsuiseki.tracking.errors import RequestError, RunError
 
 # A result has a port of its own, of these, so that its page stays where it is.
 PORTS = range(20_000, 30_000)
+# Bytes of tracks and network from which it is said that they are being opened.
+LARGE = 5_000_000
 
 
 def review(result: Path, *, video: Path | None = None) -> int:
@@ -25,6 +28,7 @@ def review(result: Path, *, video: Path | None = None) -> int:
         result: folder of a result.
         video: what was tracked in; by default what the result names. Without it boxes are on a plain background.
     """
+    from tsuiseki.tracking.association.solved_network import NETWORK_FILE
     from tsuiseki.tracking.report.drawing import show_page
     from tsuiseki.tracking.review.session import Session
 
@@ -33,9 +37,13 @@ def review(result: Path, *, video: Path | None = None) -> int:
         raise RequestError(f"reviewing needs {needs}; install the extra: pip install 'tsuiseki[review]'")
     import uvicorn
 
+    from tsuiseki.tracking.report.local_page import HOST
     from tsuiseki.tracking.review.reviewed import Reviewed
-    from tsuiseki.tracking.review.server import HOST, JpegFrames, application, listening
+    from tsuiseki.tracking.review.server import JpegFrames, application, listening
 
+    size = sum(file.stat().st_size for file in result.glob("*") if file.name in (NETWORK_FILE, "tracks.txt"))
+    if size > LARGE:
+        print(f"opening {size / 1e6:.0f} MB of {result}, which takes some seconds", file=sys.stderr, flush=True)
     session = Session(result, video)
     try:
         pictures, note = None, "Boxes are on a plain background, for the video is not there; --video names it."
@@ -55,9 +63,9 @@ def review(result: Path, *, video: Path | None = None) -> int:
             raise RunError("the server of the page ended by itself; start the command again")
         server.should_exit = True
         thread.join(0.5)
-        print(f"{session.answered} answers: {result}")
     finally:
         session.close()
+    print(f"{session.answered} answers: {result}")
     return 0
 
 

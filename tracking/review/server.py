@@ -1,7 +1,6 @@
 """The page on which a reviewer corrects a result: one reviewer, one result, this computer only.
 
-The address holds a token that cannot be guessed. A request without it, under another host's name, or from a page of
-another site is refused.
+Who may ask, and what its answers forbid: see `report.local_page`.
 
 The page takes pictures of a video in any order, as JPEG; a frame has the number that it has when the video is played.
 """
@@ -9,7 +8,6 @@ The page takes pictures of a video in any order, as JPEG; a frame has the number
 from __future__ import annotations
 
 import mimetypes
-import secrets
 import socket
 import threading
 from collections.abc import Awaitable, Callable
@@ -20,6 +18,7 @@ import cv2
 import numpy as np
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
 from starlette.middleware import Middleware
 from starlette.middleware.base import BaseHTTPMiddleware
 from starlette.requests import Request
@@ -28,6 +27,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.report.local_page import HEADERS, HOST, refusal
 from tsuiseki.tracking.review.reviewed import Reviewed
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.video.image_folder import ImageFolder
@@ -97,18 +97,8 @@ class JpegFrames:
         raise RunError(f"{self._video.name}: frame {frame + 1} cannot be decoded")
 
 
-HOST = "127.0.0.1"
 # Bytes of a request.
 LONGEST = 100_000
-HEADERS = {
-    "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' blob:; "
-    "connect-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cache-Control": "no-store",
-}
 # What a computer calls them is not certain.
 mimetypes.add_type("text/javascript", ".js")
 
@@ -123,18 +113,20 @@ def application(reviewed: Reviewed, pictures: JpegFrames | None, token: str, por
         return JSONResponse(reviewed.state["version"])
 
     async def boxes(request: Request) -> Response:
-        return Response(reviewed.chunk(request.path_params["number"]), media_type="application/octet-stream")
+        number = number_in(request.path_params["number"])
+        return Response(reviewed.chunk(number), media_type="application/octet-stream")
 
     async def picture(request: Request) -> Response:
-        frame = request.path_params["frame"]
+        frame = number_in(request.path_params["frame"])
         if pictures is None or frame >= pictures.length:
-            return PlainTextResponse("There is no such picture.", 404)
+            raise HTTPException(404)
         return Response(await run_in_threadpool(pictures.jpeg, frame), media_type="image/jpeg")
 
     async def change(request: Request) -> Response:
         size = request.headers.get("content-length", "")
+        short = size.isascii() and size.isdecimal() and 0 < float(size) <= LONGEST
         # Only a page of this server can send JSON.
-        if request.headers.get("content-type") != "application/json" or not 0 < int(size or 0) <= LONGEST:
+        if request.headers.get("content-type") != "application/json" or not short:
             raise RequestError("expected a short request in JSON")
         try:
             content = dict(await request.json())
@@ -143,7 +135,7 @@ def application(reviewed: Reviewed, pictures: JpegFrames | None, token: str, por
         return JSONResponse(await run_in_threadpool(reviewed.change, request.path_params["what"], content))
 
     async def guarded(request: Request, go_on: Callable[[Request], Awaitable[Response]]) -> Response:
-        refused = refusal(request, token, port)
+        refused = refusal(request.url.path, request.headers, token, port)
         response = PlainTextResponse(refused, 403) if refused else await go_on(request)
         response.headers.update(HEADERS)
         return response
@@ -151,8 +143,8 @@ def application(reviewed: Reviewed, pictures: JpegFrames | None, token: str, por
     routes = [
         Route("/data", data),
         Route("/version", version),
-        Route("/boxes/{number:int}", boxes),
-        Route("/picture/{frame:int}", picture),
+        Route("/boxes/{number}", boxes),
+        Route("/picture/{frame}", picture),
         Route("/change/{what}", change, methods=["POST"]),
         Mount("/", StaticFiles(directory=Path(__file__).parent / "static", html=True)),
     ]
@@ -167,17 +159,11 @@ def application(reviewed: Reviewed, pictures: JpegFrames | None, token: str, por
     )
 
 
-def refusal(request: Request, token: str, port: int) -> str:
-    """Why a request is refused; empty where it asks the right host, from its own page, with the token."""
-    host = request.headers.get("host", "")
-    if host not in (f"{HOST}:{port}", f"localhost:{port}"):
-        return f"This page answers under {HOST}:{port} only."
-    own_site = request.headers.get("sec-fetch-site", "none") in ("none", "same-origin")
-    if not own_site or request.headers.get("origin", f"http://{host}") != f"http://{host}":
-        return "Another site asked for this page. Copy its address from the terminal into a new tab."
-    if not secrets.compare_digest(request.url.path.split("/")[1].encode(), token.encode()):
-        return "This address lacks its token. Open the whole address that tsuiseki review printed."
-    return ""
+def number_in(text: str) -> int:
+    """The number in an address; raises HTTPException (404) where there is none, or one that no video reaches."""
+    if not (text.isascii() and text.isdecimal() and len(text) < 10):
+        raise HTTPException(404)
+    return int(text)
 
 
 def listening(port: int) -> socket.socket:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from threading import Lock
 from typing import Any, Literal, NamedTuple, cast
@@ -17,7 +19,7 @@ from tsuiseki.tracking.association.corrected_flow import EVERY, CorrectedFlow, r
 from tsuiseki.tracking.association.corrected_tracks import Reporter, acting, corrected_bodies
 from tsuiseki.tracking.association.correction_demands import Finder
 from tsuiseki.tracking.association.solved_network import NETWORK_FILE, SolvedNetwork, network_of_tracks
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.formats.acting_tracks import read_acting_tracks, write_acting_tracks
 from tsuiseki.tracking.formats.body_states import read_states, write_states
 from tsuiseki.tracking.formats.correction_log import (
@@ -42,16 +44,18 @@ from tsuiseki.tracking.formats.result_folder import (
 )
 from tsuiseki.tracking.formats.single import write_boxes
 from tsuiseki.tracking.formats.track_tables import table_of, write_table
-from tsuiseki.tracking.output import RUN_FILE, hold, output_file, record_text, whole_file
+from tsuiseki.tracking.output import RUN_FILE, check_writable, hold, record_text, replaced_files
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.review.questions import Question, Questioner
 from tsuiseki.tracking.review.track_rows import changes
 from tsuiseki.tracking.types import IntArray, Track
 from tsuiseki.tracking.types.tracks import BodyTrack, boxes_about
-from tsuiseki.tracking.video.source import open_source
+from tsuiseki.tracking.video.source import file_of, open_source
 
 # Questions that are ranked at a time.
 MOST_ASKED = 100
+# Under which ``run.json`` has the `sum_of` the corrections that the tracks are under.
+LOG_SUM = "corrections"
 # What commands track; others, and classes of choice, are targets.
 NOUNS = {"people": "person", "drone": "person", "fisheye": "person", "animals": "animal"}
 
@@ -79,11 +83,13 @@ class Session:
         frame_rate: frames a second; 25 where not known.
         size: width and height in pixels; None where not known.
         n_frames: how many there are.
+        log: of all corrections.
+        ranked: the questions are those of the tracks as they are now.
         saved: the files of the result are as the tracks are now.
 
     Raises:
-        RequestError: it is no result, or somebody else reviews it; the video has another size or length; the
-            corrections beside it speak of another video.
+        RequestError: it is no result, it cannot be written to, or somebody else reviews it; the video has another size
+            or length; the corrections beside it speak of another video.
     """
 
     def __init__(self, result: Path, source: str | Path | None = None) -> None:
@@ -91,6 +97,7 @@ class Session:
         if not self.folder.is_dir():
             raise RequestError(f"expected the folder of a result to review, got {result}")
         self._saving = Lock()
+        check_writable(self.folder)
         with ExitStack() as stack:
             busy = f"somebody reviews {result} at this moment, or a run writes it; wait or end that"
             hold(self.folder, busy, stack)
@@ -109,14 +116,17 @@ class Session:
             self._network = SolvedNetwork.read(path) if path.is_file() else network_of_tracks(solved, self.frame_rate)
             self.corrections_file = self.folder / CORRECTIONS_FILE
             there = self.corrections_file.is_file()
-            self._log = read_corrections(self.corrections_file, self._video) if there else CorrectionLog()
+            self.log = read_corrections(self.corrections_file, self._video) if there else CorrectionLog()
             self._reporter, self._flow, self._fitted = Reporter(solved), CorrectedFlow(self._network), 0
             self._costs, self._tracks = self._network, list[Track]()
-            self._asked: list[Question] | None = None
-            self._solve(self._log)
+            self._asked, self.ranked = list[Question](), False
+            self._solve(self.log)
             self._refresh()
             # Of a review that was killed, the last corrections may not be in the tracks yet.
-            self.saved = self._result.facts.get("corrections", 0) == len(self._log.corrections)
+            written = record.get("results", {}).get(".", {}).get(LOG_SUM)
+            if written is None and not self._result.facts.get("corrections"):
+                written = sum_of(CorrectionLog())
+            self._saved_log = self.log if written == sum_of(self.log) else None
             self._open = stack.pop_all()
 
     def _solved_tracks(self) -> list[Track]:
@@ -127,39 +137,58 @@ class Session:
         return boxes_about(self._bodies, self._result.names)
 
     def _find_video(self, source: str | Path | None) -> None:
-        video = source if source is not None else self._result.source
+        video = str(self._result.source if source is None else source)
         self.source: str | None = None
-        if not video or (source is None and not Path(str(video)).exists()):
+        if not video or (source is None and file_of(video) is None):
             return
-        opened = open_source(str(video))
-        size, length = opened.size, opened.length
-        if size is not None and self.size is not None and size != self.size:
-            raise RequestError(
-                f"{video}: expected frames of {self.size[0]}x{self.size[1]} pixels as in the result, got "
-                f"{size[0]}x{size[1]}"
-            )
-        if length is not None and length < self.n_frames:
-            raise RequestError(f"{video}: expected {self.n_frames} frames as in the result, got {length}")
-        self.size = self.size or size
-        self.source = str(video) if opened.has_images else None
+        opened = open_source(video)
+        self._result.check_source(opened, self.n_frames - 1)
+        self.size = self.size or opened.size
+        self.source = video if opened.has_images else None
 
     def tracks(self) -> Result[Track]:
         """The tracks as they are now."""
-        attributes = {name: getattr(self._result, name) for name in ("settings", "facts", "seconds", "frames")}
-        attributes["facts"] = {**attributes["facts"], "corrections": self.answered, "track_names": self.names}
+        names = ("settings", "seconds", "frames", "recording")
+        attributes = {name: getattr(self._result, name) for name in names}
+        attributes["facts"] = {**self._result.facts, "corrections": self.answered, "track_names": self.names}
         return Result(self._tracks, self._result.source, self.frame_rate, self.size, **attributes)
+
+    @property
+    def saved(self) -> bool:
+        """Whether the files of the result have the tracks as they are now."""
+        return self._saved_log is self.log
+
+    @property
+    def n_detections(self) -> int:
+        """How many detections corrections are weighed among."""
+        return len(self._network)
 
     @property
     def answered(self) -> int:
         """What was decided and not taken back."""
-        return len(self._log.corrections)
+        return len(self.log.corrections)
 
     def questions(self) -> list[Question]:
         """What to ask next, the least certain first; nothing of tracks that no flow solved."""
-        if self._asked is None:
-            flow = self._flow
-            asker = Questioner(flow.network, flow.settled(), self._ids, flow.parted(), self.noun)
-            self._asked = [] if self._network.given else asker.ranked(MOST_ASKED)
+        if not self.ranked:
+            self.ask(self.ranking()())
+        return self._asked
+
+    def ranking(self) -> Callable[[], list[Question]]:
+        """What ranks the questions as tracks are now: it takes long, and any thread may call it."""
+        if self._network.given:
+            return list
+        flow, network, ids, noun = self._flow, self._flow.network, self._ids, self.noun
+        settled, parted = flow.settled(), flow.parted()
+        return lambda: Questioner(network, settled, ids, parted, noun).ranked(MOST_ASKED)
+
+    def ask(self, questions: list[Question]) -> None:
+        """Ask what was ranked for the tracks as they are now."""
+        self._asked, self.ranked = questions, True
+
+    @property
+    def asked(self) -> list[Question]:
+        """The questions as they were ranked last, without those about tracks that changed since."""
         return self._asked
 
     def answer(self, key: str, yes: bool) -> Changes:
@@ -168,7 +197,7 @@ class Session:
         Raises:
             RequestError: there is no such question now; or see `correct`.
         """
-        matches = [question for question in self._asked or [] if question.key == key]
+        matches = [question for question in self._asked if question.key == key]
         if not matches:
             raise RequestError(f"expected the key of a question that was asked, got {key}; ask for the questions again")
         answer_given = matches[0].yes if yes else matches[0].no
@@ -250,17 +279,21 @@ class Session:
 
     def undo(self) -> Changes:
         """Take back what was decided last."""
-        return self._recorded("undo") if self._log.corrections else Changes([], ["there is nothing to take back"])
+        return self._recorded("undo") if self.log.corrections else Changes([], ["there is nothing to take back"])
 
     def redo(self) -> Changes:
         """Say again what was taken back last."""
-        return self._recorded("redo") if self._log.undone else Changes([], ["there is nothing to repeat"])
+        return self._recorded("redo") if self.log.undone else Changes([], ["there is nothing to repeat"])
 
     def _recorded(self, row: Correction | Literal["undo", "redo"]) -> Changes:
-        log = self._log.and_then(row)
+        log = self.log.and_then(row)
         self._solve(log)
-        append(self.corrections_file, [row], self._video)
-        self._log, self.saved = log, False
+        try:
+            append(self.corrections_file, [row], self._video)
+        except RequestError:
+            self._solve(self.log)
+            raise
+        self.log = log
         return self._refresh()
 
     def _solve(self, log: CorrectionLog) -> None:
@@ -276,71 +309,98 @@ class Session:
 
     def _refresh(self) -> Changes:
         """Report anew, and what is other than before."""
-        previous, self._asked = self._tracks, None
+        previous = self._tracks
         self._ids, self._tracks, self.names = self._reporter.reported(self._flow)
-        return Changes(changes(previous, self._tracks), self._flow.notes)
+        changed = changes(previous, self._tracks)
+        ids = {number for number, _, _ in changed}
+        self._asked = [q for q in self._asked if not ids & {*q.boxes_a, *q.boxes_b}]
+        self.ranked = False
+        return Changes(changed, self._flow.notes)
 
     def save(self) -> None:
-        """Write the tracks, and into ``run.json`` how many corrections and names they have; any thread may do it."""
+        """Write the tracks, and then into ``run.json`` what they are; any thread may do it.
+
+        All files are written before one takes its place. Those that are there stay where the disk refuses that.
+
+        Raises:
+            RequestError, OSError: it does.
+        """
         with self._saving:
-            if self.saved:
+            log, tracks, names = self.log, self._tracks, self.names
+            if self._saved_log is log:
                 return
-            self.saved = True
-            tracks = self._tracks
-            if not (self.folder / SOLVED_FILE).is_file():
-                if not (self.folder / NETWORK_FILE).is_file():
-                    # The text does not say which boxes were filled in.
-                    self._replaced(NETWORK_FILE, self._network.write)
-                self._replaced(SOLVED_FILE, lambda file: write_tracks(file, self._solved_tracks()))
-            self._note_in_record(tracks)
-            boxes = np.full((self.n_frames, 4), np.nan)
-            for track in tracks[:1]:
-                boxes[track.frames] = track.boxes
-            for name, write in (
-                ("tracks.csv", lambda file: write_table(file, table_of(tracks), {})),
-                (ACTIONS_FILE, lambda file: self._write_acting(file, tracks)),
-                (STATES_FILE, lambda file: self._write_states(file, tracks)),
-                ("boxes.txt", lambda file: write_boxes(file, boxes)),
-            ):
-                if (self.folder / name).is_file():
-                    self._replaced(name, write)
-            self._replaced("tracks.txt", lambda file: write_tracks(file, tracks))
+            with replaced_files(self.folder) as work:
+                for name, write in self._files(tracks).items():
+                    write(work / name)
+                self._write_record(work, log, tracks, names)
+            self._saved_log = log
+
+    def _files(self, tracks: Sequence[Track]) -> dict[str, Callable[[Path], object]]:
+        """What writes each file that corrections change; what the tracker left is kept beside."""
+        there = {path.name for path in self.folder.iterdir()}
+        files: dict[str, Callable[[Path], object]] = {}
+        if SOLVED_FILE not in there:
+            if NETWORK_FILE not in there:
+                # The text does not say which boxes were filled in.
+                files[NETWORK_FILE] = self._network.write
+            files[SOLVED_FILE] = lambda file: write_tracks(file, self._solved_tracks())
+        originals = {ACTIONS_FILE: SOLVED_ACTIONS, STATES_FILE: SOLVED_STATES}
+        for name, original in originals.items():
+            if name in there and original not in there:
+                content = (self.folder / name).read_bytes()
+                files[original] = partial(Path.write_bytes, data=content)
+        boxes = np.full((self.n_frames, 4), np.nan)
+        for track in tracks[:1]:
+            boxes[track.frames] = track.boxes
+        writers: dict[str, Callable[[Path], object]] = {
+            "tracks.csv": lambda file: write_table(file, table_of(tracks), {}),
+            ACTIONS_FILE: lambda file: self._write_acting(file, tracks),
+            STATES_FILE: lambda file: self._write_states(file, tracks),
+            "boxes.txt": lambda file: write_boxes(file, boxes),
+        }
+        files |= {name: write for name, write in writers.items() if name in there}
+        return files | {"tracks.txt": lambda file: write_tracks(file, tracks)}
 
     def _write_acting(self, file: Path, tracks: Sequence[Track]) -> None:
-        """Tracks with actions; what the tracker left is kept beside."""
         original = self.folder / SOLVED_ACTIONS
-        if not original.is_file():
-            self._replaced(SOLVED_ACTIONS, lambda copy: copy.write_bytes((self.folder / ACTIONS_FILE).read_bytes()))
-        solved, names = read_acting_tracks(original, needed=False)
+        solved, names = read_acting_tracks(original if original.is_file() else self.folder / ACTIONS_FILE, needed=False)
         write_acting_tracks(file, acting(tracks, solved), names)
 
     def _write_states(self, file: Path, tracks: Sequence[Track]) -> None:
-        """Animals under corrections; what the tracker left is kept beside."""
-        solved, names = cast("Sequence[BodyTrack]", self._bodies), self._result.names
-        if not (self.folder / SOLVED_STATES).is_file():
-            self._replaced(SOLVED_STATES, lambda work: write_states(work, solved, names))
-        write_states(file, corrected_bodies(tracks, solved, names), names)
-
-    def _replaced(self, name: str, write: Callable[[Path], object]) -> None:
-        """Write a file of the result, which is there whole or as it was."""
-        with output_file(self.folder / name, overwrite=True) as work:
-            write(work)
+        names = self._result.names
+        write_states(file, corrected_bodies(tracks, cast("Sequence[BodyTrack]", self._bodies), names), names)
 
     def _record(self) -> dict[str, Any]:
         path = self.folder / RUN_FILE
         return cast(dict[str, Any], json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
 
-    def _note_in_record(self, tracks: Sequence[Track]) -> None:
-        path, record = self.folder / RUN_FILE, self._record()
-        record.setdefault("facts", {}).update(corrections=self.answered, track_names=self.names)
-        originals = {SOLVED_ACTIONS: ACTIONS_FILE, SOLVED_STATES: STATES_FILE}
-        ours = [SOLVED_FILE, "tracks.txt", *(name for name, of in originals.items() if (self.folder / of).is_file())]
-        record["files"] = sorted({*record.get("files", []), *ours})
-        record.setdefault("results", {}).setdefault(".", {})["filled"] = filled_frames(tracks)
-        with whole_file(path) as file:
-            file.write(record_text(record | {"frames": record.pop("frames", {})}).encode())
+    def _write_record(self, work: Path, log: CorrectionLog, tracks: Sequence[Track], names: Mapping[int, str]) -> None:
+        record = self._record()
+        record.setdefault("facts", {}).update(corrections=len(log.corrections), track_names=names)
+        record["files"] = sorted({*record.get("files", []), *(path.name for path in work.iterdir())})
+        about = record.setdefault("results", {}).setdefault(".", {})
+        about |= {"filled": filled_frames(tracks), LOG_SUM: sum_of(log)}
+        text = record_text(record | {"frames": record.pop("frames", {})})
+        (work / RUN_FILE).write_text(text, encoding="utf-8")
 
     def close(self) -> None:
-        """Write the tracks, and let go of the result."""
-        self.save()
-        self._open.close()
+        """Write the tracks, and let go of the result.
+
+        Raises:
+            RunError: they cannot be written.
+        """
+        try:
+            self.save()
+        except (RequestError, OSError) as error:
+            raise RunError(
+                f"{error}; {self.corrections_file} has all corrections, the tracks lack the last ones: make room, and "
+                "start tsuiseki review again"
+            ) from error
+        finally:
+            self._open.close()
+
+
+def sum_of(log: CorrectionLog) -> str:
+    """What tells logs from each other: 32 hexadecimal digits of their corrections."""
+    rows = json.dumps([correction.written() for correction in log.corrections])
+    return hashlib.sha256(rows.encode()).hexdigest()[:32]

@@ -184,7 +184,8 @@ def watch(source: str, span: FrameRange, folder: Path, frames_at_most: int, fps:
         None if turned is None else numbers[compared[turned]],
         fps,
     )
-    (folder / _INFO).write_text(json.dumps(asdict(watched)), encoding="utf-8")
+    with whole_file(folder / _INFO) as file:
+        file.write(json.dumps(asdict(watched)).encode())
     return watched
 
 

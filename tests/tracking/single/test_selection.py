@@ -74,8 +74,8 @@ def test_nobody_finds_the_page_by_its_port(page):
     address, _, thread = page
     root = re.match(r"http://[^/]+/", address)[0]
     for place in (root, f"{root}image.png"):
-        with pytest.raises(urllib.error.HTTPError, match="404"):
+        with pytest.raises(urllib.error.HTTPError, match="403"):
             urllib.request.urlopen(place, timeout=5)
-    with pytest.raises(urllib.error.HTTPError, match="404"):
+    with pytest.raises(urllib.error.HTTPError, match="403"):
         post(f"{root}answer", [1, 2, 30, 40])
     assert thread.is_alive()

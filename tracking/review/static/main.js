@@ -180,6 +180,7 @@ const app = {
     if (this.busy || !this.state) return;
     this.busy = true;
     this.enable();
+    this.say("Solving …");
     const begin = performance.now();
     try {
       const state = await this.link.json(`change/${what}`, given);
@@ -223,7 +224,8 @@ const app = {
     for (const word of document.querySelectorAll(".noun")) word.textContent = state.noun;
     $("note").textContent = state.note;
     $("note").hidden = !state.note;
-    $("progress").textContent = `${state.answered} answered, ${state.left} likely ${state.left === 1 ? "error" : "errors"} left`;
+    const left = state.ranking ? "looking for what is in doubt …" : `${state.left} likely ${state.left === 1 ? "error" : "errors"} left`;
+    $("progress").textContent = `${state.answered} answered, ${left}`;
     $("scrub").max = state.frames - 1;
     this.chosen = this.chosen.filter((one) => this.tracks.has(one.id));
     this.segment = null;
@@ -241,11 +243,18 @@ const app = {
     const { questions } = this.state, before = this.question?.key;
     this.question = questions.find((one) => !this.skipped.has(one.key)) ?? null;
     $("question").classList.toggle("none", !this.question);
-    $("asked").textContent = this.question?.sentence ?? (questions.length ? "All questions are skipped." : "Nothing is in doubt; you can still correct by hand.");
+    $("asked").textContent = this.question?.sentence ?? this.silent();
     if (this.question?.key !== before || !this.question) this.loops.show(this.question, this.state);
     $("question").dataset.key = this.question?.key ?? "";
     $("where").hidden = !this.question?.key.startsWith("link");
     this.enable();
+  },
+
+  /** Why there is no question. */
+  silent() {
+    if (this.state.questions.length) return "All questions are skipped.";
+    if (this.state.ranking) return "Questions are being looked for; you can correct by hand meanwhile.";
+    return "Nothing is in doubt; you can still correct by hand.";
   },
 
   goToQuestion() {
@@ -395,7 +404,10 @@ app.timeline = new Timeline(app);
 async function renew() {
   try {
     const version = await app.link.json("version");
-    if (version !== app.state?.version && !app.busy) app.take(await app.link.json("data"));
+    if (version === app.state?.version || app.busy) return;
+    const state = await app.link.json("data");
+    // Questions may be other ones while the boxes are the same.
+    app.take(state, state.boxes === app.state?.boxes ? [] : undefined);
   } catch (error) {
     if (app.link.alive) app.say(error.message, true);
   }
