@@ -13,5 +13,5 @@ settings.register_profile(
 # For planted faults: a failure is not made smaller.
 settings.register_profile("planted", settings.get_profile("quick"), phases=[Phase.explicit, Phase.generate])
 # For a search by hand: `python -m pytest tests/properties --hypothesis-profile searching`.
-settings.register_profile("searching", settings.get_profile("quick"), derandomize=False, max_examples=2000)
+settings.register_profile("searching", settings.get_profile("quick"), derandomize=False, max_examples=500)
 settings.load_profile("quick")

