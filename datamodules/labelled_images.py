@@ -12,7 +12,7 @@ from typing import TypeAlias
 import numpy as np
 
 from tsuiseki.datamodules.scenes.clip import write_image
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.errors import RequestError, RunError, a_path
 from tsuiseki.tracking.formats.label_checks import PEOPLE, NothingLabelledError
 from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
 from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES, list_images
@@ -75,7 +75,9 @@ def labelled_images(
         RequestError: there is no video, one has no images or no usable label, no frame is left, or an image is none.
     """
     samples = [
-        sample for video in open_labelled(Path(folder)) for sample in _images_of(video, frames, part, single, classes)
+        sample
+        for video in open_labelled(a_path(folder, "folder"))
+        for sample in _images_of(video, frames, part, single, classes)
     ]
     if not samples:
         within = f"{part[0]:.0%} to {part[1]:.0%} of a video" if frames is None else f"{frames}; frames count from 1"

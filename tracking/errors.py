@@ -20,9 +20,11 @@ class RequestError(ValueError):
 
 
 def a_path(value: object, name: str = "path") -> Path:
-    """``value`` as a path; raises RequestError where the argument ``name`` is none."""
+    """``value`` as a path; raises RequestError where the argument ``name`` is none, or empty."""
     if not isinstance(value, str | Path):
         raise RequestError(f"`{name}`: expected a path, got {type(value).__name__}")
+    if isinstance(value, str) and not value.strip():
+        raise RequestError(f"`{name}`: expected a path, got an empty one; . is the current folder")
     return Path(value)
 
 

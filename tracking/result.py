@@ -149,7 +149,7 @@ class Result(Collection[T_co]):
         Raises:
             RequestError: there is nothing of this, or something else; Parquet needs pyarrow.
         """
-        path, attributes = Path(path), dict[str, Any]()
+        path, attributes = a_path(path), dict[str, Any]()
         tracks: list[Any]
         if format_at(path):
             read = read_exported(path).in_pixels(path)
@@ -396,7 +396,7 @@ class Result(Collection[T_co]):
         """
         from tsuiseki.tracking.report.overlay import write_drawn
 
-        path = Path(path)
+        path = a_path(path)
         if path.suffix.lower() not in VIDEOS:
             raise RequestError(f"expected the name of a video {' or '.join(VIDEOS)}, got {path}")
         if source is None and not self.source:
@@ -497,7 +497,8 @@ class Result(Collection[T_co]):
             RequestError: the file exists, or the folder holds files, and ``overwrite`` is False; it cannot be written
                 to; there is no such format, or it cannot hold these tracks; or it needs a package.
         """
-        path, ending = Path(path), Path(path).suffix.lower()
+        path, video = a_path(path), None if video is None else a_path(video, "video")
+        ending = path.suffix.lower()
         if to is None and (path.is_dir() or not ending[1:].isalnum() or ending[1:].isdecimal()):
             return self._save_folder(path, overwrite)
         if to is None and ending not in SUFFIXES:

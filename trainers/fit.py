@@ -308,6 +308,8 @@ class TaskCLI(LightningCLI):
             raise RequestError(f"expected a checkpoint at {checkpoint}, found none; give last.ckpt of a training")
         if checkpoint is not None:
             check_checkpoint(checkpoint)
+        if not self.config.out.strip():
+            raise RequestError("expected --out to be a folder, got an empty name")
         if self.out.exists() and not self.out.is_dir():
             raise RequestError(f"expected --out to be a folder, but {self.out} is a file")
         occupied = (self.out / "checkpoints").exists()

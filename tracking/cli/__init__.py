@@ -10,7 +10,7 @@ from io import TextIOWrapper
 from typing import TYPE_CHECKING
 
 from tsuiseki.tracking.cli.commands import APP, PROGRAM, command_of, example_of, takes_all
-from tsuiseki.tracking.cli.help import PlainHelp
+from tsuiseki.tracking.cli.help import PLACES, PlainHelp
 from tsuiseki.tracking.runs.ending import DONE, WRONG_REQUEST, ended
 
 if TYPE_CHECKING:
@@ -22,9 +22,10 @@ HELP, NESTED = "--help", "--help-all"
 def main(argv: Sequence[str] | None = None) -> int:
     """Run ``tsuiseki`` with ``argv`` (by default the process's words); returns the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
-    # Names of files may hold what the terminal cannot show.
-    if isinstance(sys.stdout, TextIOWrapper):
-        sys.stdout.reconfigure(errors="replace")
+    # Names of files, and words of help, may hold what the terminal cannot show.
+    for stream, instead in ((sys.stdout, "replace"), (sys.stderr, "backslashreplace")):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors=instead)
     return ended(partial(_run, words))
 
 
@@ -55,10 +56,13 @@ def _run(words: list[str]) -> int:
 def _help(chain: Sequence[str], command: App) -> None:
     # Beside the others stands the summary, alone the docstring.
     function, summary = command.default_command, command.help
-    command.usage = " ".join([PROGRAM, *chain, "… [OPTIONS]" if function else "COMMAND"])
+    places = "COMMAND" if function is None or takes_all(command) else PLACES
+    command.usage = " ".join([PROGRAM, *chain, f"{places} [OPTIONS]" if function else places])
     command.help = None if function else summary
     APP.help_print(chain)
     command.help = summary
+    if isinstance(APP.help_formatter, PlainHelp):
+        APP.help_formatter.print_head(APP.console)
 
 
 def _status(result: object) -> int:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import textwrap
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, get_origin
 
 if TYPE_CHECKING:
     from cyclopts.help import HelpEntry, HelpPanel
@@ -13,6 +14,8 @@ if TYPE_CHECKING:
 WIDTH = 100
 # Characters of the column of options; a longer option has a line of its own.
 COLUMN = 30
+# Stands in a usage for what comes behind the command, in its place.
+PLACES = "PLACES"
 PROGRAM_OPTIONS = (
     ("--config FILE", "YAML of options, or run.json of an earlier run; options here win"),
     ("--print-config", "print all options as YAML for --config, and end"),
@@ -25,14 +28,21 @@ class PlainHelp:
 
     Args:
         nested: also show the options of groups, such as ``--sort.max-age``.
+
+    Attributes:
+        head: what stands above the options and is not printed yet: the usage, which names what the first of them says.
     """
 
     def __init__(self, nested: bool = False) -> None:
         self.nested = nested
+        self.head = list[str]()
 
     def __call__(self, console: Console, options: ConsoleOptions, panel: HelpPanel) -> None:
         """Print the options of a command, or the commands of a group."""
         del options
+        if not panel.entries:
+            return
+        self.print_head(console, [entry for entry in panel.entries if entry.positional_label])
         rows, groups = list[tuple[str, str]](), dict[str, None]()
         for entry in panel.entries:
             name = next((name for name in entry.positive_names if "." in name), "")
@@ -55,16 +65,27 @@ class PlainHelp:
                 _print(console, " " * COLUMN + line)
 
     def render_usage(self, console: Console, options: ConsoleOptions, usage: Any) -> None:
-        """Print what to type."""
-        del options
-        _print(console, f"usage: {str(usage).strip().removeprefix('Usage: ')}\n")
+        """Keep what to type."""
+        del console, options
+        self.head.append(f"usage: {str(usage).strip().removeprefix('Usage: ')}\n")
 
     def render_description(self, console: Console, options: ConsoleOptions, description: Any) -> None:
-        """Print what the command does, paragraph by paragraph."""
+        """Keep what the command does, paragraph by paragraph."""
         del options
         for paragraph in _text(description).strip().split("\n\n"):
             filled = textwrap.fill(" ".join(paragraph.split()), min(WIDTH, console.width))
-            _print(console, f"{filled}\n")
+            self.head.append(f"{filled}\n")
+
+    def print_head(self, console: Console, places: Sequence[HelpEntry] = ()) -> None:
+        """Print what was kept; ``places`` are what stands behind the command."""
+        words = " ".join(f"{place.positional_label}{'...' * _takes_several(place)}" for place in places)
+        for text in self.head:
+            _print(console, text.replace(f" {PLACES}", f" {words}" if words else ""))
+        self.head.clear()
+
+
+def _takes_several(entry: HelpEntry) -> bool:
+    return get_origin(entry.type) is list
 
 
 def _print(console: Console, text: str) -> None:

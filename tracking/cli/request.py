@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, is_dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 import yaml
 from cyclopts.argument import Argument, ArgumentCollection, update_argument_collection
@@ -75,6 +75,8 @@ def request_of(words: Sequence[str], options: Mapping[str, Any] | None = None, s
     """
     chain, command = command_of(words)
     arguments, files = (list(words), []) if takes_all(command) else _split_off(words, CONFIG)
+    if not all(file.strip() for file in files):
+        raise RequestError(f"{CONFIG}: expected a file, got an empty name")
     below = [read_config(Path(file), [PROGRAM, *chain]) for file in reversed(files)] + [options or {}]
     collections: list[ArgumentCollection] = []
     printed = PRINT in arguments
@@ -134,6 +136,8 @@ def _fill(
     collections.append(arguments)
     for options in below:
         update_argument_collection(dict(options), "", arguments, root_keys=(), allow_unknown=False)
+    for argument in arguments:
+        _check_not_empty(argument)
     if printed:
         values: dict[str, Any] = {}
         for argument in (argument for argument in arguments if not argument.keys and argument.parse):
@@ -141,6 +145,24 @@ def _fill(
             values |= value if argument.positives == ("*",) else {argument.field_info.name: value}
         print(yaml.safe_dump(plain(values), sort_keys=False, allow_unicode=True), end="")
         raise SystemExit(0)
+
+
+def _check_not_empty(argument: Argument) -> None:
+    """Refuse an empty word, which stands for the current folder as a path; a file may empty an option of text."""
+    words = [token for token in argument.tokens if token.implicit_value is UNSET and not token.value.strip()]
+    if any(token.source == "cli" or argument.index is not None or Path in _kinds(argument.hint) for token in words):
+        raise RequestError(f"{_called(argument)}: expected a value, got an empty one; leave it out or fill it in")
+
+
+def _kinds(hint: Any) -> list[Any]:
+    """A type and those that it is made of."""
+    return [hint, *(kind for inner in get_args(hint) for kind in _kinds(inner))]
+
+
+def _called(argument: Argument) -> str:
+    """How a message calls an argument."""
+    name = argument.name.removeprefix("--") if argument.index is None else argument.field_info.name.upper()
+    return f"`{name.replace('-', '_')}`" if argument.index is None else name
 
 
 def _described(argument: Argument, default: Any) -> Any:
@@ -218,8 +240,7 @@ def worded(error: CycloptsError) -> str:
         return f"expected no further words, got {error.unused_tokens[0]!r}"
     if argument is None:
         return str(error)
-    name = argument.name.removeprefix("--") if argument.index is None else argument.field_info.name.upper()
-    option = f"`{name.replace('-', '_')}`" if argument.index is None else name
+    name, option = argument.name.removeprefix("--"), _called(argument)
     if isinstance(error, MissingArgumentError):
         return f"missing: {option}" if error.keyword is None else f"{option}: expected a value after it"
     if isinstance(cause, ValidationError):

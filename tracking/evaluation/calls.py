@@ -9,7 +9,7 @@ from typing import Any, TypeAlias, overload
 import numpy as np
 from numpy.typing import ArrayLike
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.evaluation.frame_offset import moved
 from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence, restrict
 from tsuiseki.tracking.evaluation.point_distances import PointScores, PointTracks
@@ -76,7 +76,7 @@ def _scores(
 ) -> PeopleScores:
     label = _truth(truth, frames, kind)
     if isinstance(tracks, str | Path):
-        (pair,) = match_results([label], Path(tracks), offset)
+        (pair,) = match_results([label], a_path(tracks, "tracks"), offset)
         return evaluate_sequence(pair.truth, pair.tracks, pair.length)
     if not _are_tracks(tracks):
         raise RequestError("expected the result as tracks, a file or a folder, got nothing of that")
@@ -125,7 +125,7 @@ def evaluate_points(
 def _truth(truth: TruthLike, frames: str | None, kind: int | str | None) -> Truth:
     within, names = parse_frames(frames), dict[int, str]()
     if isinstance(truth, str | Path):
-        truths = read_truths(Path(truth), within, kind=kind)
+        truths = read_truths(a_path(truth, "truth"), within, kind=kind)
         if len(truths) != 1:
             raise RequestError(
                 f"expected the labels of one sequence, got {len(truths)} in {truth}; score them one by one, or with "

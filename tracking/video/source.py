@@ -81,6 +81,10 @@ def _opened(text: str, frame_range: FrameRange, stream: int | None) -> Source:
     chosen = CHOSEN_STREAM.fullmatch(text)
     if chosen is not None and stream is None and not Path(text).exists():
         text, stream = chosen[1], int(chosen[2])
+    if not text.strip():
+        raise RequestError(
+            "expected a video file, a folder of images, a webcam number or an address, got an empty name"
+        )
     path = Path(text)
     if path.is_dir():
         return ImageFolder.open(path, frame_range)

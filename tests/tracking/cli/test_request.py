@@ -225,7 +225,7 @@ def help_text(capsys: pytest.CaptureFixture[str], *words: str) -> str:
 
 def test_help_names_every_option_with_its_default(capsys: pytest.CaptureFixture[str]) -> None:
     text = help_text(capsys, "--help")
-    assert text.startswith("usage: tsuiseki do … [OPTIONS] Do something.")
+    assert text.startswith("usage: tsuiseki do SOURCE RESULTS... [OPTIONS] Do something.")
     for part in ("SOURCE what with", "--out PATH folder to write to (required)", "--seed INT of chance (default: 0)"):
         assert part in text
     for part in ("--dry-run only say it --", "--score-range FLOAT,FLOAT limits (default: 0.0,1.0)", "--help-all"):
