@@ -30,7 +30,7 @@ def _parts(words: Any) -> Any:
 
 
 def _rows(words: Any) -> Any:
-    """Likewise of lists in a list: a word each."""
+    """Lists in a list: each word is one of them, with commas between its parts."""
     return [_parts([word]) if isinstance(word, str) else word for word in words] if isinstance(words, list) else words
 
 

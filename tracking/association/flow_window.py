@@ -131,7 +131,7 @@ class FlowWindow:
     def _lowered(
         self, observation: FloatArray, ends: tuple[FloatArray, FloatArray], first_costs: FirstCosts
     ) -> FloatArray:
-        """Costs of detections with which the flow is solved, and links likewise: lower ones where first costs are."""
+        """Costs of detections to solve the flow with; they and those of links are lower where first costs are."""
         used, links = self.flow.solution().used, self.links
         if not first_costs.left_out(used):
             return observation

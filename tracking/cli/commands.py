@@ -61,7 +61,7 @@ TRACK = {
     "single": (".single.run:single", "one target, from its box in the first frame"),
     "sphere": (".sphere.run:sphere", "a ball in space, from calibrated cameras"),
     "drone": (".drone.run:drone", "people seen from a drone, and what they do"),
-    "blobs": (".points.run:blobs", "objects of a colour, or measured points"),
+    "blobs": (".points.run:blobs", "objects of a colour or of a network, or positions from a file"),
     "points": (".points.measured:points", "targets from the measurements of a sensor"),
     "deformable": (".bodies.run:deformable", "bodies that bend, such as fish from above"),
     "animals": (".animals.run:animals", "several animals before a fixed camera"),

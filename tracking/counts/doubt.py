@@ -95,7 +95,7 @@ class Doubt:
         return self._missed(meets(here, there, along, further), np.sign(there), crossings)
 
     def missed_at_border(self, zone: SceneZone, crossings: Crossings) -> dict[int, float]:
-        """Likewise, of the border of a zone."""
+        """Entries to a zone and exits from it that are missed beside those that were detected, on average, by side."""
         here, there = (inside(points, zone.corners) for points in self._broken[:2])
         return self._missed(here != there, np.where(there, 1, -1), crossings)
 

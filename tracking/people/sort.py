@@ -27,6 +27,7 @@ from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.association.assignment import assign
 from tsuiseki.tracking.bounds import SETTINGS, Age, CosineDistance, PositiveShare, changed
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.filters.kalman import BoxMotion
 from tsuiseki.tracking.geometry import centres, iou_matrix
 from tsuiseki.tracking.interchange import DetectionsLike, as_detections
@@ -152,7 +153,7 @@ class DeepSort(LifecycleTracker[DeepSortSettings]):
             The people of the frame.
 
         Raises:
-            ValueError: the features are of another length than those before.
+            RequestError: the features are of another length than those before.
         """
         detections = as_detections(detections, counted=self.bad)
         features = self._checked_features(detections)
@@ -173,7 +174,8 @@ class DeepSort(LifecycleTracker[DeepSortSettings]):
         if length == 0:
             self._appearance = np.full((len(self._appearance), detections.features.shape[1]), np.nan)
         elif detections.features.shape[1] != length and len(detections):
-            raise ValueError(f"expected features of length {length} as before, got {detections.features.shape[1]}")
+            got = detections.features.shape[1]
+            raise RequestError(f"expected features of length {length} as before, got {got}; use one network")
         return detections.features.reshape(len(detections), self._appearance.shape[1])
 
     def _feature_costs(self, predicted: FloatArray, detections: Detections, features: FloatArray) -> FloatArray:

@@ -128,7 +128,7 @@ class Video(Drawing, SourceOptions):
     """The source, its frames, and whether to draw."""
 
     def open(self, **checks: Any) -> Source:
-        """Likewise; raises RequestError, too, where there is nothing to draw the overlay on."""
+        """The source, checked; raises RequestError where it is wrong, or there is nothing to draw the overlay on."""
         opened = super().open(**checks)
         if self.overlay and not opened.has_images:
             raise RequestError(f"{opened.name} has no images to draw on; leave `overlay` out")

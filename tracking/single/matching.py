@@ -64,7 +64,7 @@ class RegionSearch:
         return np.asarray(cut(image, self._centre[None], np.array([self._scale]), width, height)[0])
 
     def _area(self, image: ImageArray) -> ImageArray:
-        """What is searched, scaled likewise."""
+        """The part of the image that is searched, at the scale of the template."""
         return self._cut(image, self._sides + 2 * REACH * self._sides)
 
     def _best(self, likeness: FloatArray | NDArray[np.float32]) -> tuple[FloatArray, float]:

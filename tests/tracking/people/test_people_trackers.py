@@ -13,6 +13,7 @@ from pydantic import ValidationError
 from tests.tracking.people.families import LIFECYCLE
 from tsuiseki.tracking.association.costs import ObservationCost, ProbabilityCost
 from tsuiseki.tracking.association.flow_window import FlowCosts
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.people.contract import PeopleTracker, run_tracker
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowSettings
@@ -332,3 +333,10 @@ def test_the_flow_tells_what_it_rejects_and_how_fast_targets_are() -> None:
     facts = tracker.facts()
     assert (facts["detections"], facts["detections_rejected"]) == (84, 4)
     assert facts["typical_speed"] > 0
+
+
+def test_features_of_another_length_are_refused():
+    tracker, box = DeepSort(), np.array([[10.0, 10, 40, 90]])
+    tracker.update(Detections(box, np.ones(1), np.eye(1, 8)))
+    with pytest.raises(RequestError, match="expected features of length 8 as before, got 4; use one network"):
+        tracker.update(Detections(box, np.ones(1), np.eye(1, 4)))
