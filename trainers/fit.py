@@ -199,7 +199,9 @@ def _score(cli: TaskCLI, scoring: str) -> None:
     if checkpoint is None:
         raise RequestError(f"{scoring}: expected --ckpt_path, the checkpoint to score")
     try:
-        getattr(cli.trainer, scoring)(cli.model, datamodule=cli.datamodule, ckpt_path=str(checkpoint))
+        getattr(cli.trainer, scoring)(
+            cli.model, datamodule=cli.datamodule, ckpt_path=str(checkpoint), weights_only=True
+        )
     except MisconfigurationException as error:
         raise RequestError(one_line(error)) from error
 
@@ -217,7 +219,7 @@ def _fit(task: Task, cli: TaskCLI) -> None:
     try:
         with interruptible():
             path = None if checkpoint is None else str(checkpoint)
-            cli.trainer.fit(cli.model, datamodule=cli.datamodule, ckpt_path=path)
+            cli.trainer.fit(cli.model, datamodule=cli.datamodule, ckpt_path=path, weights_only=True)
         if cli.trainer.num_training_batches == 0:
             raise RequestError("an epoch has no batch; give a smaller --data.batch_size, or more to learn from")
     except Interrupted as error:

@@ -39,7 +39,7 @@ import sys, time, json, cv2, numpy as np
 cv2.setNumThreads(1)
 print(json.dumps({"version": cv2.__version__}), flush=True)
 for line in sys.stdin:
-    with np.load(line.strip()) as pair:
+    with np.load(line.strip(), allow_pickle=False) as pair:
         first, second = pair["first"], pair["second"]
     start = time.process_time()
     flow = cv2.optflow.createOptFlow_DualTVL1().calc(first, second, None)
@@ -71,7 +71,7 @@ class Peer:
         self.process.stdin.write(f"{path}\n")
         self.process.stdin.flush()
         seconds = self._answer()["seconds"]
-        return end_point_error(np.load(f"{path}.npy"), pair), seconds
+        return end_point_error(np.load(f"{path}.npy", allow_pickle=False), pair), seconds
 
 
 def main() -> None:

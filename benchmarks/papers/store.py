@@ -20,6 +20,7 @@ from typing import Annotated, Any, Concatenate, ParamSpec, TypeAlias, TypeVar
 from cyclopts import Parameter
 
 from tsuiseki.datamodules.scenes.clip import Clip, write_clip
+from tsuiseki.tracking.openers.values import read_values, write_values
 from tsuiseki.tracking.output import output_folder, versions, whole_file
 from tsuiseki.tracking.runs.progress import progress
 
@@ -43,19 +44,21 @@ class Store:
 
         Args:
             compute: a function of a module, or a `partial` of one. All that it depends on is an argument or imported;
-                its value is pickled.
-            args: what pickle takes.
+                its value is written by `write_values`.
+            args: what pickle takes, of which a digest alone is kept.
             kwargs: likewise.
 
         Raises:
             PicklingError, AttributeError: ``compute`` or an argument has no lasting name, such as a lambda.
+            TypeError: its value is more than dataclasses, containers, arrays and plain values.
+            RequestError: the entry was damaged since.
         """
-        path = self.folder / code_version() / f"{_named(compute, args, kwargs)}.pickle"
+        path = self.folder / code_version() / f"{_named(compute, args, kwargs)}.npz"
         if not path.exists():
             value = compute(*args, **kwargs)
             with whole_file(path) as file:
-                pickle.dump(value, file)
-        return pickle.loads(path.read_bytes())  # type: ignore[no-any-return]
+                write_values(file, value)
+        return read_values(path, "a value of an experiment")  # type: ignore[no-any-return]
 
     def each(self, compute: Callable[..., T], jobs: Sequence[Iterable[Any]], what: str) -> list[T]:
         """``compute(*job)`` of the jobs in their order, as `recall`; ``what`` names them in the line of progress."""

@@ -12,7 +12,6 @@ already is not made again, so a run that was stopped goes on.
 from __future__ import annotations
 
 import json
-import pickle
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -31,6 +30,7 @@ from tsuiseki.tracking.features.tiles import parse_view
 from tsuiseki.tracking.features.view_choice import ViewedDetector, knows_scores
 from tsuiseki.tracking.formats.mot import write_ground_truth
 from tsuiseki.tracking.geometry import iou_matrix
+from tsuiseki.tracking.openers.values import read_values, write_values
 from tsuiseki.tracking.output import whole_file
 from tsuiseki.tracking.people.contract import shifted
 from tsuiseki.tracking.people.detections import PeopleInputs
@@ -227,7 +227,7 @@ def round_scores(videos: Sequence[RoundVideo], score_threshold: float) -> RoundS
     )
 
 
-_DONE = "finished.pickle"
+_DONE = "finished.npz"
 # Number of the round that only detects, with the default detector.
 DEFAULT = -1
 
@@ -256,13 +256,22 @@ class Round:
 def keep_round(finished: Round, folder: Path) -> None:
     """Write a round; its presence says that it is finished."""
     with whole_file(folder / _DONE) as file:
-        pickle.dump(replace(finished, detector=Path()), file)
+        write_values(file, replace(finished, detector=Path()))
 
 
 def kept_round(folder: Path, detector: Path | SizedDetect) -> Round | None:
-    """What `keep_round` wrote in ``folder``; None where the round is not finished."""
-    done = folder / _DONE
-    return replace(pickle.loads(done.read_bytes()), detector=detector) if done.is_file() else None
+    """What `keep_round` wrote in ``folder``; None where the round is not finished.
+
+    Raises:
+        RequestError: its file holds something else.
+    """
+    path, what = folder / _DONE, "a round of tsuiseki adapt"
+    if not path.is_file():
+        return None
+    finished = read_values(path, what)
+    if not isinstance(finished, Round):
+        raise RequestError(f"{path}: expected {what}, got something else; remove it")
+    return replace(finished, detector=detector)
 
 
 # What a detector may lose of the default's share of detections on tracks.

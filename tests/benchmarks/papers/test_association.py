@@ -86,10 +86,10 @@ def test_every_row_is_measured_and_kept(data: Path, tmp_path: Path, capsys: pyte
         assert row["labelled"] == 2 * 4 * LENGTH
         assert row["false_positives"] < 0.05 * row["labelled"]
     assert values["flow"]["mota"] > values["flow, nothing filled in"]["mota"]
-    kept = sorted((path, path.stat().st_mtime_ns) for path in (tmp_path / "cache").rglob("*.pickle"))
+    kept = sorted((path, path.stat().st_mtime_ns) for path in (tmp_path / "cache").rglob("*.npz"))
     tables = (tmp_path / "out/tables.md").read_text()
     assert main(words(data, tmp_path, "--sets", "mot17", "tud", "--overwrite")) == 0
-    assert sorted((path, path.stat().st_mtime_ns) for path in (tmp_path / "cache").rglob("*.pickle")) == kept
+    assert sorted((path, path.stat().st_mtime_ns) for path in (tmp_path / "cache").rglob("*.npz")) == kept
     assert (tmp_path / "out/tables.md").read_text() == tables
 
 

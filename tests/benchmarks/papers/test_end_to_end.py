@@ -62,9 +62,9 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path) -> None:
     assert list(values) == ["default", *FITS, "right links"]
     assert all(0 < row["hota"] <= 1 for row in values.values())
     assert values["right links"]["idf1"] >= values["default"]["idf1"]
-    entries = sorted(path.name for path in (tmp_path / "cache").rglob("*.pickle"))
+    entries = sorted(path.name for path in (tmp_path / "cache").rglob("*.npz"))
     assert main([*words, "--out", str(tmp_path / "two")]) == 0
-    assert sorted(path.name for path in (tmp_path / "cache").rglob("*.pickle")) == entries
+    assert sorted(path.name for path in (tmp_path / "cache").rglob("*.npz")) == entries
     assert json.loads((tmp_path / "two" / "results.json").read_text()) == found
 
 

@@ -27,7 +27,7 @@ def folders(tmp_path_factory):
     }
 
     def kept():
-        return {path: path.stat().st_mtime_ns for path in (root / "cache").rglob("run_trial-*.pickle")}
+        return {path: path.stat().st_mtime_ns for path in (root / "cache").rglob("run_trial-*.npz")}
 
     def run(out, *more):
         words = ["--out", str(root / out), "--cache", str(root / "cache"), "--seeds", "2", *more]

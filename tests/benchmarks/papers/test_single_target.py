@@ -82,7 +82,7 @@ def test_a_figure_has_the_frames_during_the_search_and_after_it(
 
 def test_results_by_seed_and_nothing_is_run_again(tmp_path: Path) -> None:
     def kept() -> dict[Path, int]:
-        return {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.pickle")}
+        return {path: path.stat().st_mtime_ns for path in tmp_path.rglob("*.npz")}
 
     bench, tiny = Store(tmp_path), clip()
     found = scored(bench, {"tiny": tiny}, {"combined": ALWAYS}, [0, 1], "passes")
@@ -201,9 +201,9 @@ def test_the_experiment_runs_on_a_folder_and_goes_on_from_its_cache(
     text = capsys.readouterr().out
     assert re.search(r"\n *combined, printed( +\d+\.\d\d ± \d\.\d\d) +40\.64", text)
     assert {"combined, printed", "combined, robust, fixed size", "combined, robust"} <= set(values["comparison"])
-    before = sorted(path.stat().st_mtime_ns for path in cache.rglob("*.pickle"))
+    before = sorted(path.stat().st_mtime_ns for path in cache.rglob("*.npz"))
     assert main([*words, "--out", str(tmp_path / "again")]) == 0
-    assert sorted(path.stat().st_mtime_ns for path in cache.rglob("*.pickle")) == before
+    assert sorted(path.stat().st_mtime_ns for path in cache.rglob("*.npz")) == before
     assert json.loads((tmp_path / "again" / "results.json").read_text()) == values
 
 

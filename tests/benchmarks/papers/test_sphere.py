@@ -47,11 +47,11 @@ def test_the_experiment_prints_writes_and_keeps(tmp_path: Path, capsys: pytest.C
     assert by_name["+ two stages of weighing"]["mean"] < 0.1
     files = {"results.json", "tables.md", "errors.png", "pictures.png", "tables.json"}
     assert {p.name for p in (tmp_path / "first").iterdir()} == files
-    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.pickle")}
+    kept = {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.npz")}
     # One for what is told wrongly to the tracker, for it is another table.
     assert len(kept) == 2
     assert main([*words, "--out", str(tmp_path / "second")]) == 0
-    assert kept == {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.pickle")}
+    assert kept == {path: path.stat().st_mtime_ns for path in (tmp_path / "cache").rglob("*.npz")}
     assert json.loads((tmp_path / "second/results.json").read_text()) == rows
 
 

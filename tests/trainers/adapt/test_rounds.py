@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -24,6 +25,8 @@ from tsuiseki.trainers.adapt.rounds import (
     better,
     default_round,
     file_state,
+    keep_round,
+    kept_round,
     resumed,
     rounds,
 )
@@ -225,3 +228,21 @@ def test_a_video_that_was_written_anew(tmp_path: Path) -> None:
     (folder / "img1" / "2.jpg").write_bytes(b"two")
     assert file_state(str(folder))[:2] == [2, 6]
     assert file_state("rtsp://camera") == [0, 0, 0]
+
+
+def test_a_finished_round_is_read_again_and_nothing_in_its_file_runs(
+    adaptation: Callable[[list[TrackedPeople]], Adaptation], tmp_path: Path
+) -> None:
+    start = next(iter(rounds(adaptation([seeing(2, 3.0), seeing(2, 1.0)]))))
+    folder = tmp_path / "round"
+    folder.mkdir()
+    keep_round(start, folder)
+    assert [path.name for path in folder.iterdir()] == ["finished.npz"]
+    again = kept_round(folder, start.detector)
+    assert again == start
+    assert again is not None
+    assert again.labels[0].everyone == start.labels[0].everyone
+    assert again.detections == start.detections
+    (folder / "finished.npz").write_bytes(pickle.dumps(Path("harm")))
+    with pytest.raises(RequestError, match=r"finished\.npz: expected a round of tsuiseki adapt"):
+        kept_round(folder, start.detector)
