@@ -6,6 +6,7 @@ on its folder: a second one is refused, and what a run that was killed has left 
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import platform
@@ -19,7 +20,7 @@ from importlib import metadata
 from pathlib import Path, PurePosixPath
 from typing import Any, BinaryIO
 
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.openers.json_files import read_json
 
 try:
@@ -29,6 +30,10 @@ except ImportError:  # elsewhere than on Unix nothing is locked
 
 RUN_FILE = "run.json"
 UNFINISHED = ".unfinished"
+# Of an earlier result, until the new one is in its place.
+REPLACED = ".replaced"
+# What a full or locked disk answers; it names no file.
+REFUSED = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
 BUSY = "another run is writing {} at this moment; choose another name"
 # Columns of ``run.json`` that number frames: from 0 in Python, from 1 in the file.
 SHIFTED = ("frame", "frame_of_each_video")
@@ -40,11 +45,14 @@ def output_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
     """A working folder whose files come to lie in ``folder`` when the ``with`` block ends, and vanish when it fails.
 
     An existing folder is kept. Files of the same name and sub-folders of the same name are replaced, and what an
-    earlier run listed in its ``run.json`` and this one did not write is removed.
+    earlier run listed in its ``run.json`` and this one did not write is removed. A partial result does not take the
+    place of a whole one, see `landing`.
 
     Raises:
         RequestError: ``folder`` is a file, holds files while ``overwrite`` is False, cannot be made, or another run
             writes to it.
+        RunError: it was removed meanwhile.
+        OSError: the disk is full, say; the files that were there are as before.
     """
     check_output_folder(folder, overwrite)
     with ExitStack() as stack:
@@ -59,8 +67,10 @@ def output_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
         for left in _unfinished(folder, folder.name):
             shutil.rmtree(left, ignore_errors=True)
         work = stack.enter_context(_working_folder(folder.name, folder))
-        yield work
-        _publish(work, folder)
+        with naming(folder):
+            yield work
+            check_there(work, folder)
+            _publish(work, landing(work, folder))
 
 
 @contextmanager
@@ -112,8 +122,10 @@ def output_file(path: Path, overwrite: bool) -> Iterator[Path]:
                 shutil.rmtree(left, ignore_errors=True)
         work = stack.enter_context(_working_folder(path.name, parent))
         hold(work, BUSY.format(path), stack)
-        yield work / path.name
-        (work / path.name).replace(path)
+        with naming(path):
+            yield work / path.name
+            check_there(work, parent)
+            (work / path.name).replace(path)
 
 
 @contextmanager
@@ -130,9 +142,10 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
     try:
         with writable(path.parent):
             path.parent.mkdir(parents=True, exist_ok=True)
-            with beside.open("wb") as file:
-                yield file
-            beside.replace(path)
+            with naming(path):
+                with beside.open("wb") as file:
+                    yield file
+                beside.replace(path)
     finally:
         with suppress(OSError):
             beside.unlink(missing_ok=True)
@@ -249,6 +262,29 @@ def writable(folder: Path) -> Iterator[None]:
         raise RequestError(f"cannot write to {folder}: {error.strerror}; choose another place") from error
 
 
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """An error of the disk within that names no file, or an unfinished one, names ``path``."""
+    try:
+        yield
+    except OSError as error:
+        if (error.filename is None and error.errno in REFUSED) or UNFINISHED in str(error.filename):
+            error.filename = str(path)
+        raise
+
+
+def check_there(work: Path, folder: Path) -> None:
+    """Refuse to go on where ``work``, in which results come into being, is gone; raises RunError."""
+    if not work.is_dir():
+        raise RunError(f"{folder} was removed while the run wrote into it; nothing was written")
+
+
+def landing(work: Path, folder: Path) -> Path:
+    """Where the files in ``work`` come to lie: ``folder``, or beside it a partial result in place of a whole one."""
+    whole = (folder / RUN_FILE).is_file() and not is_partial(folder)
+    return folder.with_name(f"{folder.resolve().name}.partial") if whole and is_partial(work) else folder
+
+
 def hold(held: Path, busy: str, until: ExitStack) -> None:
     """Hold a lock on a folder; raises RequestError, which says ``busy``, where another process or session does."""
     if fcntl is None:
@@ -301,20 +337,27 @@ def _working_folder(name: str, parent: Path) -> Iterator[Path]:
 
 
 def _publish(work: Path, folder: Path) -> None:
+    """Move the files in ``work`` to ``folder``; on a failure all that was there lies there again."""
     written = {path.relative_to(work).as_posix() for path in work.rglob("*") if path.is_file()}
-    stale = _listed_files(folder) - written - {RUN_FILE}
-    # run.json goes first and comes last: while it is missing, a mixture is not taken for a result.
-    (folder / RUN_FILE).unlink(missing_ok=True)
+    stale = sorted(_listed_files(folder) - written - {RUN_FILE})
+    paths, aside = sorted(work.iterdir(), key=lambda path: path.name == RUN_FILE), work / REPLACED
+    for place in (folder, aside):
+        place.mkdir(exist_ok=True)
+    with ExitStack() as undo:
+
+        def move(path: Path, target: Path) -> None:
+            path.rename(target)
+            undo.callback(target.rename, path)
+
+        # run.json goes first and comes last: while it is missing, a mixture is not taken for a result.
+        for number, name in enumerate((RUN_FILE, *stale, *(path.name for path in paths))):
+            if os.path.lexists(folder / name):
+                move(folder / name, aside / str(number))
+        for path in paths:
+            move(path, folder / path.name)
+        undo.pop_all()
     for name in stale:
-        (folder / name).unlink(missing_ok=True)
         _remove_if_empty((folder / name).parent)
-    for path in sorted(work.iterdir(), key=lambda path: path.name == RUN_FILE):
-        target = folder / path.name
-        if target.is_dir() and not target.is_symlink():
-            shutil.rmtree(target)
-        elif path.is_dir():
-            target.unlink(missing_ok=True)
-        path.replace(target)
 
 
 def _listed_files(folder: Path) -> set[str]:

@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import errno
 import json
+import os
+import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 
-from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.output import RunRecord, output_file, output_folder, whole_file
+from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.output import RunRecord, is_partial, landing, output_file, output_folder, whole_file
+from tsuiseki.tracking.runs.messages import message_of
 
 
 def names(folder: Path) -> set[str]:
@@ -122,3 +127,79 @@ def test_a_kept_file_is_whole_or_as_before(tmp_path: Path) -> None:
     assert [path.name for path in file.parent.iterdir()] == ["entry.npz"]
     with pytest.raises(RequestError, match="cannot write to"), whole_file(file / "below.npz"):
         pass
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {p.relative_to(folder).as_posix(): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+
+# The record, a stale file, a file and a folder go; a file, a folder and the record come.
+@pytest.mark.parametrize("number", range(1, 8))
+def test_a_failure_while_files_take_their_names_brings_the_old_result_back(
+    number: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder, calls, rename = tmp_path / "r", [], Path.rename
+    write_result(folder, {"tracks.txt": "old", "report/a.csv": "old", "img1/1.jpg": "old"})
+    (folder / "mine.txt").write_text("mine")
+    before = contents(folder)
+
+    def failing(self: Path, target: Path) -> Path:
+        calls.append(target)
+        if len(calls) == number:
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return rename(self, target)
+
+    monkeypatch.setattr(Path, "rename", failing)
+    with pytest.raises(OSError, match="No space left on device") as error:
+        write_result(folder, {"tracks.txt": "new", "img1/1.jpg": "new"}, overwrite=True)
+    monkeypatch.undo()
+    assert error.value.filename == str(folder)
+    assert contents(folder) == before
+    assert [path.name for path in folder.iterdir() if path.name.startswith(".")] == []
+
+
+def test_a_partial_result_lies_beside_a_whole_one_and_in_place_of_a_partial_one(tmp_path: Path) -> None:
+    folder, beside = tmp_path / "r", tmp_path / "r.partial"
+    write_result(folder, {"tracks.txt": "old"})
+    before = contents(folder)
+    for text in ("first", "second"):
+        with output_folder(folder, overwrite=True) as work:
+            (work / "tracks.txt").write_text(text)
+            RunRecord(["test"], {}, partial=True, reason="disk full").write(work)
+            assert landing(work, folder) == beside
+        assert contents(folder) == before
+        assert (beside / "tracks.txt").read_text() == text
+    assert is_partial(beside)
+    with output_folder(beside, overwrite=True) as work:
+        (work / "tracks.txt").write_text("third")
+        RunRecord(["test"], {}, partial=True).write(work)
+    assert (beside / "tracks.txt").read_text() == "third"
+    assert names(tmp_path) == {"r/run.json", "r/tracks.txt", "r.partial/run.json", "r.partial/tracks.txt"}
+
+
+def test_a_folder_that_is_removed_meanwhile_is_said(tmp_path: Path) -> None:
+    with (
+        pytest.raises(RunError, match=r"/r was removed while the run wrote into it; nothing was written"),
+        output_folder(tmp_path / "r", overwrite=False),
+    ):
+        shutil.rmtree(tmp_path / "r")
+    (tmp_path / "s").mkdir()
+    with (
+        pytest.raises(RunError, match=r"/s was removed while the run wrote into it; nothing was written"),
+        output_file(tmp_path / "s" / "scores.json", overwrite=False),
+    ):
+        shutil.rmtree(tmp_path / "s")
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("write", [output_folder, output_file])
+def test_a_full_disk_names_the_file(write: Any, tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="No space left") as error, write(tmp_path / "r", overwrite=False):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    assert message_of(error.value) == f"No space left on device ({tmp_path / 'r'})"
+
+
+def test_an_error_that_is_not_of_the_disk_names_no_file(tmp_path: Path) -> None:
+    with pytest.raises(ConnectionError) as error, output_folder(tmp_path / "r", overwrite=False):
+        raise ConnectionRefusedError(errno.ECONNREFUSED, "Connection refused")
+    assert message_of(error.value) == "Connection refused"

@@ -31,6 +31,7 @@ from tsuiseki.tracking.report.overlay import draw_marks
 from tsuiseki.tracking.result import PageContent, Result, Writer, check_corrections
 from tsuiseki.tracking.runs.following import Video, open_checked
 from tsuiseki.tracking.runs.options import Output
+from tsuiseki.tracking.runs.steps import reported_to
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
@@ -94,10 +95,11 @@ def animal_result(
     size, numbers = (0, 0), []
     for frame in frames:
         size = (frame.image.shape[1], frame.image.shape[0])
-        numbers.append(frame.index)
-        if tracker is not None:
-            with times.measure("poses"):
-                tracker.update(frame)
+        with reported_to(frames):
+            if tracker is not None:
+                with times.measure("poses"):
+                    tracker.update(frame)
+            numbers.append(frame.index)
     with times.measure("identities"):
         by_frame = tracker.poses if tracker else _poses_by_points(table, skeleton, numbers) if table else []
         linked, placed = _finished(by_frame, numbers, skeleton, table, source.frame_rate, size)

@@ -25,7 +25,7 @@ from tsuiseki.tracking.batch.jobs import STATE, Job, Place, key_of, options_of, 
 from tsuiseki.tracking.batch.segments import PLAN, SegmentPlan, again, cut, detect_segment
 from tsuiseki.tracking.errors import RequestError, RunError, explained
 from tsuiseki.tracking.openers.json_files import read_json
-from tsuiseki.tracking.runs.ending import LATE, ended
+from tsuiseki.tracking.runs.ending import ended, is_late
 from tsuiseki.tracking.runs.messages import message_of
 from tsuiseki.tracking.video.source import UnfitIndexError
 
@@ -127,7 +127,9 @@ def _outcome(task: BatchTask) -> TaskOutcome:
         return TaskOutcome("unfit", str(error))
     except ImportError as error:
         return TaskOutcome("failed", str(explained(error) or error))
-    except LATE as error:
+    except Exception as error:
+        if not is_late(error):
+            raise
         causes = [error, error.__cause__, error.__context__]
         if any(isinstance(cause, OSError) and cause.errno in FULL for cause in causes):
             return TaskOutcome("full", f"no space is left for {batch}")

@@ -29,6 +29,7 @@ from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.following import Video, open_checked
 from tsuiseki.tracking.runs.options import SeededOutput
+from tsuiseki.tracking.runs.steps import reported_to
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray, as_numbers
 from tsuiseki.tracking.types.tracks import BodyTrack
@@ -159,11 +160,12 @@ def body_result(
     """The result of a run of a fresh tracker over the frames of a video."""
     numbers = []
     for frame in frames:
-        with times.measure("edges"):
-            edges = tracker.edges(frame)
-        with times.measure("particles"):
-            tracker.update_edges(frame.index, edges)
-        numbers.append(frame.index)
+        with reported_to(frames):
+            with times.measure("edges"):
+                edges = tracker.edges(frame)
+            with times.measure("particles"):
+                tracker.update_edges(frame.index, edges)
+            numbers.append(frame.index)
     body, tracks = tracker.body, tracker.tracks()
 
     def plot(path: Path, _: Path) -> None:

@@ -9,8 +9,11 @@ SLEAP's own ``tracks`` is tracks x 2 x nodes x frames, and that of sleap-io says
 from __future__ import annotations
 
 import importlib.util
+import io
 import json
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +59,15 @@ def _h5py(path: Path) -> Any:
     return importlib.import_module("h5py")
 
 
+@contextmanager
+def _written(h5py: Any, path: Path) -> Iterator[Any]:
+    """A file to fill, which is made in memory: HDF5 crashes where it closes one on a full disk."""
+    content = io.BytesIO()
+    with h5py.File(content, "w") as file:
+        yield file
+    path.write_bytes(content.getbuffer())
+
+
 def read_sleap_hdf5(path: Path) -> PointTable:
     """The points in a project or analysis file; of a project's first video.
 
@@ -98,7 +110,7 @@ def write_sleap_analysis(path: Path, table: PointTable, length: int) -> None:
         points[table.frames[n], :, :, track] = table.points[n]
         scores[table.frames[n], :, track] = table.scores[n]
         there[track, table.frames[n]] = 1
-    with h5py.File(path, "w") as file:
+    with _written(h5py, path) as file:
         arrays = {"tracks": points, "point_scores": scores, "track_occupancy": there}
         for name, values in arrays.items():
             file.create_dataset(name, data=values.T, compression="gzip")
@@ -135,7 +147,7 @@ def write_sleap_project(path: Path, video: TrackedVideo) -> None:
              "suggestions": [], "negative_anchors": {}, "provenance": {}}  # fmt: skip
     film = {"filename": video.name, "backend": {"type": "MediaVideo", "filename": video.name, "grayscale": False}}
     frames = [(k, 0, int(n), a, b) for k, (n, a, b) in enumerate(zip(numbers, ends[:-1], ends[1:], strict=True))]
-    with h5py.File(path, "w") as file:
+    with _written(h5py, path) as file:
         group = file.create_group("metadata")
         group.attrs["format_id"], group.attrs["json"] = WRITTEN, np.bytes_(json.dumps(about))
         texts: dict[str, list[Any]] = {

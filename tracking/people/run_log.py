@@ -12,6 +12,7 @@ import numpy as np
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.people.contract import PeopleTracker, shifted, skipped
 from tsuiseki.tracking.result import people_in
+from tsuiseki.tracking.runs.steps import reported_to
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Track
 
@@ -134,16 +135,17 @@ def run_trackers(
     """
     log = FrameLog()
     for index, detections in frames:
-        log.add(index, detections)
         detects = inferred is None or inferred[index : index + 1].any()
-        if detects:
-            log.first.add(detections)
-        for name, tracker in trackers.items():
-            with times.measure(name):
-                if detects:
-                    tracker.update(detections)
-                else:
-                    skipped(tracker)
+        with reported_to(frames):
+            for name, tracker in trackers.items():
+                with times.measure(name):
+                    if detects:
+                        tracker.update(detections)
+                    else:
+                        skipped(tracker)
+            log.add(index, detections)
+            if detects:
+                log.first.add(detections)
     first = log.frames[0] if log.frames else 0
     tracks = {}
     for name, tracker in trackers.items():

@@ -31,6 +31,7 @@ from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.following import count
 from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.runs.progress import progress
+from tsuiseki.tracking.runs.steps import reported_to
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.measurements import Scan, SensedTargets, SensedTrack
@@ -128,9 +129,9 @@ def sensed_result(
     """The result of a run of a fresh tracker over scans in order of time, without tracks of fewer than ``shortest``."""
     model, done = tracker.model, list[Scan]()
     for scan in steps:
-        with times.measure("track"):
+        with reported_to(steps), times.measure("track"):
             tracker.update(scan)
-        done.append(scan)
+            done.append(scan)
     all_tracks = tracker.tracks()
     tracks = [track for track in all_tracks if len(track) >= shortest]
     numbers = Counter(int(scan) for track in all_tracks for scan in track.scans)

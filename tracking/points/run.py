@@ -24,6 +24,7 @@ from tsuiseki.tracking.points.tracker import BlobTracker, PointTracker, SingleBl
 from tsuiseki.tracking.result import PageContent, Result, Writer
 from tsuiseki.tracking.runs.following import Video, count, open_checked
 from tsuiseki.tracking.runs.options import SeededOutput
+from tsuiseki.tracking.runs.steps import reported_to
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Frame, Targets, Track
 from tsuiseki.tracking.video.source import Source, SourceLike, named
@@ -205,9 +206,10 @@ def blob_result(
 
     update: Callable[[Any], object] = tracker.update
     count, first = 0, 0 if source is None else source.frames_wanted.first
-    for count, step in enumerate(steps, start=1):  # noqa: B007
-        with times.measure("track"):
+    for step in steps:
+        with reported_to(steps), times.measure("track"):
             update(step)
+            count += 1
     columns: dict[str, list[Any]] = {"frame": list(range(first, first + count))}
     if isinstance(tracker, SingleBlobTracker):
         # It counts frames as the video does.

@@ -28,6 +28,13 @@ WRONG_REQUEST = 2
 SIGNALLED = 128
 # What may end a run late; what was finished before is kept.
 LATE = (RequestError, RunError, OSError, MemoryError)
+
+
+def is_late(error: BaseException) -> bool:
+    """Whether an error may end a run late: one of `LATE`, or a lack of memory in whatever words."""
+    return isinstance(error, LATE) or (isinstance(error, Exception) and lacks_memory(error))
+
+
 # Seconds within which a signal that comes again is the same: `timeout` sends it to the process and to its group.
 TWICE = 0.25
 
@@ -51,10 +58,7 @@ def ended(command: Callable[[], int | None]) -> int:
             explanation = explained(error)
         if explanation is None:
             raise
-        place = f" ({error.filename})" if isinstance(error, OSError) and error.filename else ""
-        return complain(
-            message_of(explanation) + place, WRONG_REQUEST if isinstance(explanation, RequestError) else FAILED
-        )
+        return complain(message_of(explanation), WRONG_REQUEST if isinstance(explanation, RequestError) else FAILED)
     except KeyboardInterrupt as error:
         written = error.written if isinstance(error, Interrupted) else Interrupted().written
         return complain(f"interrupted; {written}", SIGNALLED + signal_of(error))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tsuiseki.tracking.output import RunRecord
+from tsuiseki.tracking.output import RunRecord, check_there, naming
 from tsuiseki.tracking.runs.messages import NOTES
 from tsuiseki.tracking.runs.reading import facts_of_sources
 from tsuiseki.tracking.stages import StageTimes
@@ -60,9 +60,11 @@ class RunFiles:
     def write(self, name: str, write: Callable[..., object], *values: object) -> Path:
         """Make the file ``name`` of the result by ``write(path, *values)``; it is kept from then on."""
         part, final = self.work / PARTS / name, self.work / name
+        check_there(self.work, self.out)
         part.parent.mkdir(parents=True, exist_ok=True)
         try:
-            write(part, *values)
+            with naming(self.out / name):
+                write(part, *values)
             final.parent.mkdir(parents=True, exist_ok=True)
             self.finished, self._lines = True, None
             return part.replace(final)
@@ -76,7 +78,9 @@ class RunFiles:
         """Make all files of a result that ``write`` puts into a folder; they are kept from then on."""
         # What is written may take its name from the folder.
         part = self.work / PARTS / self.out.resolve().name
-        write(part)
+        check_there(self.work, self.out)
+        with naming(self.out):
+            write(part)
         for path in sorted(part.iterdir()):
             path.replace(self.work / path.name)
         self.finished = True
@@ -110,11 +114,13 @@ class RunFiles:
             line: of a number and an item; None where nothing is lost with them.
         """
         path = self.work / PARTS / name
+        check_there(self.work, self.out)
         with path.open("w", encoding="utf-8") as file:
             for number, item in items:
                 if line is not None:
-                    file.write(line(number, item))
-                    file.flush()
+                    with naming(self.out / name):
+                        file.write(line(number, item))
+                        file.flush()
                     self._lines = path
                 yield number, item
 

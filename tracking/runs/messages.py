@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
-from tsuiseki.tracking.errors import InputWarning
+from tsuiseki.tracking.errors import InputWarning, RequestError, RunError, lacks_memory
 
 # What was noted of the input since the command began; a process runs one at a time.
 NOTES: list[str] = []
@@ -29,7 +29,11 @@ def message_of(error: BaseException) -> str:
     """What ``error`` says to people."""
     if isinstance(error, MemoryError):
         return f"not enough memory{f': {error}' if str(error) else ''}"
-    return f"{error.strerror or error}" if isinstance(error, OSError) else str(error)
+    if not isinstance(error, OSError | RequestError | RunError) and lacks_memory(error):
+        return "not enough memory"
+    if isinstance(error, OSError) and error.strerror:
+        return error.strerror + (f" ({error.filename})" if error.filename else "")
+    return str(error)
 
 
 @contextmanager

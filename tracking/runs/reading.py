@@ -9,7 +9,7 @@ from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from tsuiseki.tracking.runs.ending import LATE
+from tsuiseki.tracking.runs.ending import is_late
 from tsuiseki.tracking.types.frame_range import FrameRange
 
 if TYPE_CHECKING:
@@ -49,8 +49,8 @@ class Reading:
                         writer.write(frame.image)
                     self.first = frame.index if self.first is None else self.first
                     yield frame
-            except LATE as error:
-                if self.first is None:
+            except Exception as error:
+                if self.first is None or not is_late(error):
                     raise
                 broken(error)
 

@@ -22,6 +22,8 @@ A run is in one of these states. SIGINT (Ctrl-C), SIGTERM and SIGHUP do the same
     running → writing → partial           1: the source broke off or the disk was full, after the first step
     idle, running, asked → failed         128 + the signal, 1, or 2 for a wrong request; the folder is as it was before
 
+With `overwrite` a partial result lies beside a whole one, in OUT.partial, and the whole one stays.
+
 What is finished is a file that `RunFiles.write` has made whole, or the lines of `RunFiles.kept`. A run that is ended at
 once with something finished is partial, not failed. In an overlay a signal ends the drawing alone: the rest is written.
 A live source ends by a signal in no other way than by its end: the run is done, not partial.
@@ -41,8 +43,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from tsuiseki.tracking.errors import Interrupted, RunError, signal_of
-from tsuiseki.tracking.output import output_folder
-from tsuiseki.tracking.runs.ending import DONE, FAILED, LATE, SIGNALLED, on_signals
+from tsuiseki.tracking.output import check_there, landing, output_folder
+from tsuiseki.tracking.runs.ending import DONE, FAILED, SIGNALLED, is_late, on_signals
 from tsuiseki.tracking.runs.files import PARTS, RunFiles
 from tsuiseki.tracking.runs.messages import complain, message_of
 from tsuiseki.tracking.runs.progress import progress
@@ -86,8 +88,11 @@ class Run(RunFiles):
             (self.work / PARTS).mkdir()
             try:
                 yield self
-            except (KeyboardInterrupt, *LATE) as error:
+            except (KeyboardInterrupt, Exception) as error:
                 self.state = State.WRITING
+                if not (isinstance(error, KeyboardInterrupt) or is_late(error)):
+                    raise
+                check_there(self.work, self.out)
                 lines = self.keep_lines()
                 if not self.finished:
                     raise
@@ -95,8 +100,10 @@ class Run(RunFiles):
             self.state = State.WRITING
             if self.signal and not self._live:
                 self.mark_partial(Interrupted(self.signal))
+            check_there(self.work, self.out)
             self.record(self._reason)
-        self._report()
+            place = landing(self.work, self.out)
+        self._report(place)
 
     def _hear(self, number: int) -> None:
         """What a signal does in each state."""
@@ -136,7 +143,7 @@ class Run(RunFiles):
             yield item
 
     def steps(self, items: Iterable[T], what: str = "tracking", total: int | None = None) -> Iterator[T]:
-        """``items``, with progress, up to a signal or to where they fail.
+        """``items``, with progress, up to a signal or to where they fail, see `reported_to`.
 
         The ``total`` is by default that of the frames of the last source, where it is known.
 
@@ -152,8 +159,8 @@ class Run(RunFiles):
                 self.count += 1
                 if self.signal:
                     break
-        except LATE as error:
-            if self.count == start:
+        except Exception as error:
+            if self.count == start or not is_late(error):
                 raise
             self.mark_partial(error)
         if self.count == start:
@@ -171,7 +178,9 @@ class Run(RunFiles):
         try:
             with self.waiting(), self.times.measure("draw"):
                 return self.write(name, write)
-        except (KeyboardInterrupt, *LATE) as error:
+        except (KeyboardInterrupt, Exception) as error:
+            if not (isinstance(error, KeyboardInterrupt) or is_late(error)):
+                raise
             self.mark_partial(error, f" while {name} was drawn")
         return None
 
@@ -186,11 +195,12 @@ class Run(RunFiles):
         """What to tell of a whole result, in one line or several."""
         self._summary = summary
 
-    def _report(self) -> None:
+    def _report(self, folder: Path) -> None:
         if self._reason:
             numbers = self.columns.get("frame")
             place = f"frame {numbers[-1] + 1}" if numbers else f"{self.count} steps"
             where = f" up to {place}" if self.count else ""
-            complain(f"{self._reason}; the partial result{where} is in {self.out}, marked in its run.json")
+            whole = "" if folder == self.out else f"; the whole one in {self.out} stays"
+            complain(f"{self._reason}; the partial result{where} is in {folder}, marked in its run.json{whole}")
         elif self._summary:
             print(self._summary)

@@ -31,6 +31,7 @@ from tsuiseki.tracking.filters.resampling import (
     weighted_covariance,
     weighted_mean,
 )
+from tsuiseki.tracking.runs.steps import reported_to
 from tsuiseki.tracking.sphere.settings import SphereSettings
 from tsuiseki.tracking.sphere.views import ViewLikelihood, Views
 from tsuiseki.tracking.stages import StageTimes
@@ -277,30 +278,32 @@ class SphereRun:
         # The newest frame of each camera: cameras that are out of step never have frames together.
         recent: dict[int, tuple[float, NDArray[Any]]] = {}
         tracker, settings = self.tracker, self.settings
-        for moment, views in watch(self._moments()):
-            now = moment.time
-            recent |= {k: (now, view) for k, view in enumerate(views) if view is not None}
-            recent = {k: spot for k, spot in recent.items() if now - spot[0] <= RECENT}
-            if state is None and self.start is not None:
-                begin = self.start, settings.spread, settings.particles, len(views), rng, now, self.speed
-                state = tracker.start_at(*begin)
-            lost = state is None or state.undetected > tracker.patience
-            if lost and len(recent) >= 2 and now - last_search > tracker.patience:
-                with times.measure("search"):
-                    newest = [recent[k][1] if k in recent else None for k in range(len(views))]
-                    positions = self.search(newest, rng)
-                begun = tracker.init(with_velocities(positions, self.speed, rng), len(views), now)
-                state, last_search = replace(begun, undetected=0.0 if state is None else state.undetected), now
-                if log is not None:
-                    log.searches.append(len(log.positions))
-            if state is None:
-                continue
-            with times.measure("filter"):
-                state, position = tracker.step(state, TimedViews(now, views), rng)
-            if log is not None:
-                log.positions.append(position)
-                log.moments.append(moment)
-            yield position
+        watched = watch(self._moments())
+        for moment, views in watched:
+            now, position = moment.time, None
+            with reported_to(watched):
+                recent |= {k: (now, view) for k, view in enumerate(views) if view is not None}
+                recent = {k: spot for k, spot in recent.items() if now - spot[0] <= RECENT}
+                if state is None and self.start is not None:
+                    begin = self.start, settings.spread, settings.particles, len(views), rng, now, self.speed
+                    state = tracker.start_at(*begin)
+                lost = state is None or state.undetected > tracker.patience
+                if lost and len(recent) >= 2 and now - last_search > tracker.patience:
+                    with times.measure("search"):
+                        newest = [recent[k][1] if k in recent else None for k in range(len(views))]
+                        positions = self.search(newest, rng)
+                    begun = tracker.init(with_velocities(positions, self.speed, rng), len(views), now)
+                    state, last_search = replace(begun, undetected=0.0 if state is None else state.undetected), now
+                    if log is not None:
+                        log.searches.append(len(log.positions))
+                if state is not None:
+                    with times.measure("filter"):
+                        state, position = tracker.step(state, TimedViews(now, views), rng)
+                    if log is not None:
+                        log.positions.append(position)
+                        log.moments.append(moment)
+            if position is not None:
+                yield position
 
     def _moments(self) -> Iterable[MomentViews]:
         if not self.stamps:

@@ -109,7 +109,9 @@ def test_no_constructor_runs(tmp_path: Path):
 
 def test_nothing_in_the_package_or_the_papers_unpickles():
     """Checkpoints are read with ``weights_only=True``, arrays without objects, the rest is JSON or arrays."""
-    words = r"pickle\.loads?\(|Unpickler|allow_pickle=True|weights_only=False|import (joblib|shelve|dill)|marshal\.loads?"
+    words = (
+        r"pickle\.loads?\(|Unpickler|allow_pickle=True|weights_only=False|import (joblib|shelve|dill)|marshal\.loads?"
+    )
     folders = ["tracking", "trainers", "datamodules", "models", "benchmarks"]
     found = subprocess.run(
         ["grep", "-rnE", words, *folders, "--include=*.py"], cwd=REPOSITORY, capture_output=True, text=True, check=False
