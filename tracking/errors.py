@@ -15,8 +15,25 @@ from pathlib import Path
 ENDING = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP") if hasattr(signal, name))
 
 
+# Characters of a word in a message: a path of a deep folder; what is longer came out of a broken file.
+LONGEST_WORD = 400
+
+
+def in_a_line(message: object) -> str:
+    """A message in one line, whose words are at most as long as a path.
+
+    >>> in_a_line("expected a number,\\n  got " + "9" * 5000)[:30]
+    'expected a number, got 9999999'
+    """
+    line = re.sub(r"\s*[\n\r]\s*", " ", str(message))
+    return re.sub(rf"\S{{{LONGEST_WORD + 1},}}", lambda word: word[0][: LONGEST_WORD - 3] + "...", line)
+
+
 class RequestError(ValueError):
     """The request was wrong: a missing file, an unknown option, a broken label file. Exit status 2."""
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__(in_a_line(message))
 
 
 def a_path(value: object, name: str = "path") -> Path:
@@ -52,6 +69,9 @@ class InputWarning(UserWarning):
 
 class RunError(RuntimeError):
     """The data turned out broken while running: a truncated video, say. Exit status 1."""
+
+    def __init__(self, message: object = "") -> None:
+        super().__init__(in_a_line(message))
 
 
 class Interrupted(KeyboardInterrupt):

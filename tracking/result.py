@@ -31,6 +31,7 @@ from tsuiseki.tracking.formats.track_tables import (
 )
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.interchange import as_detections
+from tsuiseki.tracking.openers.text import refusing
 from tsuiseki.tracking.output import RunRecord, columns_shifted, output_file, output_folder
 from tsuiseki.tracking.types import Frame, ImageArray, Position, Targets, Track
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
@@ -149,7 +150,12 @@ class Result(Collection[T_co]):
         Raises:
             RequestError: there is nothing of this, or something else; Parquet needs pyarrow.
         """
-        path, attributes = a_path(path), dict[str, Any]()
+        with refusing(f"{path}: expected a result, got one that is broken: ", str):
+            return cls._load(a_path(path))
+
+    @classmethod
+    def _load(cls, path: Path) -> Self:
+        attributes = dict[str, Any]()
         tracks: list[Any]
         if format_at(path):
             read = read_exported(path).in_pixels(path)

@@ -108,6 +108,8 @@ def _in_manifest(path: Path, job: Job) -> Iterator[tuple[str, Job]]:
         name = str(row.get("name") or PurePosixPath(source.split("?")[0]).stem)
         row_options: dict[str, Any] = {}
         for key, value in row.items():
+            if not isinstance(key, str):
+                raise RequestError(f"{where}: expected names of options, got {key!r}")
             if key not in OWN and value not in (None, ""):
                 put(row_options, key.replace("-", "_"), value)
         try:
@@ -116,7 +118,7 @@ def _in_manifest(path: Path, job: Job) -> Iterator[tuple[str, Job]]:
             video = replace(job, source=source, name=name, options=options, start=start)
             if row_options:
                 video.request(source, Path("unused"))
-        except (RequestError, ValueError) as error:
+        except (TypeError, ValueError) as error:
             raise RequestError(f"{where}: {error}") from error
         yield where, video
 

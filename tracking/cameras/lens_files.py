@@ -136,7 +136,8 @@ def read_intrinsics(path: Path, image_size: tuple[int, int] | None = None) -> Pi
             stacklevel=2,
         )
     distortion = np.pad(coefficients, (0, max(5 - len(coefficients), 0)))
-    return PinholeCamera(*intrinsics.size, intrinsics.focal, intrinsics.principal_point, distortion=distortion)
+    with refusing(f"{path}: expected the intrinsics of a camera, got others: ", str):
+        return PinholeCamera(*intrinsics.size, intrinsics.focal, intrinsics.principal_point, distortion=distortion)
 
 
 def read_lens_file(path: Path, image_size: tuple[int, int] | None = None) -> LensFile:
@@ -189,7 +190,7 @@ def _size(path: Path, content: dict[str, Any]) -> tuple[int, int]:
     width, height = (_first(path, content, names) for names in (WIDTH_NAMES, HEIGHT_NAMES))
     pair = _first(path, content, ("resolution", "image_size"))
     if pair is None and width is not None and height is not None:
-        pair = np.array([width, height])
+        pair = np.concatenate([width.ravel(), height.ravel()])
     if pair is None:
         raise RequestError(f"{path}: expected image_width and image_height, found none; give the image size")
     if pair.size != 2 or not (pair >= 1).all():
@@ -364,7 +365,7 @@ def _numbers(row: Sequence[str], size: int | None, name: str) -> FloatArray:
     try:
         values = np.array([float(word) for word in row])
     except ValueError as error:
-        raise RequestError(f"expected numbers in the row of the {name}, got {' '.join(row[:4])}") from error
+        raise RequestError(f"expected numbers in the row of the {name}, got {' '.join(row[:4])[:60]}") from error
     if not np.isfinite(values).all() or len(values) == 0 or (size is not None and len(values) != size):
         raise RequestError(f"expected {size or 'some'} finite numbers in the row of the {name}, got {len(values)}")
     return values

@@ -24,6 +24,7 @@ import numpy as np
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.rows import NamedRows, Rows, read_named_rows, read_rows, write_csv
 from tsuiseki.tracking.formats.sleap_hdf5 import hdf5_installed, is_hdf5, read_sleap_hdf5, write_sleap_analysis
+from tsuiseki.tracking.openers.text import refusing
 from tsuiseki.tracking.types.tracks import PointTable
 
 # Of all animals in a result.
@@ -41,7 +42,8 @@ def read_poses_file(path: Path) -> PointTable:
     """
     if not path.is_file():
         raise RequestError(f"expected points of animals at {path}, found no file")
-    table = read_sleap_hdf5(path) if is_hdf5(path) else _text_table(path)
+    with refusing(f"{path}: expected points of animals, got a file that is broken: ", str):
+        table = read_sleap_hdf5(path) if is_hdf5(path) else _text_table(path)
     labelled = np.isfinite(table.points).all(axis=2).sum(axis=1) > 0
     if not labelled.any():
         raise RequestError(f"{path}: expected at least one point, got none")
@@ -173,8 +175,8 @@ def _deeplabcut(table: Rows) -> PointTable:
 
 def _frame(path: Path, line: int, text: str) -> int:
     digits = re.findall(r"\d+", Path(text.strip()).stem)
-    if not digits:
-        raise RequestError(f"{path}:{line}: expected the number of a frame, got {text!r}")
+    if not digits or len(digits[-1]) > 18:  # more are beyond 64 bits
+        raise RequestError(f"{path}:{line}: expected the number of a frame, got {text!r:.60}")
     return int(digits[-1])
 
 
@@ -182,7 +184,7 @@ def _number(path: Path, line: int, text: str) -> float:
     try:
         return float(text) if text else np.nan
     except ValueError as error:
-        raise RequestError(f"{path}:{line}: expected a number or nothing, got {text!r}") from error
+        raise RequestError(f"{path}:{line}: expected a number or nothing, got {text!r:.60}") from error
 
 
 def _text(value: float) -> str:

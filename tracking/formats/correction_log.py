@@ -215,7 +215,7 @@ def read_corrections(path: Path, of: CorrectedVideo | None = None, slack: float 
                 log = log.and_then(row["kind"] if row.get("kind") in ("undo", "redo") else Correction.parse(row))
         except RequestError as error:
             raise RequestError(str(error) if number == 1 else f"{path}, line {number}: {error}") from error
-        except (ValueError, KeyError, TypeError, AttributeError, IndexError, RecursionError) as error:
+        except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
             raise RequestError(f"{path}, line {number}: expected a correction as JSON, got {line[:60]!r}") from error
     return log
 

@@ -149,7 +149,7 @@ def read_sensing_model(path: Path) -> SensingModel:
 
 def sensing_model(content: Mapping[str, Any]) -> SensingModel:
     """The model of such a mapping, whose ``motion`` is one or a list; raises RequestError where it is none."""
-    if not isinstance(content, Mapping):
+    if not isinstance(content, Mapping) or not all(isinstance(key, str) for key in content):
         raise RequestError(f"expected keys with values, got {content!r}")
     motions = content.get("motion", {})
     values = {key: value for key, value in content.items() if key != "motion"}

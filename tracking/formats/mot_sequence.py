@@ -227,7 +227,9 @@ def _read_info(path: Path) -> dict[str, str]:
         parser.read_string(text)
         return dict(parser["Sequence"])
     except (configparser.Error, KeyError) as error:
-        raise RequestError(f"{path}: expected a section [Sequence] with name, seqLength, …: {error!r}") from error
+        raise RequestError(
+            f"{path}: expected a section [Sequence] with name, seqLength, …: {' '.join(str(error).split())[:200]}"
+        ) from error
 
 
 def _number(info: dict[str, str], key: str, default: float, folder: Path) -> float:

@@ -27,6 +27,7 @@ from tsuiseki.tracking.formats.tracked_video import runs_of
 from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import RUN_FILE, columns_shifted
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
+from tsuiseki.tracking.types.frame_range import LAST_FRAME
 from tsuiseki.tracking.types.recording import Recording
 from tsuiseki.tracking.types.tracks import FloorTrack
 
@@ -55,6 +56,8 @@ def _spans(frames: IntArray) -> str:
 def _numbers(spans: str) -> list[int]:
     """The 0-based frames of `_spans`."""
     ends = [[int(end) for end in span.split("-")] for span in spans.split(",")]
+    if any(span[-1] > LAST_FRAME for span in ends):
+        raise ValueError(f"a filled frame beyond {LAST_FRAME}")
     return [number - 1 for span in ends for number in range(span[0], span[-1] + 1)]
 
 

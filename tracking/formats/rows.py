@@ -295,7 +295,7 @@ def finite_number(path: Path, line: int, name: str, text: str | None) -> float:
     except ValueError:
         value = np.nan
     if not np.isfinite(value) or abs(value) > LARGEST:
-        raise RequestError(f"{path}:{line}: expected a finite number in column {name}, got {text!r}")
+        raise RequestError(f"{path}:{line}: expected a finite number in column {name}, got {text!r:.60}")
     return value
 
 
@@ -310,7 +310,7 @@ def whole_number(
     value = whole(text or "")
     if value is None or not first <= value <= last:
         reach = "of 64 bits" if first == -LARGEST_ID else f"from {first} to {last}"
-        raise RequestError(f"{path}:{line}: expected a whole number {reach} in column {name}, got {text!r}")
+        raise RequestError(f"{path}:{line}: expected a whole number {reach} in column {name}, got {text!r:.60}")
     return value
 
 

@@ -84,7 +84,7 @@ def read_sleap_hdf5(path: Path) -> PointTable:
             if "tracks" in file and "node_names" in file:
                 return _analysis(file)
             names = ", ".join(list(file)[:5])
-    except (OSError, KeyError, IndexError, TypeError, ValueError) as error:
+    except (OSError, RuntimeError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as error:
         raise RequestError(
             f"{path}: expected SLEAP's project or analysis file, got one that is broken: {error}"
         ) from error

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.rows import finite_number, read_named_rows, write_columns
 from tsuiseki.tracking.formats.tracked_video import EMPTY_TRACK
-from tsuiseki.tracking.openers.json_files import read_json
+from tsuiseki.tracking.openers.json_files import json_of, read_json
 from tsuiseki.tracking.openers.text import refusing
 from tsuiseki.tracking.types import Position, Track
 from tsuiseki.tracking.types.measurements import SensedTrack
@@ -306,8 +306,10 @@ def _read_parquet(path: Path) -> tuple[Columns, dict[str, Any]]:
     if not path.is_file():
         raise RequestError(f"expected tracks as Parquet at {path}, found no such file")
     try:
-        read = pyarrow.parquet.read_table(path)
+        with refusing(f"{path}: expected Parquet, got something else"):
+            read = pyarrow.parquet.read_table(path)
+            table = {name: np.asarray(read[name].to_pylist()) for name in read.column_names}
+            about = (read.schema.metadata or {}).get(KNOWN.encode(), b"{}")
     except (pyarrow.ArrowException, OSError) as error:
         raise RequestError(f"{path}: expected Parquet, got something else") from error
-    table = {name: np.asarray(read[name].to_pylist()) for name in read.column_names}
-    return table, json.loads((read.schema.metadata or {}).get(KNOWN.encode(), b"{}"))
+    return table, json_of(about, str(path), "what is known of a result")

@@ -31,6 +31,7 @@ from tsuiseki.tracking.formats.tracked_video import TrackedVideo
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.openers.text import read_text
 from tsuiseki.tracking.openers.yaml_files import read_yaml
+from tsuiseki.tracking.types.frame_range import LAST_FRAME
 
 LABELS = "labels"
 ABOUT = "data.yaml"
@@ -134,8 +135,9 @@ def _about(folder: Path) -> dict[str, Any]:
     if not path.exists():
         return {}
     content = read_yaml(path, "YOLO's settings")
-    if not isinstance(content, dict) or not all(isinstance(content.get(name, 0), int | float) for name in NUMBERS):
-        raise RequestError(f"{path}: expected names of classes, and numbers of {', '.join(NUMBERS)}")
+    numbers = [content.get(name) or 0 for name in NUMBERS] if isinstance(content, dict) else [None]
+    if not all(isinstance(number, int | float) and 0 <= number <= LAST_FRAME for number in numbers):
+        raise RequestError(f"{path}: expected names of classes, and {', '.join(NUMBERS)} as numbers up to {LAST_FRAME}")
     return content
 
 
