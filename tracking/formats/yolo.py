@@ -134,7 +134,7 @@ def _about(folder: Path) -> dict[str, Any]:
     path = folder / ABOUT
     if not path.exists():
         return {}
-    content = read_yaml(path, "YOLO's settings")
+    content: dict[str, Any] = read_yaml(path, "YOLO's settings")
     numbers = [content.get(name) or 0 for name in NUMBERS] if isinstance(content, dict) else [None]
     if not all(isinstance(number, int | float) and 0 <= number <= LAST_FRAME for number in numbers):
         raise RequestError(f"{path}: expected names of classes, and {', '.join(NUMBERS)} as numbers up to {LAST_FRAME}")

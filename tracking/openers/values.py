@@ -37,8 +37,10 @@ def write_values(file: BinaryIO, value: Any) -> None:
     structure = json.dumps(_described(value, arrays)).encode()
     kinds = {array.dtype.str for array in arrays}
     # Thousands of small members would take longer than what is in them.
-    columns = {kind: np.concatenate([a.ravel() for a in arrays if a.dtype.str == kind]) for kind in kinds}
-    np.savez_compressed(file, **columns, **{_STRUCTURE: np.frombuffer(structure, np.uint8)})
+    columns: dict[str, Any] = {
+        kind: np.concatenate([a.ravel() for a in arrays if a.dtype.str == kind]) for kind in kinds
+    }
+    np.savez_compressed(file, **columns | {_STRUCTURE: np.frombuffer(structure, np.uint8)})
 
 
 def read_values(path: Path, what: str) -> Any:

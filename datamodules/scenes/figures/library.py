@@ -154,11 +154,6 @@ def write_sprites(
 _opened = lru_cache(maxsize=1)(Assets)
 
 
-def _write_png(path: str, image: NDArray[np.uint8]) -> None:
-    """Write channels in the order blue, green, red, opacity; imwrite says nothing of a full disk."""
-    Path(path).write_bytes(cv2.imencode(".png", image)[1].tobytes())
-
-
 def _person(work: Path, assets: Path, settings: SpriteSettings, seed: int, person: int) -> list[list[str]]:
     rng = np.random.default_rng([seed, person])
     rows, placed_anyhow = [], settings.poses > 0 or settings.tilts[1] > STEEP
