@@ -35,6 +35,7 @@ A live source ends by a signal in no other way than by its end: the run is done,
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -55,6 +56,18 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.video.source import Source
 
 T = TypeVar("T")
+# Loaded before the first step, for steps and results: where memory ends meanwhile, some would wait for it for ever.
+LIBRARIES = (
+    "scipy.fft",
+    "scipy.ndimage",
+    "scipy.optimize",
+    "scipy.sparse.csgraph",
+    "matplotlib.figure",
+    "matplotlib.backends.backend_agg",
+    "matplotlib.backends.backend_svg",
+    "jinja2",
+    "PIL.Image",
+)
 State = Enum("State", ["IDLE", "RUNNING", "ASKED", "WRITING"])
 
 
@@ -152,6 +165,8 @@ class Run(RunFiles):
             KeyboardInterrupt: before the first step was finished.
         """
         self._start = start = self.count
+        for library in LIBRARIES:
+            importlib.import_module(library)
         self.state = State.RUNNING if self.state is State.IDLE else self.state
         try:
             for item in () if self.signal else progress(items, what, self._expected if total is None else total):

@@ -210,3 +210,31 @@ def test_an_error_goes_on_where_steps_are_of_no_run() -> None:
         numbers = make()
         with pytest.raises(MemoryError), reported_to(numbers):
             raise MemoryError
+
+
+LATE_IMPORTS = """
+import sys
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.runs.run import Run
+steps, before = Run.steps, set()
+
+def watched(self, items, *values, **named):
+    for item in steps(self, items, *values, **named):
+        before.update(() if before else sys.modules)
+        yield item
+
+Run.steps = watched
+status = main(sys.argv[1:])
+native = {name for name, module in sys.modules.items() if str(getattr(module, "__file__", "")).endswith(".so")}
+print(status, *sorted(native - before))
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["people", "sort", "single", "blobs", "deformable"])
+def test_no_library_is_loaded_after_the_first_step(name: str, clip: Path, drone_models: Path, tmp_path: Path) -> None:
+    words = commands(clip, drone_models)["people" if name == "sort" else name][0]
+    words = [*words[:5], "--method", "sort"] if name == "sort" else words
+    command = [sys.executable, "-c", LATE_IMPORTS, *words, "--out", str(tmp_path / "o")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines()[-1] == "0"
