@@ -137,15 +137,17 @@ def whole_file(path: Path) -> Iterator[BinaryIO]:
 
     Raises:
         RequestError: the folder of ``path`` cannot be made or written to.
+        OSError: the disk is full.
     """
     beside = _beside(path.parent, path.name)
     try:
         with writable(path.parent):
             path.parent.mkdir(parents=True, exist_ok=True)
-            with naming(path):
-                with beside.open("wb") as file:
-                    yield file
-                beside.replace(path)
+            file = beside.open("wb")
+        with naming(path):
+            with file:
+                yield file
+            beside.replace(path)
     finally:
         with suppress(OSError):
             beside.unlink(missing_ok=True)

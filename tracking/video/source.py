@@ -102,10 +102,13 @@ def _opened(text: str, frame_range: FrameRange, stream: int | None) -> Source:
 def file_of(address: str | Path) -> Path | None:
     """The file or folder that an address names, with or without the number of a stream; None where there is none."""
     path = Path(address)
-    if not str(address) or path.exists():
-        return path if str(address) else None
-    chosen = CHOSEN_STREAM.fullmatch(str(address))
-    return Path(chosen[1]) if chosen and Path(chosen[1]).exists() else None
+    try:
+        if not str(address) or path.exists():
+            return path if str(address) else None
+        chosen = CHOSEN_STREAM.fullmatch(str(address))
+        return Path(chosen[1]) if chosen and Path(chosen[1]).exists() else None
+    except OSError:  # a name that no file can have
+        return None
 
 
 def absolute(address: str) -> str:
