@@ -3,8 +3,12 @@ PYTHON ?= python3
 VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
+LOWEST := $(VENV)/lowest
+# Readers, writers and methods that lean on other packages most; none needs torch.
+SAMPLE := $(addprefix tests/tracking/,test_geometry.py test_onnx.py test_result.py association counts/test_counting.py \
+	filters openers video) $(filter-out %/test_box_labels.py,$(wildcard tests/tracking/formats/test_*.py))
 
-.PHONY: demo test test-browser test-readers test-slow lint docs wheel clean help
+.PHONY: demo test test-browser test-readers test-slow test-lowest audit lock lint docs wheel clean help
 
 help:
 	@echo "make demo         set up the base installation (no torch) and run the whole path on a generated clip"
@@ -12,6 +16,9 @@ help:
 	@echo "make test-browser the tests of pages in the system's Chromium"
 	@echo "make test-readers CVAT's own reader opens what is exported, in an environment of its own"
 	@echo "make test-slow    the tests that take over 2 seconds, after make test"
+	@echo "make test-lowest  the demo and a sample of the tests with the lowest versions that pyproject.toml allows"
+	@echo "make audit        the locked packages against the index of advisories, where it can be reached"
+	@echo "make lock         write requirements.lock anew: versions and hashes for contributors"
 	@echo "make lint         ruff and mypy --strict"
 	@echo "make docs         build the manual into out/site"
 	@echo "make wheel        build the wheel and check what is in it"
@@ -31,6 +38,17 @@ test-readers: $(VENV)/.dev $(VENV)/.readers
 
 test-slow: $(VENV)/.dev
 	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "slow and not gpu and not browser"
+
+# Without torch: what trains has its own lower bounds.
+test-lowest: $(LOWEST)/.made
+	$(LOWEST)/bin/tsuiseki demo --out out/demo-lowest --overwrite
+	OMP_NUM_THREADS=1 $(LOWEST)/bin/python -m pytest -q -m "not gpu and not slow and not browser and not integration" $(SAMPLE)
+
+audit: $(VENV)/.audit
+	$(VENV)/audit/bin/python .ci/audit.py
+
+lock: $(VENV)/.dev
+	$(BIN)/python .ci/lock.py
 
 lint: $(VENV)/.dev
 	$(BIN)/ruff check .
@@ -57,9 +75,23 @@ $(VENV)/.base: $(VENV)/.venv pyproject.toml
 	$(PIP) --editable .
 	touch $@
 
+# trackeval asks for opencv-python, which lies in the place of the headless one. They differ in windows, which nothing
+# here opens, and in the system's libGL, which only that one needs.
 $(VENV)/.dev: $(VENV)/.venv pyproject.toml
 	$(PIP) --editable ".[train,dev]"
+	$(PIP) --no-deps "trackeval>=1.3"
 	touch $@ $(VENV)/.base
+
+$(LOWEST)/.made: pyproject.toml .ci/lowest.py
+	$(PYTHON) -m venv --clear $(LOWEST)
+	$(PYTHON) .ci/lowest.py train hdf5 tables > $(LOWEST)/constraints.txt
+	$(LOWEST)/bin/python -m pip install --quiet --disable-pip-version-check --constraint $(LOWEST)/constraints.txt \
+		--editable ".[hdf5,tables]" onnx pytest pytest-timeout
+	touch $@
+
+$(VENV)/.audit: $(VENV)/.venv
+	-$(PYTHON) -m venv $(VENV)/audit && $(VENV)/audit/bin/python -m pip install --quiet --disable-pip-version-check pip-audit
+	touch $@
 
 # datumaro needs an OpenCV below 5. Where it cannot be installed, its tests are skipped.
 $(VENV)/.readers:
