@@ -90,7 +90,7 @@ def evaluate_detections(
     count = sum(int((~image.ignored).sum()) for image in truth)
     if count == 0:
         raise RequestError("expected labelled boxes to evaluate against, got none that counts; check the frame range")
-    return scores_of_matches(*_match(truth, _scored(detections), iou_threshold), count)
+    return scores_of_matches(*match_detections(truth, _scored(detections), iou_threshold), count)
 
 
 def evaluate_classes(
@@ -114,15 +114,21 @@ def evaluate_classes(
     """
     scores = {}
     for kind, name in enumerate(names, start=1):
-        which = [(kinds == kind) | (kinds < 0) for kinds in labels]
-        parts = zip(boxes, labels, which, strict=True)
-        truth = [LabelledBoxes(image_boxes[w], kinds[w] < 0) for image_boxes, kinds, w in parts]
         if len(names) == 1 or any((kinds == kind).any() for kinds in labels):
-            of_kind = [d if d.classes is None else d.select(d.classes == kind) for d in detections]
-            scores[name] = evaluate_detections(truth, of_kind, iou_threshold)
+            scores[name] = evaluate_detections(*boxes_of_class(kind, boxes, labels, detections), iou_threshold)
     if not scores:
         raise RequestError(f"expected labelled boxes of {', '.join(names)} to evaluate against, got none that counts")
     return scores
+
+
+def boxes_of_class(
+    kind: int, boxes: Sequence[FloatArray], labels: Sequence[IntArray], detections: Sequence[Detections]
+) -> tuple[list[LabelledBoxes], list[Detections]]:
+    """Of each image the boxes labelled ``kind``, with those to ignore, and the detections of that class."""
+    which = [(kinds == kind) | (kinds < 0) for kinds in labels]
+    parts = zip(boxes, labels, which, strict=True)
+    truth = [LabelledBoxes(image_boxes[w], kinds[w] < 0) for image_boxes, kinds, w in parts]
+    return truth, [d if d.classes is None else d.select(d.classes == kind) for d in detections]
 
 
 def _scored(detections: Sequence[Detections]) -> Sequence[Detections]:
@@ -166,10 +172,10 @@ def average_precision(recall: FloatArray, precision: FloatArray) -> float:
     return float(np.sum(np.diff(recall, prepend=0.0) * envelope))
 
 
-def _match(
+def match_detections(
     truth: Sequence[LabelledBoxes], detections: Sequence[Detections], iou_threshold: float
 ) -> tuple[BoolArray, FloatArray]:
-    """Which detections are right, and their scores, image by image from the best down; without the excused ones."""
+    """``(K,)`` which detections are right, and their scores, image by image from the best down; without excused."""
     right, scores = [np.empty(0, dtype=np.bool_)], [np.empty(0)]
     for labels, image in zip(truth, detections, strict=True):
         image = image.select(np.argsort(-image.scores, kind="stable"))

@@ -149,10 +149,13 @@ def people_sums(pair: SequencePair) -> PeopleSums:
     Raises:
         RequestError: as `evaluate_sequence`.
     """
-    sequence = _prepare(pair)
+    if len({track.id for track in pair.tracks}) < len(pair.tracks):
+        raise RequestError(f"{pair.name}: expected tracks of different ids, got an id twice")
+    result = boxes_of_tracks(pair.tracks)
+    sequence = labelled_sequence(pair.name, pair.truth, result, pair.length)
     counts = clear(sequence, MATCH_OVERLAP)
     if counts.false:
-        compare_with_labels(pair.name, counts.hits, boxes_of_tracks(pair.tracks).boxes, pair.truth.boxes)
+        compare_with_labels(pair.name, counts.hits, result.boxes, pair.truth.boxes)
     return PeopleSums(hota(sequence), counts, identity(sequence, MATCH_OVERLAP))
 
 
@@ -174,23 +177,28 @@ def _summary(sums: PeopleSums) -> PeopleScores:
     )
 
 
-def _prepare(pair: SequencePair) -> LabelledSequence:
-    """The boxes that count: per frame the ids, numbered from 0, and the overlaps."""
-    labels, result = pair.truth, boxes_of_tracks(pair.tracks)
-    if len({track.id for track in pair.tracks}) < len(pair.tracks):
-        raise RequestError(f"{pair.name}: expected tracks of different ids, got an id twice")
+def labelled_sequence(name: str, labels: GroundTruth, result: TrackedBoxes, length: int | None) -> LabelledSequence:
+    """The boxes of a sequence that count, those of a result in the frames that `where_labelled` tells.
+
+    Raises:
+        RequestError: no labelled box counts, or a box has a frame beyond ``length``.
+    """
     if not labels.evaluated.any():
-        raise RequestError(f"{pair.name}: expected a labelled box that counts, got none; is this the right file?")
+        raise RequestError(f"{name}: expected a labelled box that counts, got none; is this the right file?")
     if not len(result.frames):
-        warnings.warn(f"{pair.name}: the result has no box; every score is 0", InputWarning, stacklevel=3)
+        warnings.warn(f"{name}: the result has no box; every score is 0", InputWarning, stacklevel=3)
     last = max(int(labels.frames[-1]), int(result.frames[-1]) if len(result.frames) else -1)
-    if pair.length is not None and last >= pair.length:
+    if length is not None and last >= length:
         raise RequestError(
-            f"{pair.name}: expected frames up to {pair.length}, got a box in frame {last + 1}; "
+            f"{name}: expected frames up to {length}, got a box in frame {last + 1}; "
             "is this the result of another sequence?"
         )
-    labelled = where_labelled(pair.name, labels.frames, result.frames, pair.length)
-    result = TrackedBoxes._make(column[labelled] for column in result)
+    labelled = where_labelled(name, labels.frames, result.frames, length)
+    return counted_boxes(labels, TrackedBoxes._make(column[labelled] for column in result))
+
+
+def counted_boxes(labels: GroundTruth, result: TrackedBoxes) -> LabelledSequence:
+    """The boxes that count: per frame the ids, numbered from 0, and the overlaps."""
     # Frames in which there is nothing change no score, and a file may have many of them.
     filled = np.unique(np.concatenate([labels.frames, result.frames]))
     true, reported, overlaps = [], [], []

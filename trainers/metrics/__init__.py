@@ -1,0 +1,1 @@
+"""Scores as `torchmetrics.Metric`: the sums of `tsuiseki.tracking.evaluation`, which add up over processes."""
