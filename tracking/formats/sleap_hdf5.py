@@ -21,6 +21,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.tracked_video import TrackedVideo
+from tsuiseki.tracking.openers.json_files import json_of
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.types.tracks import PointTable
 
@@ -168,13 +169,18 @@ def write_sleap_project(path: Path, video: TrackedVideo) -> None:
 
 
 def _project(path: Path, file: Any) -> PointTable:
-    info = json.loads(file["metadata"].attrs["json"])
+    info = json_of(file["metadata"].attrs["json"], file.filename, "a project of SLEAP")
     frames, instances = file["frames"][()], file["instances"][()]
     if not len(frames) or not len(instances):
         raise RequestError(f"{path}: expected at least one animal that is labelled or predicted, got none")
     order = [node["id"] for node in info["skeletons"][0]["nodes"]]
     nodes = tuple(str(info["nodes"][number]["name"]) for number in order)
-    tracks = [_text(json.loads(line)[1]) for line in file["tracks_json"][()]] if "tracks_json" in file else []
+    tracks = (
+        lines = file["tracks_json"][()] if "tracks_json" in file else []
+        tracks = [_text(json_of(line, file.filename, "a track of SLEAP")[1]) for line in lines]
+        if "tracks_json" in file
+        else []
+    )
     shift = 0.0 if float(file["metadata"].attrs.get("format_id", 1.0)) >= CENTRED else -0.5
     placed = {USER: _points(file["points"][()], shift), PREDICTED: _points(file["pred_points"][()], shift)}
     animals: list[tuple[int, str, FloatArray]] = []
@@ -229,7 +235,7 @@ def _by_axes(data: Any, names: tuple[str, ...], sizes: dict[str, int]) -> FloatA
         ValueError: its axes are others than it says, or have not the ``sizes`` that are known.
     """
     order = data.attrs.get("dims")
-    axes = names[::-1] if order is None else tuple(json.loads(order))
+    axes = names[::-1] if order is None else tuple(json_of(order, data.file.filename, "names of axes"))
     if sorted(axes) != sorted(names) or any(sizes.get(a, n) != n for a, n in zip(axes, data.shape, strict=True)):
         raise ValueError(f"an array of shape {data.shape} with axes {', '.join(map(str, axes))}, expected {sizes}")
     return np.asarray(np.transpose(data[()], [axes.index(name) for name in names]), dtype=np.float64)
