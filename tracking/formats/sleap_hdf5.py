@@ -175,12 +175,8 @@ def _project(path: Path, file: Any) -> PointTable:
         raise RequestError(f"{path}: expected at least one animal that is labelled or predicted, got none")
     order = [node["id"] for node in info["skeletons"][0]["nodes"]]
     nodes = tuple(str(info["nodes"][number]["name"]) for number in order)
-    tracks = (
-        lines = file["tracks_json"][()] if "tracks_json" in file else []
-        tracks = [_text(json_of(line, file.filename, "a track of SLEAP")[1]) for line in lines]
-        if "tracks_json" in file
-        else []
-    )
+    lines = file["tracks_json"][()] if "tracks_json" in file else []
+    tracks = [_text(json_of(line, file.filename, "a track of SLEAP")[1]) for line in lines]
     shift = 0.0 if float(file["metadata"].attrs.get("format_id", 1.0)) >= CENTRED else -0.5
     placed = {USER: _points(file["points"][()], shift), PREDICTED: _points(file["pred_points"][()], shift)}
     animals: list[tuple[int, str, FloatArray]] = []
