@@ -12,6 +12,9 @@ arcs, x̂(c) = argmin c·x over all flows, and x* the labelled flow:
 * Both: the mean of the two. Noise tells what may go wrong anywhere near the costs, the margin what goes most wrong.
 
 In each the solver is asked for minima only, so it may be any; nothing is differentiated through it.
+
+The perturbed minima are also a smoothed flow E[x̂(c + εZ)]. Its derivative by c is E[x̂(c + εZ) Zᵀ] / ε; antithetic pairs
+estimate it by the mean of (x̂(c + εZ) − x̂(c − εZ)) Zᵀ / (2 ε), which is 0 where the noise changes nothing.
 """
 
 from __future__ import annotations
@@ -72,6 +75,23 @@ def differing(arcs: Arcs) -> tuple[float, FloatArray]:
 
 
 @dataclass(frozen=True)
+class Minima:
+    """What the minima at costs c say of the flow there.
+
+    Attributes:
+        loss: L(c).
+        gradient: ``(3 N + P,)`` of the loss.
+        draws: ``(K, 3 N + P)`` the perturbations εZ; none for ``hinge``.
+        flows: ``(2 K, 3 N + P)`` x̂(c + εZ) and x̂(c − εZ) in turn.
+    """
+
+    loss: float
+    gradient: FloatArray
+    draws: FloatArray
+    flows: FloatArray
+
+
+@dataclass(frozen=True)
 class FlowLoss:
     """The loss of whole flows.
 
@@ -90,32 +110,63 @@ class FlowLoss:
             names = ", ".join(get_args(FlowLossName))
             raise RequestError(f"expected the loss {names}, epsilon above 0 and pairs from 1")
 
-    def value(self, costs: FloatArray, arcs: Arcs, rng: np.random.Generator) -> tuple[float, FloatArray]:
-        """The loss at ``(3 N + P,)`` costs and its gradient there, from minima at other costs.
+    def minima(self, costs: FloatArray, arcs: Arcs, rng: np.random.Generator) -> Minima:
+        """The loss at ``(3 N + P,)`` costs, its gradient and the smoothed flow there, from minima at other costs.
 
         These are perturbed for ``fenchel_young``, and less the difference from x* for ``hinge``.
         """
-        perturbed, constant = list[FloatArray](), 0.0
+        perturbed, constant, draws = list[FloatArray](), 0.0, np.empty((0, len(costs)))
         if self.name != "hinge":
             draws = self.epsilon * rng.standard_normal((self.pairs, len(costs)))
             perturbed += [costs + sign * draw for draw in draws for sign in (1, -1)]
         if self.name != "fenchel_young":
             constant, slope = differing(arcs)
             perturbed.append(costs - slope)
-        flows = [cheapest(draw_costs, arcs.tail, arcs.head) for draw_costs in perturbed]
+        flows = np.array([cheapest(draw_costs, arcs.tail, arcs.head) for draw_costs in perturbed])
         least = np.array([draw_costs @ flow for draw_costs, flow in zip(perturbed, flows, strict=True)])
         least[-1] -= constant
         share = np.full(len(perturbed), 1 / len(perturbed))
         if self.name == "both":
             share[:] = 0.25 / self.pairs
             share[-1] = 0.5
-        return float(costs @ arcs.labelled - share @ least), arcs.labelled - share @ np.array(flows)
+        loss, gradient = float(costs @ arcs.labelled - share @ least), arcs.labelled - share @ flows
+        return Minima(loss, gradient, draws, flows[: 2 * len(draws)])
 
     def __call__(self, costs: Tensor, arcs: Arcs, rng: np.random.Generator) -> Tensor:
         """The loss of ``(3 N + P,)`` costs, a scalar whose gradient goes on to what made them."""
         here = costs.detach()
-        value, gradient = self.value(here.double().cpu().numpy(), arcs, rng)
-        return value + (costs - here) @ torch.as_tensor(gradient, dtype=costs.dtype, device=costs.device)
+        minima = self.minima(here.double().cpu().numpy(), arcs, rng)
+        gradient = torch.as_tensor(minima.gradient, dtype=costs.dtype, device=costs.device)
+        return minima.loss + (costs - here) @ gradient
+
+
+def labelled_flow(
+    frames: IntArray, owners: IntArray, tail: IntArray, head: IntArray, all_used: bool = False
+) -> FloatArray:
+    """``(3 N + P,)`` x*: detections of a person that follow each other in time are linked where there is a link.
+
+    Args:
+        frames: ``(N,)`` of the detections.
+        owners: ``(N,)`` whose each detection is, below 0 for a false positive.
+        tail: ``(P,)``.
+        head: ``(P,)``.
+        all_used: false positives are used, too, each by itself.
+    """
+    followed = next_of_owner(frames, owners)[tail] == head
+    used = np.ones(len(frames), np.bool_) if all_used else owners >= 0
+    starts, ends = used.copy(), used.copy()
+    starts[head[followed]] = False
+    ends[tail[followed]] = False
+    return np.concatenate([used, starts, ends, followed]).astype(np.float64)
+
+
+def next_of_owner(frames: IntArray, owners: IntArray) -> IntArray:
+    """``(N,)`` the next detection of the same person in time, -1 where there is none."""
+    order = np.lexsort([frames, owners])
+    same = (owners[order[:-1]] == owners[order[1:]]) & (owners[order[:-1]] >= 0)
+    follower = np.full(len(frames), -1, dtype=np.int64)
+    follower[order[:-1][same]] = order[1:][same]
+    return follower
 
 
 # What Δ counts for a detection that is used and false, or right and not used.

@@ -46,7 +46,7 @@ from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
 from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.flow.flow_loss import Arcs, difference_weights
+from tsuiseki.trainers.flow.flow_loss import Arcs, difference_weights, labelled_flow
 
 
 @dataclass(frozen=True)
@@ -198,24 +198,8 @@ def labelled(graph: Graph, all_used: bool = False) -> Graph:
         graph: its ``labelled`` is not used.
         all_used: false positives are used, too, each by itself.
     """
-    count = len(graph)
-    follower = next_of_owner(graph.nodes.frames, graph.nodes.owners)
-    followed = follower[graph.tail] == graph.head if count else np.zeros(0, np.bool_)
-    used = np.ones(count, np.bool_) if all_used else graph.nodes.owners >= 0
-    starts, ends = used.copy(), used.copy()
-    starts[graph.head[followed]] = False
-    ends[graph.tail[followed]] = False
-    flow = np.concatenate([used, starts, ends, followed]).astype(np.float64)
-    return replace(graph, labelled=flow)
-
-
-def next_of_owner(frames: IntArray, owners: IntArray) -> IntArray:
-    """``(N,)`` the next detection of the same person in time, -1 where there is none."""
-    order = np.lexsort([frames, owners])
-    same = (owners[order[:-1]] == owners[order[1:]]) & (owners[order[:-1]] >= 0)
-    follower = np.full(len(frames), -1, dtype=np.int64)
-    follower[order[:-1][same]] = order[1:][same]
-    return follower
+    nodes = graph.nodes
+    return replace(graph, labelled=labelled_flow(nodes.frames, nodes.owners, graph.tail, graph.head, all_used))
 
 
 def taken_out(graph: Graph, which: BoolArray) -> Graph:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
 
 import numpy as np
 import pytest
 import torch
 
+from tests.trainers.flow.flows import all_flows
 from tsuiseki.tracking.types import FloatArray, IntArray
 from tsuiseki.trainers.flow.flow_loss import (
     Arcs,
@@ -29,30 +29,6 @@ def random_arcs(rng: np.random.Generator, count: int, share: float = 0.6) -> tup
     tail, head = np.triu_indices(count, 1)
     kept = rng.random(len(tail)) < share
     return tail[kept], head[kept]
-
-
-def all_flows(count: int, tail: IntArray, head: IntArray) -> Iterator[FloatArray]:
-    """Every flow: each detection is left out, starts a track, or follows one that nothing follows yet."""
-    into = [np.flatnonzero(head == node) for node in range(count)]
-
-    def go_on(node: int, flow: FloatArray) -> Iterator[FloatArray]:
-        if node == count:
-            yield flow
-            return
-        yield from go_on(node + 1, flow)
-        used = flow.copy()
-        used[[node, 2 * count + node]] = 1
-        start = used.copy()
-        start[count + node] = 1
-        yield from go_on(node + 1, start)
-        for link in into[node]:
-            if flow[2 * count + tail[link]]:
-                linked = used.copy()
-                linked[3 * count + link] = 1
-                linked[2 * count + tail[link]] = 0
-                yield from go_on(node + 1, linked)
-
-    yield from go_on(0, np.zeros(3 * count + len(tail)))
 
 
 def window(seed: int, count: int = 6) -> tuple[Arcs, FloatArray]:
