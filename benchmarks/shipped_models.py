@@ -47,7 +47,7 @@ RENDERED_COMMANDS = (
     "--model.start {models}/detector_street.onnx --data.train {pictures} --data.val {sparse}",
     "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered-2 "
     "--model.start {work}/rendered/checkpoints/last.ckpt --data.train {pictures} --data.val {sparse} "
-    "--trainer.max_epochs 7 --model.optimisation.learning_rate 0.0013 --data.seed 5",
+    "--trainer.max_epochs 7 --model.learning_rate 0.0013 --data.seed 5",
     "train detector --config {configs}/detector_rendered.yaml --out {work}/rendered-3 "
     "--model.start {work}/rendered-2/checkpoints/last.ckpt --data.train {pictures} --data.val {sparse} "
     "--trainer.max_epochs 14 --data.seed 9",
@@ -60,7 +60,7 @@ RENDERED_COMMANDS = (
     "--out {models}/detector_figures.onnx --training-data 'rendered people'",
     "train detector --config {configs}/detector_rendered.yaml --out {work}/people --model.start null "
     "--model.trunk mobilenet_v3_large_075 --model.height 256 --model.width 320 --trainer.max_epochs 12 "
-    "--data.examples_per_epoch 1280 --model.optimisation.learning_rate 0.002 --data.train {crisp} --data.val {sparse}",
+    "--data.batches 80 --model.learning_rate 0.002 --data.train {crisp} --data.val {sparse}",
     "train detector --config {configs}/detector_people.yaml --out {work}/people-2 "
     "--model.start {work}/people/checkpoints/last.ckpt --model.teacher.file {models}/detector_figures.onnx "
     "--data.train {many} --data.val {sparse}",

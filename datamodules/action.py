@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple, TypeAlias
 
-import lightning
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -24,8 +26,10 @@ from tsuiseki.datamodules.action_crops import (
     has_crops,
     load_crops,
 )
+from tsuiseki.datamodules.labelled_images import LabelledPart, labelled_parts
+from tsuiseki.datamodules.network_data import NetworkData, check_positive
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features.action import NO_MOTION, STREAMS, StreamName
+from tsuiseki.tracking.features.action import NO_MOTION, STREAMS, ActionInput, StreamName
 from tsuiseki.tracking.types import BoolArray, ImageArray
 
 Changes: TypeAlias = dict[str, NDArray[Any]]
@@ -152,51 +156,87 @@ def centre_crops(images: ImageArray, size: int) -> ImageArray:
     return np.ascontiguousarray(images[:, first : first + size, first : first + size])
 
 
-class ActionData(lightning.LightningDataModule):
+class ActionData(NetworkData):
     """Crops of people from clips labelled with actions, cut once and kept on disk.
 
+    Which streams, of which size and flow, is asked of the module that the Trainer fits.
+
     Args:
-        train_folders: folders of Okutama-Action, Drone-Action or generated clips; docs/how-to/files.md has the layouts.
-        validation_folders: likewise; other clips than those trained on.
-        cache: folder that keeps the crops; a clip is cut anew where they are missing, or clip or cutting have changed.
-        streams: which streams are trained.
-        cutting: how crops are cut.
+        train: folders of Okutama-Action, Drone-Action or generated clips; docs/how-to/files.md has the layouts.
+        val: likewise, other clips than those trained on; by default the last clips of ``train``.
+        val_share: those, a share of the clips.
         batch_size: samples of a batch; the thesis has 16.
         batches: number of batches of an epoch.
-        rarity: exponent of the chance of samples by the rarest of their actions, 0 to 1.
         workers: processes that prepare batches; 0 does it in the training process.
+        cache: folder that keeps the crops; a clip is cut anew where they are missing, or clip or cutting have changed.
+            By default a temporary folder, which goes with the process.
+        streams: which streams are trained; by default the module's.
+        cutting: how crops are cut; size and flow are the module's.
+        rarity: exponent of the chance of samples by the rarest of their actions, 0 to 1.
         seed: of the random numbers.
+
+    Raises:
+        RequestError: a folder is missing.
     """
+
+    kind = "action"
 
     def __init__(
         self,
-        train_folders: list[Path] | list[str],
-        validation_folders: list[Path] | list[str],
-        cache: Path = Path("out/cache/actions"),
-        streams: tuple[StreamName, ...] = STREAMS,
-        cutting: CropSettings = CUTTING,
+        train: Sequence[Path | str] | Path | str,
+        val: Sequence[Path | str] | Path | str | None = None,
+        val_share: float = 0.1,
         batch_size: int = 16,
         batches: int = 100,
-        rarity: float = 0.5,
         workers: int = 0,
+        cache: Path | str | None = None,
+        streams: tuple[StreamName, ...] | None = None,
+        cutting: CropSettings = CUTTING,
+        rarity: float = 0.5,
         seed: int = 0,
     ) -> None:
         super().__init__()
-        if not train_folders or not validation_folders:
-            raise RequestError("nothing to learn from or to validate on: give train_folders and validation_folders")
-        parts = {"train": train_folders, "validation": validation_folders}
-        self.folders = {part: [Path(folder) for folder in folders] for part, folders in parts.items()}
-        self.cache, self.streams, self.cutting = Path(cache), tuple(streams), cutting
+        if not 0 < val_share < 1:
+            raise RequestError(f"`val_share`: expected a share of the clips between 0 and 1, got {val_share}")
+        check_positive(batch_size=batch_size, batches=batches)
+        self.folders = {"train": [Path(part.folder) for part in labelled_parts(train, "train", LabelledPart)]}
+        if val is not None:
+            self.folders["val"] = [Path(part.folder) for part in labelled_parts(val, "val", LabelledPart)]
+        self.val_share, self._streams, self._cutting = val_share, streams, cutting
         self.batch_size, self.batches, self.workers, self.seed = batch_size, batches, workers, seed
         self.rarity = rarity
         self.clips: dict[str, list[ActionSequence]] = {}
+        self.cache = None if cache is None else Path(cache)
+        self._temporary: tempfile.TemporaryDirectory[str] | None = None
+
+    @property
+    def _inputs(self) -> Mapping[StreamName, ActionInput]:
+        return getattr(self.module, "inputs", None) or {}
+
+    @property
+    def streams(self) -> tuple[StreamName, ...]:
+        """Which streams are trained.
+
+        Raises:
+            RequestError: the module has others than were asked for.
+        """
+        own = tuple(self._inputs)
+        if self._streams and own and set(self._streams) != set(own):
+            raise RequestError(f"`streams`: expected those of the module, {', '.join(own)}, got {self._streams}")
+        return self._streams or own or STREAMS
+
+    @property
+    def cutting(self) -> CropSettings:
+        """How crops are cut."""
+        first = next(iter(self._inputs.values()), None)
+        return self._cutting if first is None else replace(self._cutting, size=first.size, flow=first.flow)
 
     def prepare_data(self) -> None:
         """Cut the clips whose crops are missing, and with a warning those whose crops are damaged."""
-        for clips in self._find().values():
-            for clip in clips:
-                if not self._has_crops(clip):
-                    cut_clip(clip, self.cutting, self._folder(clip))
+        super().prepare_data()
+        for clip in itertools.chain(*self._find().values()):
+            if not self._has_crops(clip):
+                cut_clip(clip, self.cutting, self._folder(clip))
 
     def _has_crops(self, clip: ActionSequence) -> bool:
         if not has_crops(self._folder(clip), clip, self.cutting):
@@ -211,9 +251,12 @@ class ActionData(lightning.LightningDataModule):
     def setup(self, stage: str) -> None:
         """Open the crops."""
         del stage
+        if self.cache is None:
+            # A temporary folder is that of a process; a Trainer prepares in one of them alone.
+            self.prepare_data()
         sequences = self._find()
         self.train_crops, self.validation_crops = (
-            load_crops([self._folder(clip) for clip in sequences[part]], self.streams) for part in self.folders
+            load_crops([self._folder(clip) for clip in sequences[part]], self.streams) for part in ("train", "val")
         )
 
     @property
@@ -227,21 +270,23 @@ class ActionData(lightning.LightningDataModule):
                 part: [clip for folder in folders for clip in action_sequences(folder)]
                 for part, folders in self.folders.items()
             }
+            if "val" not in sequences:
+                sequences = _without_last(sequences["train"], self.val_share)
             _check_apart(sequences)
             self.clips = {part: clips_to_cut(clips, self.cutting, part) for part, clips in sequences.items()}
         return self.clips
 
     def _folder(self, clip: ActionSequence) -> Path:
-        return self.cache / clip.name
-
-    def _epoch_seed(self) -> tuple[int, ...]:
-        trainer = self.trainer
-        return (self.seed, trainer.current_epoch, trainer.global_rank) if trainer else (self.seed,)
+        if self.cache is not None:
+            return self.cache / clip.name
+        if self._temporary is None:
+            self._temporary = tempfile.TemporaryDirectory(prefix="tsuiseki-actions-")
+        return Path(self._temporary.name) / clip.name
 
     def train_dataloader(self) -> DataLoader[ActionBatch]:
         """Batches drawn at random."""
         sizes = self.cutting.size, self.batch_size, self.batches
-        batches = ActionBatches(self.train_crops, self.streams, *sizes, self.rarity, self._epoch_seed)
+        batches = ActionBatches(self.train_crops, self.streams, *sizes, self.rarity, self.epoch_seed)
         return DataLoader(batches, batch_size=None, num_workers=self.workers)
 
     def val_dataloader(self) -> DataLoader[ActionBatch]:
@@ -250,6 +295,19 @@ class ActionData(lightning.LightningDataModule):
 
     def test_dataloader(self) -> DataLoader[ActionBatch]:
         return self.val_dataloader()
+
+    def predict_dataloader(self) -> DataLoader[ActionBatch]:
+        return self.val_dataloader()
+
+
+def _without_last(clips: list[ActionSequence], share: float) -> dict[str, list[ActionSequence]]:
+    """All clips but the last, at least one of each."""
+    later = max(1, round(share * len(clips)))
+    if later >= len(clips):
+        raise RequestError(
+            f"`train`: expected at least two clips, one of them to validate on, got {len(clips)}; give others as `val`"
+        )
+    return {"train": clips[:-later], "val": clips[-later:]}
 
 
 def _check_apart(sequences: dict[str, list[ActionSequence]]) -> None:

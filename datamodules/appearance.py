@@ -7,18 +7,17 @@ direction, small changes of light, things in front) is drawn for every crop.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
 
 import cv2
-import lightning
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.utils.data import DataLoader, Dataset, Sampler
+from torch.utils.data import DataLoader, Dataset
 
 from tsuiseki.datamodules.augmentation import compressed
 from tsuiseki.datamodules.identity_crops import (
@@ -31,6 +30,8 @@ from tsuiseki.datamodules.identity_crops import (
     render_people,
     write_crops,
 )
+from tsuiseki.datamodules.labelled_images import LabelledPart, labelled_parts
+from tsuiseki.datamodules.network_data import NetworkData, check_positive
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray
@@ -197,10 +198,10 @@ class AppearanceBatch(NamedTuple):
     query: Tensor
 
 
-class IdentityBatches(Sampler[list[Draw]]):
+class IdentityBatches(Dataset[list[Draw]]):
     """Batches of P ``identities``, or all, with K ``views`` each, different in every epoch and on every device.
 
-    Identities with fewer views repeat some. The ``seed`` of epoch and device is asked anew at the start of every epoch.
+    Identities with fewer views repeat some. The ``seed`` of epoch and device is asked anew for every batch.
     """
 
     def __init__(
@@ -224,14 +225,15 @@ class IdentityBatches(Sampler[list[Draw]]):
     def __len__(self) -> int:
         return self.batches
 
-    def __iter__(self) -> Iterator[list[Draw]]:
-        seed = self.seed()
-        for batch in range(self.batches):
-            rng = np.random.default_rng([*seed, batch])
-            chosen = rng.choice(len(self.views_of), self.identities, replace=False, p=self.chances)
-            several = [self.views_of[i] for i in chosen]
-            views = np.concatenate([rng.choice(v, self.views, replace=len(v) < self.views) for v in several])
-            yield [Draw(int(view), (*seed, batch), place) for place, view in enumerate(views)]
+    def __getitem__(self, index: int) -> list[Draw]:
+        if not 0 <= index < self.batches:
+            raise IndexError(index)
+        seed = (*self.seed(), index)
+        rng = np.random.default_rng(seed)
+        chosen = rng.choice(len(self.views_of), self.identities, replace=False, p=self.chances)
+        several = [self.views_of[i] for i in chosen]
+        views = np.concatenate([rng.choice(v, self.views, replace=len(v) < self.views) for v in several])
+        return [Draw(int(view), seed, place) for place, view in enumerate(views)]
 
 
 def _chances(from_video: NDArray[np.bool_], rendered_share: float) -> NDArray[np.float64]:
@@ -244,16 +246,20 @@ def _chances(from_video: NDArray[np.bool_], rendered_share: float) -> NDArray[np
     return np.where(from_video, (1 - share) / video, share / rendered)
 
 
-class TrainingCrops(Dataset[Sample]):
-    """Augmented views, each fully decided by its `Draw`."""
+class TrainingCrops(Dataset[list[Sample]]):
+    """Batches of augmented views of ``crops``, each view fully decided by its `Draw`; of a ``size`` H, W."""
 
-    def __init__(self, crops: IdentityCrops, size: tuple[int, int]) -> None:
-        self.crops, self.size = crops, size
+    def __init__(self, crops: IdentityCrops, draws: IdentityBatches, size: tuple[int, int]) -> None:
+        self.crops, self.draws, self.size = crops, draws, size
 
     def __len__(self) -> int:
-        return len(self.crops)
+        return len(self.draws)
 
-    def __getitem__(self, draw: Draw) -> Sample:
+    def __getitem__(self, index: int) -> list[Sample]:
+        return [self.sample(draw) for draw in self.draws[index]]
+
+    def sample(self, draw: Draw) -> Sample:
+        """The view of a draw."""
         camera = draw_camera(np.random.default_rng([*draw.seed, 0]), self.size[0])
         rng = np.random.default_rng([*draw.seed, 1, draw.place])
         cover = self.crops.images[int(rng.integers(len(self.crops)))]
@@ -294,108 +300,125 @@ class RenderedPeople:
     """People of the generator to learn from.
 
     Attributes:
-        file: that keeps them; they are rendered where it is missing. Null renders none.
+        file: that keeps them; they are rendered where it is missing.
         identities: number of people.
         views: of each.
         validation: identities of them kept for validation.
         share: of rendered identities in a batch, where there are others too; in [0, 1].
     """
 
-    file: Path | None = Path("out/cache/identities.npz")
+    file: Path
     identities: int = 1500
     views: int = 12
     validation: int = 100
     share: float = 0.5
 
 
-RENDERED = RenderedPeople()
+# Views of a person count as seen again from this many frames apart on: a moment apart they look the same to anything.
+APART = 25
 
 
-class AppearanceData(lightning.LightningDataModule):
+class AppearanceData(NetworkData):
     """Identity crops from labelled video, from the generator, or from both.
 
+    Nothing is rendered or written but what ``rendered`` asks for. The size of crops is that of the module's network.
+
     Args:
-        train_folders: MOTChallenge sequences, or folders of them.
-        train_frames: first and last frame of them, 1-based and both included; null for all.
-        validation_folders: sequences to validate on; none validates on rendered people that training never uses.
-        validation_frames: first and last frame of these, 1-based and both included; null for all.
+        train: labelled video to learn from, with ids, MARS or Market-1501: a folder, several, or parts of them.
+        val: likewise, to validate on. By default people of the generator whom training never uses; without
+            ``rendered`` the last people of ``train``.
+        val_share: those, a share of the people.
+        batch_size: crops of a step, over all people in it.
+        views: of each person of a batch.
+        batches: steps of an epoch, over all devices.
+        workers: processes that prepare batches; 0 does it in the training process.
         least_visible: smallest visible share of a labelled box, in [0, 1].
         rendered: people of the generator among them.
-        height: of the network's input, pixels.
-        width: of the network's input, pixels.
-        identities: P, people of a batch.
-        views: K, views of each.
-        batches: of an epoch.
-        workers: processes that prepare batches; 0 does it in the training process.
+        height: of the network's input, pixels; by default the module's.
+        width: of the network's input, pixels; by default the module's.
         seed: of everything drawn.
+
+    Raises:
+        RequestError: there is nothing to learn from, or a folder is missing.
     """
+
+    kind = "appearance"
 
     def __init__(
         self,
-        train_folders: list[Path] | list[str] | None = None,
-        train_frames: tuple[int, int] | None = None,
-        validation_folders: list[Path] | list[str] | None = None,
-        validation_frames: tuple[int, int] | None = None,
-        least_visible: float = 0.3,
-        rendered: RenderedPeople = RENDERED,
-        height: int = 128,
-        width: int = 64,
-        identities: int = 16,
+        train: Sequence[LabelledPart | Path | str] | LabelledPart | Path | str | None = None,
+        val: Sequence[LabelledPart | Path | str] | LabelledPart | Path | str | None = None,
+        val_share: float = 0.1,
+        batch_size: int = 64,
         views: int = 4,
         batches: int = 100,
         workers: int = 0,
+        least_visible: float = 0.3,
+        rendered: RenderedPeople | None = None,
+        height: int | None = None,
+        width: int | None = None,
         seed: int = 0,
     ) -> None:
-        super().__init__()
-        self.train_folders, self.train_frames = [Path(folder) for folder in train_folders or []], train_frames
-        self.validation_folders = [Path(folder) for folder in validation_folders or []]
-        self.validation_frames = validation_frames
-        self.least_visible = least_visible
-        self.rendered = rendered
-        self.size = (height, width)
-        self.identities, self.views, self.batches = identities, views, batches
+        super().__init__(input_height=height, input_width=width)
+        if train is None and rendered is None:
+            raise RequestError("nothing to learn from: give `train`, `rendered` people, or both")
+        if not 0 < val_share < 1:
+            raise RequestError(f"`val_share`: expected a share of the people between 0 and 1, got {val_share}")
+        check_positive(batches=batches)
+        if views < 2 or batch_size < 2 * views:
+            raise RequestError(
+                f"expected `batch_size` for at least two people with at least two `views` each, got {batch_size} and "
+                f"{views}"
+            )
+        self.train = [] if train is None else labelled_parts(train, "train", LabelledPart)
+        self.val = [] if val is None else labelled_parts(val, "val", LabelledPart)
+        self.val_share, self.least_visible, self.rendered = val_share, least_visible, rendered
+        self.batch_size, self.views, self.batches = batch_size, views, batches
         self.workers, self.seed = workers, seed
-        if rendered.file is None and not self.train_folders:
-            raise RequestError("nothing to learn from: give train_folders, a file for rendered people, or both")
-        if rendered.file is None and not self.validation_folders:
-            raise RequestError("nothing to validate on: give validation_folders and validation_frames")
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """Height and width of crops, pixels."""
+        return self.card.input_height, self.card.input_width
 
     def prepare_data(self) -> None:
-        """Render the people once, where the file is missing."""
-        file = self.rendered.file
-        if file is not None and not file.exists():
-            write_crops(file, render_people(self.seed, self.rendered.identities, self.rendered.views))
+        """Render the people once, where they are asked for and their file is missing."""
+        super().prepare_data()
+        rendered = self.rendered
+        if rendered is not None and not rendered.file.exists():
+            write_crops(rendered.file, render_people(self.seed, rendered.identities, rendered.views))
 
     def setup(self, stage: str) -> None:
-        """Load the crops that ``stage`` needs."""
-        learnt, held_out = list[IdentityCrops](), list[IdentityCrops]()
-        if self.rendered.file is not None:
+        """Load the crops that ``stage`` needs.
+
+        Raises:
+            RequestError: too few people have several pictures to learn from, or to validate on.
+        """
+        rendered, held = list[IdentityCrops](), list[IdentityCrops]()
+        if self.rendered is not None:
             people = read_crops(self.rendered.file)
             apart = people.ids < self.rendered.validation
-            learnt, held_out = [people.select(~apart)], [people.select(apart)]
+            rendered, held = [people.select(~apart)], [people.select(apart)]
+        cut = self._cut(self.train) if stage == "fit" or not (self.val or held) else []
+        if self.val:
+            held = self._cut(self.val)
+        elif not held:
+            cut, held = _without_last(cut, self.val_share)
         if stage == "fit":
-            cut = [crops_from_folder(folder, self.train_frames, self.least_visible) for folder in self.train_folders]
-            self.train_crops = join_crops([*cut, *learnt])
-        frames = self.validation_frames
-        cut = [crops_from_folder(folder, frames, self.least_visible) for folder in self.validation_folders]
-        self.validation_crops = join_crops(cut or held_out)
+            self.train_crops = join_crops([*cut, *rendered])
+            check_views(self.train_crops, "train")
+        self.validation_crops = join_crops(held)
+        check_views(self.validation_crops, "val", APART)
 
-    def _epoch_seed(self) -> tuple[int, ...]:
-        trainer = self.trainer
-        return (self.seed, trainer.current_epoch, trainer.global_rank) if trainer else (self.seed,)
+    def _cut(self, parts: Sequence[LabelledPart]) -> list[IdentityCrops]:
+        return [crops_from_folder(Path(p.folder), p.frames, self.least_visible, p.part) for p in parts]
 
-    def train_dataloader(self) -> DataLoader[Sample]:
+    def train_dataloader(self) -> DataLoader[list[Sample]]:
         """P x K batches."""
-        sampler = IdentityBatches(
-            self.train_crops, self.identities, self.views, self.batches, self.rendered.share, self._epoch_seed
-        )
-        return DataLoader(
-            TrainingCrops(self.train_crops, self.size),
-            batch_sampler=sampler,
-            num_workers=self.workers,
-            collate_fn=collate,
-            persistent_workers=self.workers > 0,
-        )
+        identities, share = self.batch_size // self.views, 0.5 if self.rendered is None else self.rendered.share
+        draws = IdentityBatches(self.train_crops, identities, self.views, self.batches, share, self.epoch_seed)
+        batches = TrainingCrops(self.train_crops, draws, self.size)
+        return DataLoader(batches, batch_size=None, num_workers=self.workers, collate_fn=collate)
 
     def val_dataloader(self) -> DataLoader[Sample]:
         """Every validation crop once."""
@@ -403,3 +426,43 @@ class AppearanceData(lightning.LightningDataModule):
 
     def test_dataloader(self) -> DataLoader[Sample]:
         return self.val_dataloader()
+
+    def predict_dataloader(self) -> DataLoader[Sample]:
+        return self.val_dataloader()
+
+
+def _without_last(crops: list[IdentityCrops], share: float) -> tuple[list[IdentityCrops], list[IdentityCrops]]:
+    """All crops but those of the last people, at least two, and these."""
+    people = join_crops(crops)
+    count = int(people.ids.max(initial=-1)) + 1
+    later = max(2, round(share * count))
+    if count < later + 2:
+        raise RequestError(
+            f"`train`: expected at least {later + 2} people, two to learn from and {later} to validate on, got "
+            f"{count}; give more, or others as `val`"
+        )
+    last = people.ids >= count - later
+    return [people.select(~last)], [people.select(last)]
+
+
+def check_views(crops: IdentityCrops, name: str, apart: int = 0) -> None:
+    """Refuse crops of which fewer than two people are seen twice.
+
+    Args:
+        crops: to learn from or to validate on.
+        name: of the argument, for the error.
+        apart: frames between the first and the last view of somebody seen twice, at least.
+
+    Raises:
+        RequestError: they are such crops.
+    """
+    people, person, counts = np.unique(crops.ids, return_inverse=True, return_counts=True)
+    first, last = np.full(len(people), np.inf), np.full(len(people), -np.inf)
+    np.minimum.at(first, person, crops.frames)
+    np.maximum.at(last, person, crops.frames)
+    twice = int(((counts > 1) & (last - first >= apart)).sum())
+    if twice < 2:
+        when = f", {apart} frames apart" if apart else ""
+        raise RequestError(
+            f"`{name}`: expected at least two people with two pictures each{when}, got {twice} of {len(people)} people"
+        )

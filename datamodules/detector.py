@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import cv2
-import lightning
 import numpy as np
 import torch
 from torch import Tensor
@@ -16,6 +15,8 @@ from torch.utils.data import DataLoader, Dataset, DistributedSampler
 
 from tsuiseki.datamodules.augmentation import Augmentation, Example, augment, texture
 from tsuiseki.datamodules.composition import Canvas, Cutout, change_clothes, generate_people, place_people
+from tsuiseki.datamodules.labelled_images import held_out, labelled_parts
+from tsuiseki.datamodules.network_data import NetworkData, check_positive
 from tsuiseki.datamodules.training_images import FixedView, TrainingImages, TrainingSource, check_source, write_pictures
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import PEOPLE
@@ -57,7 +58,6 @@ class Composition:
 
 
 STRONG = Augmentation()
-PERSON_ALONE = [PEOPLE]
 NO_COMPOSITION = Composition()
 
 
@@ -162,81 +162,119 @@ class EpochSampler(DistributedSampler[int]):
         return (self.epoch * self.total_size + number for number in super().__iter__())
 
 
-class DetectionData(lightning.LightningDataModule):
+class PredictedImages(Dataset[ImageArray]):
+    """Images as they are."""
+
+    def __init__(self, videos: list[TrainingImages]) -> None:
+        self.items = [(video, index) for video in videos for index in range(len(video))]
+
+    def __len__(self) -> int:
+        return len(self.items)
+
+    def __getitem__(self, number: int) -> ImageArray:
+        video, index = self.items[number]
+        return video.example(index).image
+
+
+class DetectionData(NetworkData):
     """Labelled people, or objects of other classes, in images of one size.
 
+    What the network's input is, and which classes are learnt, is asked of the module that the Trainer fits.
+
     Args:
-        train: labelled video to learn from.
-        val: labelled video to validate on.
-        height: of the network's input, pixels.
-        width: of the network's input, pixels.
-        resize: how validation images are fitted into the input; as the exported model will.
-        classes: names of those to learn, as the labels call them; ``person`` is people as a layout counts them.
+        train: labelled video to learn from: a folder of any layout that is read, or several, or sources that say more.
+        val: likewise, to validate on; by default the last part of every video.
+        val_share: that part, a share of the frames.
         batch_size: images a step and device.
-        examples_per_epoch: training images of an epoch, over all devices.
+        batches: steps of an epoch, over all devices.
         workers: processes that prepare images.
         augmentation: how training images are changed.
         composition: how people are composed onto frames of fixed cameras.
+        height: of the network's input, pixels; by default the module's.
+        width: of the network's input, pixels; by default the module's.
+        resize: how validation images are fitted into the input; by default as the module's.
+        classes: names of those to learn, as the labels call them; by default the module's. ``person`` is people as a
+            layout counts them.
         seed: of everything random here.
+
+    Raises:
+        RequestError: a folder is missing, or arguments contradict each other.
     """
+
+    kind = "detector"
 
     def __init__(
         self,
-        train: list[TrainingSource],
-        val: list[TrainingSource],
-        height: int = 384,
-        width: int = 512,
-        resize: Literal["letterbox", "stretch"] = "letterbox",
-        classes: list[str] = PERSON_ALONE,
-        batch_size: int = 16,
-        examples_per_epoch: int = 1600,
+        train: Sequence[TrainingSource | Path | str] | TrainingSource | Path | str,
+        val: Sequence[TrainingSource | Path | str] | TrainingSource | Path | str | None = None,
+        val_share: float = 0.1,
+        batch_size: int = 8,
+        batches: int = 60,
         workers: int = 1,
         augmentation: Augmentation = STRONG,
         composition: Composition = NO_COMPOSITION,
+        height: int | None = None,
+        width: int | None = None,
+        resize: Literal["letterbox", "stretch"] | None = None,
+        classes: list[str] | None = None,
         seed: int = 0,
     ) -> None:
-        super().__init__()
-        if not train or not val:
-            raise RequestError("expected at least one labelled folder in data.train and in data.val")
-        for source in [*train, *val]:
+        super().__init__(
+            input_height=height,
+            input_width=width,
+            resize=resize,
+            class_names=None if classes is None else tuple(classes),
+        )
+        learnt = labelled_parts(train, "train", TrainingSource)
+        if val is None:
+            learnt, held = held_out(learnt, val_share)
+        else:
+            held = labelled_parts(val, "val", TrainingSource)
+        for source in [*learnt, *held]:
             check_source(source)
-        if classes != PERSON_ALONE and composition.generated_people:
-            raise RequestError("`composition`: expected no people to compose with where other classes are learnt")
-        self.classes = classes
-        self.sources = {"train": train, "val": val}
-        self.card = ModelCard("detector", "", input_height=height, input_width=width, resize=resize)
-        self.size = (height, width)
-        self.batch_size = batch_size
-        self.examples_per_epoch = examples_per_epoch
-        self.workers = workers
-        self.augmentation = augmentation
-        self.composition = composition
+        check_positive(batch_size=batch_size, batches=batches)
+        self.sources = {"train": learnt, "val": held}
+        self.batch_size, self.batches, self.workers = batch_size, batches, workers
+        self.augmentation, self.composition = augmentation, composition
         self.seed = seed
+
+    @property
+    def classes(self) -> tuple[str, ...]:
+        """Names of what is learnt.
+
+        Raises:
+            RequestError: people are to be composed, and others are learnt.
+        """
+        names = self.card.class_names or (PEOPLE,)
+        if names != (PEOPLE,) and self.composition.generated_people:
+            raise RequestError("`composition`: expected no people to compose with where other classes are learnt")
+        return names
 
     def prepare_data(self) -> None:
         """Generate the pictures of sources that ask for it, where their folder is missing."""
+        super().prepare_data()
         for source in [*self.sources["train"], *self.sources["val"]]:
             folder = Path(source.folder)
             if not source.generate or folder.exists():
                 continue
-            width, height = source.size or (self.size[1], self.size[0])
+            size = source.size or (self.card.input_width, self.card.input_height)
             print(f"generating {source.generate} pictures into {folder}", flush=True)
-            write_pictures(source, (width, height))
+            write_pictures(source, size)
 
     def setup(self, stage: str) -> None:
         """Read the labels, decode what fits into memory, cut people out and render others."""
+        card, classes = self.card, self.classes
         if stage == "fit":
             self.training = TrainingExamples(
-                [TrainingImages(source, self.classes) for source in self.sources["train"]],
-                self.examples_per_epoch,
-                self.size,
+                [TrainingImages(source, classes) for source in self.sources["train"]],
+                self.batches * self.batch_size,
+                (card.input_height, card.input_width),
                 self.augmentation,
                 self.composition,
                 self.seed,
             )
-        if stage in ("fit", "validate", "test"):
-            validated = [TrainingImages(source, self.classes) for source in self.sources["val"]]
-            self.validation = ValidationExamples(validated, self.card)
+        self.validated = [TrainingImages(source, classes) for source in self.sources["val"]]
+        self.validation = ValidationExamples(self.validated, card)
 
     def train_dataloader(self) -> DataLoader[Example]:
         """Batches of an epoch."""
@@ -258,6 +296,10 @@ class DetectionData(lightning.LightningDataModule):
 
     def test_dataloader(self) -> DataLoader[Example]:
         return self.val_dataloader()
+
+    def predict_dataloader(self) -> DataLoader[ImageArray]:
+        """The images that are validated on, one by one, as they are."""
+        return DataLoader(PredictedImages(self.validated), batch_size=1, collate_fn=list)
 
 
 def collate(examples: list[Example]) -> DetectionBatch:

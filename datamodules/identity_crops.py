@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.labelled_images import LabelledFrame, labelled_images, read_image
+from tsuiseki.datamodules.labelled_images import LabelledFrame, Part, labelled_images, read_image
 from tsuiseki.datamodules.scenes.people.person import (
     Person,
     paste,
@@ -84,7 +84,9 @@ def join_crops(parts: Sequence[IdentityCrops]) -> IdentityCrops:
     )
 
 
-def crops_from_folder(folder: Path, frames: tuple[int, int] | None, least_visible: float = 0.3) -> IdentityCrops:
+def crops_from_folder(
+    folder: Path, frames: tuple[int, int] | None, least_visible: float = 0.3, part: Part = (0.0, 1.0)
+) -> IdentityCrops:
     """Views of the labelled people of a MOTChallenge sequence, of every sequence in a folder, of MARS or Market-1501.
 
     Args:
@@ -93,17 +95,18 @@ def crops_from_folder(folder: Path, frames: tuple[int, int] | None, least_visibl
         frames: first and last frame, 1-based, both included; None for all.
         least_visible: smallest visible share of a box, in [0, 1]. Where the labels do not say it, the share that no
             nearer person's box covers counts.
+        part: of each sequence, in shares of its length.
 
     Raises:
         RequestError: the folder is not readable as sequences with images, or fewer than two people are left.
     """
-    root, part = (folder.parent, folder.name) if folder.name in (TRAIN, GALLERY) else (folder, TRAIN)
+    root, subset = (folder.parent, folder.name) if folder.name in (TRAIN, GALLERY) else (folder, TRAIN)
     if is_market(root):
-        return _from_mars([crop for crop in read_market(root, part) if crop.person > 0])
+        return _from_mars([crop for crop in read_market(root, subset) if crop.person > 0])
     if is_mars(folder):
         return _from_mars(training_crops(folder))
     parts: dict[str, list[tuple[LabelledFrame, BoolArray]]] = {}
-    for sample in labelled_images(folder, frames, single=False):
+    for sample in labelled_images(folder, frames, part, single=False):
         usable = ~sample.ignored & (np.minimum(sample.visibility, uncovered(sample.boxes)) >= least_visible)
         parts.setdefault(sample.sequence, []).append((sample, usable))
     crops = join_crops([_cut_sequence(samples) for samples in parts.values()])

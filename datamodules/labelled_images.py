@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from tsuiseki.tracking.errors import RequestError, RunError, a_path
 from tsuiseki.tracking.formats.label_checks import PEOPLE, NothingLabelledError
 from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
 from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES, list_images
+from tsuiseki.tracking.formats.yolo import ABOUT
 from tsuiseki.tracking.output import output_folder
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.frame_range import FrameRange
@@ -26,6 +27,75 @@ from tsuiseki.tracking.video.source import open_source
 
 # Shares of a video in [0, 1]: where a part begins, and where it ends.
 Part: TypeAlias = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class LabelledPart:
+    """Labelled video, or a part of it.
+
+    Attributes:
+        folder: labels of any layout, see `open_labelled`.
+        frames: first and last frame of each sequence, 1-based and both included; null for all.
+        part: likewise in shares of its length, such as [0, 0.9].
+    """
+
+    folder: str
+    frames: tuple[int, int] | None = None
+    part: Part = (0.0, 1.0)
+
+    @property
+    def made(self) -> bool:
+        """Whether the folder is filled where it is missing."""
+        return False
+
+
+# Folders of labelled video, or parts of them: one or several.
+Labelled: TypeAlias = Sequence[LabelledPart | Path | str] | LabelledPart | Path | str
+Source = TypeVar("Source", bound=LabelledPart)
+
+
+def labelled_parts(labelled: Labelled | None, name: str, kind: type[Source]) -> list[Source]:
+    """What ``labelled`` stands for; YOLO's ``data.yaml`` stands for its folder.
+
+    Args:
+        labelled: folders or parts, one or several.
+        name: of the argument, for the error.
+        kind: of the parts.
+
+    Raises:
+        RequestError: there is none, or a folder is missing.
+    """
+    several = list(labelled) if isinstance(labelled, list | tuple) else [] if labelled is None else [labelled]
+    if not several:
+        raise RequestError(f"`{name}`: expected at least one folder of labelled video, got none")
+    parts = []
+    for place in several:
+        part = place if isinstance(place, kind) else kind(str(a_path(place, name)))
+        folder = Path(part.folder)
+        if folder.name == ABOUT:
+            part = replace(part, folder=str(folder.parent))
+        if part.folder.startswith(("[", "{")):
+            fields = ", ".join(field for field in kind.__dataclass_fields__)
+            raise RequestError(f"`{name}`: expected folders, or parts with some of {fields}; got {part.folder}")
+        if not part.made and not folder.exists():
+            raise RequestError(f"`{name}`: expected labelled video at {folder}, found none")
+        parts.append(part)
+    return parts
+
+
+def held_out(parts: Sequence[Source], share: float) -> tuple[list[Source], list[Source]]:
+    """The beginnings of all videos, and the last ``share`` of each, in (0, 1).
+
+    Raises:
+        RequestError: the share lies outside.
+    """
+    if not 0 < share < 1:
+        raise RequestError(f"`val_share`: expected a share of each video between 0 and 1, got {share}")
+    borders = [part.part[0] + (part.part[1] - part.part[0]) * (1 - share) for part in parts]
+    learnt = [replace(part, part=(part.part[0], border)) for part, border in zip(parts, borders, strict=True)]
+    return learnt, [replace(part, part=(border, part.part[1])) for part, border in zip(parts, borders, strict=True)]
+
+
 # Frames of video files, one folder a video.
 FRAMES = Path("out/cache/frames")
 

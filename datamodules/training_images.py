@@ -16,7 +16,7 @@ import numpy as np
 
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import Cutout, SizeByRow, cut_out_people, empty_view, fit_size_by_row
-from tsuiseki.datamodules.labelled_images import labelled_images, read_image
+from tsuiseki.datamodules.labelled_images import LabelledPart, labelled_images, read_image
 from tsuiseki.datamodules.scenes.clip import IMAGES, FrameTruth, ground_truth, write_image
 from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
@@ -44,13 +44,10 @@ LEAST_VISIBLE = 0.25
 
 
 @dataclass(frozen=True)
-class TrainingSource:
+class TrainingSource(LabelledPart):
     """Labelled video to learn from or to validate on.
 
     Attributes:
-        folder: labels of any layout, see `open_labelled`.
-        frames: first and last frame of each sequence, 1-based and both included; null for all.
-        part: likewise in shares of its length, such as [0, 0.9].
         share: how often examples come from here, relative to the other sources.
         fixed_camera: the camera stands still in each sequence, so that people can be cut out and pasted.
         generate: fill a folder that does not exist with this many random generated pictures.
@@ -71,9 +68,6 @@ class TrainingSource:
         size: their width and height, pixels; by default those of the input.
     """
 
-    folder: str
-    frames: tuple[int, int] | None = None
-    part: tuple[float, float] = (0.0, 1.0)
     share: float = 1.0
     fixed_camera: bool = False
     generate: int = 0
@@ -86,6 +80,11 @@ class TrainingSource:
     boxes: BoxConvention = "silhouettes"
     seed: int = 0
     size: tuple[int, int] | None = None
+
+    @property
+    def made(self) -> bool:
+        """Whether the folder is filled where it is missing."""
+        return self.generate > 0
 
 
 @dataclass(frozen=True)

@@ -43,7 +43,7 @@ from tsuiseki.tracking.runs.options import OutputFile, Seed
 from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.weights import shipped, shipped_or_file
-from tsuiseki.trainers.exporting.export_costs import export_affinity
+from tsuiseki.trainers.exporting.written_costs import export_affinity
 from tsuiseki.trainers.flow.videos import (
     RIGHT_OVERLAP,
     described,

@@ -2,76 +2,126 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from pathlib import Path
+from typing import Any, Literal
+from warnings import warn
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from tsuiseki.datamodules.appearance import AppearanceBatch
+from tsuiseki.datamodules.appearance import APART, AppearanceBatch
 from tsuiseki.models.appearance import AppearanceNetwork, contrastive_loss, softmax_contrastive_loss, triplet_loss
 from tsuiseki.models.backbones import TrunkName
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.reidentification import evaluate_retrieval
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.trainers.network_module import NetworkModule, Optimisation, normalised, plain_hyperparameters
+from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.weights import shipped_or_file
+from tsuiseki.trainers.exporting.exported_weights import opened_onnx, unfold
+from tsuiseki.trainers.exporting.written_networks import model_file, write_appearance
+from tsuiseki.trainers.network_module import (
+    NetworkModule,
+    Optimisation,
+    first_samples,
+    normalised,
+    plain_hyperparameters,
+    read_checkpoint,
+)
+from tsuiseki.trainers.start import begin_network, completed
 
 LossName = Literal["softmax", "triplet", "contrastive"]
 LOSSES = {"softmax": softmax_contrastive_loss, "triplet": triplet_loss, "contrastive": contrastive_loss}
-# Frames that validation views of one person have to be apart to count.
-APART = 25
+# Pictures that tell the normalisations of an exported network their statistics.
+_NORM_EXAMPLES = 64
 
 
 class Appearance(NetworkModule):
     """An appearance network, its loss and its schedule; validates by rank-1 and mean average precision.
 
+    With a ``start`` trunk, feature length and size are taken from its file.
+
     Args:
-        trunk: of the network.
+        start: name of a shipped appearance network, exported network, or checkpoint of another training, whose weights
+            are taken over.
+        trunk: of the network; by default ``mobilenet_v3_small``.
         weights: ``imagenet`` starts the trunk from torchvision's weights, null from scratch.
-        feature_length: D of the features.
+        feature_length: D of the features; by default 128.
         dropout: share of the pooled values left out in training, in [0, 1).
-        height: of the input, pixels.
-        width: of the input, pixels.
+        height: of the input, pixels; by default 128.
+        width: of the input, pixels; by default 64.
         loss: ``softmax`` compares all views of a batch and is the one to start from scratch with; ``triplet`` and
             ``contrastive`` compare the hardest ones.
         margin: of ``triplet`` and ``contrastive``; the temperature of ``softmax``.
+        learning_rate: at the end of the warm-up.
         optimisation: how weights are moved.
+
+    Raises:
+        RequestError: an argument contradicts the ``start``, or there is no such trunk.
     """
+
+    kind = "appearance"
 
     def __init__(
         self,
-        trunk: TrunkName = "mobilenet_v3_small",
+        start: str | Path | None = None,
+        trunk: TrunkName | None = None,
         weights: Literal["imagenet"] | None = None,
-        feature_length: int = 128,
+        feature_length: int | None = None,
         dropout: float = 0.0,
-        height: int = 128,
-        width: int = 64,
+        height: int | None = None,
+        width: int | None = None,
         loss: LossName = "softmax",
         margin: float = 0.1,
+        learning_rate: float = 2e-3,
         optimisation: Optimisation = Optimisation(),  # noqa: B008
     ) -> None:
         super().__init__()
         self.save_hyperparameters()
+        asked = {"trunk": trunk, "feature_length": feature_length, "height": height, "width": width}
+        file = None if start is None else shipped_or_file("appearance", start)
+        parts = completed(
+            asked, USUAL, None if file is None else parts_of(file), file, fixed=("trunk", "feature_length")
+        )
+        self.hparams.update(parts)
         plain_hyperparameters(self)
+        if start is not None and weights is not None:
+            raise RequestError("expected one of `start` and `weights`, got both")
+        length = parts["feature_length"]
         try:
-            self.network = AppearanceNetwork(trunk, weights, feature_length, dropout=dropout)
+            self.network = AppearanceNetwork(parts["trunk"], weights, length, dropout=dropout)
         except (ValueError, ConnectionError) as error:
             raise RequestError(str(error)) from error
-        self.card = ModelCard(
-            kind="appearance",
-            name=trunk,
-            input_height=height,
-            input_width=width,
-            feature_length=feature_length,
-        )
+        self._folded = [] if file is None else begin_network(self.network, file, "appearance")
+        size = {"input_height": parts["height"], "input_width": parts["width"]}
+        self.card = ModelCard(kind="appearance", name=parts["trunk"], feature_length=length, **size)
         self.loss, self.margin = LOSSES[loss], margin
-        self.optimisation = optimisation
+        self.learning_rate, self.optimisation = learning_rate, optimisation
         # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
         self.network.to(memory_format=torch.channels_last)
+        self.example_input_array = torch.zeros(1, parts["height"], parts["width"], 3, dtype=torch.uint8)
+
+    def on_fit_start(self) -> None:
+        """Weights of an exported file get their normalisations back; a training that goes on has all it needs."""
+        if self._folded and self.trainer.ckpt_path is None:
+            images = first_samples(self, _NORM_EXAMPLES, lambda batch: batch.images)
+            unfold(self.network, self._folded, normalised(images.to(self.device), self.card))
+            self.network.train()
+        self._folded = []
+
+    def predict_step(self, batch: AppearanceBatch | Tensor, batch_index: int) -> FloatArray:
+        """``(B, D)`` unit-length features of a batch of crops; a tensor is ``(B, H, W, 3)`` uint8."""
+        del batch_index
+        features = self(batch if isinstance(batch, Tensor) else batch.images)
+        return np.asarray(features.double().cpu().numpy())
+
+    def export(self, out: str | Path, training_data: str = "", float16: bool = False, overwrite: bool = False) -> float:
+        """Write the network as ONNX, and check that it gives what torch gives; as `Detector.export`."""
+        return write_appearance(self.network, self.card, model_file(out, training_data, float16, overwrite))
 
     def forward(self, images: Tensor) -> Tensor:
         """``(B, D)`` unit-length features of ``(B, H, W, 3)`` uint8 RGB crops."""
-        features: Tensor = self.network(normalised(images, self.card))
+        features: Tensor = self.network(normalised(images, self.card, self.dtype))
         return features
 
     def training_step(self, batch: AppearanceBatch, batch_index: int) -> Tensor:
@@ -96,5 +146,33 @@ class Appearance(NetworkModule):
         # Views a moment apart look the same to anything; finding those says nothing.
         near = np.abs(frames[query][:, None] - frames[~query][None]) < APART
         junk = near & (ids[query][:, None] == ids[~query][None])
+        answered = (ids[query][:, None] == ids[~query][None]) & ~junk
+        if not answered.any():
+            line = "nobody is seen again in the batches that were validated: no score; validate more of them"
+            warn(line, InputWarning, stacklevel=2)
+            return {}
         retrieval = evaluate_retrieval(distances, ids[query], ids[~query], junk)
         return {"rank1": retrieval.rank1, "map": retrieval.mean_average_precision}
+
+
+USUAL = {"trunk": "mobilenet_v3_small", "feature_length": 128, "height": 128, "width": 64}
+
+
+def parts_of(path: Path) -> dict[str, Any]:
+    """What the appearance network at ``path`` is built of.
+
+    Raises:
+        RequestError: the file is missing or of another network.
+    """
+    if path.suffix != ".onnx":
+        held = read_checkpoint(path, "hyper_parameters")
+        if not held.keys() >= USUAL.keys():
+            raise RequestError(
+                f"{path}: expected a checkpoint of `tsuiseki train appearance`, got one of another network"
+            )
+        return {name: held[name] for name in USUAL}
+    _, card = opened_onnx(path)
+    if card.kind != "appearance":
+        raise RequestError(f"{path}: expected an appearance network, got one of kind {card.kind!r}")
+    size = {"height": card.input_height, "width": card.input_width}
+    return {"trunk": card.name, "feature_length": card.feature_length, **size}

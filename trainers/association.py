@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import inspect
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,23 +10,23 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import onnx
 import torch
 from lightning.pytorch.cli import instantiate_module
-from torch import Tensor, nn
+from torch import Tensor
 
 from tsuiseki.models.association import AssociationNetwork
 from tsuiseki.tracking.association.learnt_costs import FeatureNames
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import FloatArray, IntArray
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.trainers.appearance import Appearance
 from tsuiseki.trainers.detector import Detector
 from tsuiseki.trainers.exporting.export import load_module
-from tsuiseki.trainers.exporting.exported_weights import fold_normalisations, layout_of, opened_onnx
+from tsuiseki.trainers.exporting.exported_weights import layout_of
+from tsuiseki.trainers.exporting.written_costs import export_association
 from tsuiseki.trainers.flow.flow_loss import FlowLoss, cheapest, finite
-from tsuiseki.trainers.flow.graphs import FlowCounts, Graph, Graphs
+from tsuiseki.trainers.flow.graphs import FlowCounts, Graph, Graphs, track_numbers
 from tsuiseki.trainers.flow.window_costs import (
     FrozenTrunk,
     contrast_within,
@@ -36,7 +37,14 @@ from tsuiseki.trainers.flow.window_costs import (
     with_new_distances,
 )
 from tsuiseki.trainers.flow.windows import AssociationData, TrainingWindow
-from tsuiseki.trainers.network_module import NetworkModule, Optimisation, plain_hyperparameters, read_checkpoint
+from tsuiseki.trainers.network_module import (
+    BEGINNINGS,
+    NetworkModule,
+    Optimisation,
+    plain_hyperparameters,
+    read_checkpoint,
+)
+from tsuiseki.trainers.start import begin_network
 
 
 def siamese_of(path: Path) -> tuple[Appearance, dict[str, Any]]:
@@ -45,34 +53,8 @@ def siamese_of(path: Path) -> tuple[Appearance, dict[str, Any]]:
     Raises:
         RequestError: the file is missing, or no such checkpoint or file.
     """
-    path = shipped_or_file("appearance", path)
-    if path.suffix != ".onnx":
-        siamese = load_module(Appearance, path)
-        return siamese, {**_made_of(Appearance, path), "weights": None}
-    try:
-        model, card = opened_onnx(path)
-        arrays = {x.name.removesuffix("_half"): onnx.numpy_helper.to_array(x) for x in model.graph.initializer}
-        made_of: dict[str, Any] = {"trunk": card.name, "feature_length": card.feature_length}
-        made_of |= {"height": card.input_height, "width": card.input_width}
-        siamese = Appearance(**made_of)
-        state = siamese.network.state_dict()
-        for name, norm in siamese.network.named_modules():
-            batch_norm = isinstance(norm, nn.BatchNorm1d | nn.BatchNorm2d) and norm.running_var is not None
-            # It is part of the layer before: here it only adds a bias.
-            if batch_norm and f"{name}.weight" not in arrays:
-                norm.running_var.fill_(1 - norm.eps)
-        for name, value in state.items():
-            # A normalisation after a convolution or a matrix is part of it, and its shift lies there.
-            folded = name.removesuffix(".bias")
-            folded = f"{folded[:-1]}{int(folded[-1]) - 1}.weight_bias" if folded[-1:].isdigit() else ""
-            values = arrays.get(name, arrays.get(folded))
-            if values is not None:
-                value.copy_(torch.tensor(values.T if values.shape == tuple(value.shape)[::-1] else values))
-            elif name.endswith(("weight", "bias")) and value.ndim > 1:
-                raise KeyError(name)
-    except Exception as error:
-        raise RequestError(f"{path}: expected an appearance network of `tsuiseki export appearance`") from error
-    return siamese.eval(), made_of
+    siamese = Appearance(start=path)
+    return siamese.eval(), {name: siamese.hparams[name] for name in ("trunk", "feature_length", "height", "width")}
 
 
 def detector_of(path: Path) -> tuple[Detector, dict[str, Any]]:
@@ -90,11 +72,10 @@ def detector_of(path: Path) -> tuple[Detector, dict[str, Any]]:
             raise RequestError(
                 f"{path}: expected a detector of people alone, got {', '.join(detector.card.class_names)}"
             )
-        return heads_only(detector), {**made_of, "weights": None, "start": None, "teacher": {}}
+        return heads_only(detector), {**made_of, **BEGINNINGS}
+    # It is of people alone.
     made_of = {**layout_of(path).arguments, "loss": "quality", "box_weight": 2.0}
     detector = Detector(**made_of, start=path)
-    # Normalisations of an exported file are part of its convolutions: here they only add a bias.
-    fold_normalisations(detector)
     return heads_only(detector), made_of
 
 
@@ -153,33 +134,45 @@ class Association(NetworkModule):
     """The association network, the loss of whole flows, and its schedule; validates by agreement with the labels.
 
     Args:
+        start: exported association network, or checkpoint of another training, whose weights are taken over.
         trust: share of the learnt change of what using a detection costs that is taken outside of training: scores and
             sizes mean other things in other videos, so half of it carries over better than all.
         loss: of the flow.
         joins: weight of the loss of the second level, the joins of tracklets; 0 leaves it out.
         appearance: how appearance learns with the costs.
         detector: how a detector learns with the costs.
+        learning_rate: at the end of the warm-up.
         optimisation: how weights are moved; they decay towards the tracker's own costs.
         seed: of the perturbations.
     """
 
+    kind = "association"
+
     def __init__(
         self,
+        start: str | Path | None = None,
         trust: float = 0.5,
         loss: FlowLoss = FlowLoss(),  # noqa: B008
         joins: float = 0.2,
         appearance: AppearanceLearning = AppearanceLearning(),
         detector: HeadsLearning = HeadsLearning(),
-        optimisation: Optimisation = Optimisation(3e-3, 1e-2, warmup_steps=10),  # noqa: B008
+        learning_rate: float = 3e-3,
+        optimisation: Optimisation = Optimisation(weight_decay=1e-2, warmup_steps=10),  # noqa: B008
         seed: int = 0,
     ) -> None:
         super().__init__()
         self.save_hyperparameters(ignore=["appearance", "detector"])
         plain_hyperparameters(self)
         names = FeatureNames()
-        self.network = AssociationNetwork(len(names.links), len(names.detections), len(names.joins), trust)
+        sizes = len(names.links), len(names.detections), len(names.joins)
+        self.network = AssociationNetwork(*sizes, trust)
+        self.example_input_array = tuple(torch.zeros(2, size) for size in sizes)
+        self._started = start is not None
+        if start is not None:
+            begin_network(self.network, Path(start), "association")
+            self.network.load_state_dict(AssociationNetwork(*sizes, trust).trusts(), strict=False)
         self.loss, self.joins = loss, joins
-        self.optimisation, self.seed = optimisation, seed
+        self.learning_rate, self.optimisation, self.seed = learning_rate, optimisation, seed
         self.appearance, self.heads, self.link_cost = appearance, detector, LinkCost()
         self.siamese: Appearance | None = None
         self._siamese_made_of: dict[str, Any] = {}
@@ -200,12 +193,22 @@ class Association(NetworkModule):
         return batch
 
     def setup(self, stage: str) -> None:
-        """Take mean and deviation of the features from what is learnt from; a checkpoint has its own."""
+        """Take mean and deviation of the features from what is learnt from; a checkpoint has its own.
+
+        Raises:
+            RequestError: the Trainer has a precision that the solver of the flow does not take.
+        """
+        if self.trainer.precision.endswith("true") and self.trainer.precision != "32-true":
+            raise RequestError(
+                f"expected the precision 32-true or a mixed one, for the flow is solved outside of torch; got "
+                f"{self.trainer.precision}"
+            )
         data = getattr(self.trainer, "datamodule", None)
         self._planned = (self.trainer.max_epochs or -1, self.trainer.max_steps)
         if isinstance(data, AssociationData):
             self.link_cost = data.settings.costs.link
-            if stage == "fit":
+            # The weights of a start go with its mean and deviation.
+            if stage == "fit" and not self._started:
                 self.standardise(data.learnt)
 
     def standardise(self, graphs: Sequence[Graphs]) -> None:
@@ -264,6 +267,8 @@ class Association(NetworkModule):
     def _tensor(self, values: FloatArray) -> Tensor:
         return torch.as_tensor(values, dtype=torch.float32, device=self.device)
 
+    # The flow is solved outside of torch; there is nothing that torch.compile could do better.
+    @torch.compiler.disable  # type: ignore[untyped-decorator]
     def training_step(self, batch: TrainingWindow, batch_index: int) -> Tensor | None:
         """The loss of a window, and of the joins of its sequence; None for a window without detections.
 
@@ -302,14 +307,19 @@ class Association(NetworkModule):
         costs = finite(costs, graph.name, "cost").double()
         return loss(costs, graph.arcs(), rng) / len(graph)
 
+    @torch.compiler.disable  # type: ignore[untyped-decorator]
     def validation_step(self, batch: TrainingWindow, batch_index: int) -> None:
         """Count what the flow does right and wrong."""
         del batch_index
+        self.validated.append(FlowCounts())
+        self.validated[-1].add(batch.detections, self._flow(batch))
+
+    def _flow(self, batch: TrainingWindow) -> FloatArray:
+        """``(3 N + P,)`` the cheapest flow of a window."""
         graph = batch.detections
         with torch.no_grad():
             costs = self.costs(batch, *self.outputs(batch)).double().cpu().numpy()
-        self.validated.append(FlowCounts())
-        self.validated[-1].add(graph, cheapest(costs, graph.tail, graph.head))
+        return cheapest(costs, graph.tail, graph.head)
 
     def scores(self, rows: list[FlowCounts]) -> dict[str, float]:
         """Agreement with the labelled flow, MOTA and switches of all windows."""
@@ -321,11 +331,12 @@ class Association(NetworkModule):
         groups = super().parameter_groups()
         for part, share in ((self.siamese, self.appearance.rate), (self.detector, self.heads.rate)):
             if part is not None:
-                groups += self.optimisation.groups(part, share)
+                groups += self.optimisation.groups(part, share * self.learning_rate)
         return groups
 
     def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Keep what the other networks are made of, so that they can be made again without their own checkpoints."""
+        super().on_save_checkpoint(checkpoint)
         checkpoint[PLANNED], checkpoint[PLANNED_STEPS] = self._planned
         if self.siamese is not None:
             checkpoint["siamese"] = self._siamese_made_of
@@ -341,3 +352,32 @@ class Association(NetworkModule):
         if self.siamese is None and "siamese" in checkpoint:
             self._siamese_made_of = checkpoint["siamese"]
             self.siamese = instantiate_module(Appearance, self._siamese_made_of).eval()
+        super().on_load_checkpoint(checkpoint)
+
+    def forward(self, links: Tensor, detections: Tensor, joins: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """Changes of costs by features, see `AssociationNetwork.forward`."""
+        changes: tuple[Tensor, Tensor, Tensor] = self.network(links, detections, joins)
+        return changes
+
+    def predict_step(self, batch: TrainingWindow, batch_index: int) -> IntArray:
+        """``(N,)`` which track each detection of a window is in, numbered from 0; -1 for those that are left out."""
+        del batch_index
+        return track_numbers(batch.detections, self._flow(batch))
+
+    def export(self, out: str | Path, training_data: str = "", overwrite: bool = False) -> float:
+        """Write the costs as ONNX, and check that they are those that torch gives.
+
+        Args:
+            out: file to write, for --affinity.
+            training_data: what it was trained on, in words; kept in the file.
+            overwrite: replace an existing file.
+
+        Returns:
+            The largest difference of a cost to torch.
+
+        Raises:
+            RequestError: the file exists, or cannot be written.
+            RunError: the file does not give what torch gives.
+        """
+        network = copy.deepcopy(self.network).cpu().float()
+        return export_association(network, Path(out), training_data, overwrite)

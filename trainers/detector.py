@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -11,38 +12,40 @@ import torch
 from torch import Tensor, nn
 from torchvision.ops import batched_nms
 
-from tsuiseki.datamodules.detector import PERSON_ALONE, DetectionBatch
+from tsuiseki.datamodules.detector import DetectionBatch, DetectionData
 from tsuiseki.models import losses
 from tsuiseki.models.anchors import decode
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.models.detector import BranchedDetector
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import evaluate_classes
+from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.tracking.types import Detections, FloatArray, IntArray
+from tsuiseki.tracking.preprocessing import fit_image
+from tsuiseki.tracking.types import Detections, FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.trainers.detector_network import (
-    COCO_NORMALISATIONS,
     Architecture,
     Normalisation,
     Resize,
     SoftTeacher,
     Teacher,
     begin_branch,
-    build_detector,
-    detector_card,
-    take_over,
+    begin_network,
+    built,
+    card_of,
+    detector_parts,
 )
 from tsuiseki.trainers.exporting.exported_weights import restore_normalisations
-from tsuiseki.trainers.network_module import NetworkModule, Optimisation, normalised, plain_hyperparameters
+from tsuiseki.trainers.exporting.written_networks import model_file, write_heads
+from tsuiseki.trainers.network_module import (
+    NetworkModule,
+    Optimisation,
+    first_samples,
+    normalised,
+    plain_hyperparameters,
+)
 
-# Widths and heights of people in street views, in pixels of a 640x480 input, at strides 8, 16, 32 and 64.
-STREET_ANCHORS: list[list[tuple[float, float]]] = [
-    [(9.0, 22.0), (13.0, 32.0), (18.0, 46.0)],
-    [(25.0, 64.0), (36.0, 92.0)],
-    [(52.0, 132.0), (78.0, 190.0)],
-    [(120.0, 280.0)],
-]
 DetectionLossName = Literal["multibox", "quality"]
 # What scores and boxes learn by.
 LOSSES: dict[DetectionLossName, tuple[losses.ScoreTerm, losses.BoxTerm]] = {
@@ -55,6 +58,11 @@ _CANDIDATES = 300
 _NORM_EXAMPLES = 32
 
 
+_BRANCHED = "a branched detector needs model.start and a model.optimisation.features_rate of 1"
+# Scores that are reported, as of an exported detector.
+SCORE_THRESHOLD = 0.3
+
+
 @dataclass(frozen=True)
 class DetectorOptimisation(Optimisation):
     """How the training of a detector moves weights.
@@ -64,104 +72,185 @@ class DetectorOptimisation(Optimisation):
             starting weights know of other places.
     """
 
+    warmup_steps: int = 50
     features_rate: float = 1.0
+
+
+class PredictedDetections(Detections):
+    """Detections that pass through Lightning's prediction loop: what is on no device stays as it is."""
+
+    def to(self, device: torch.device, non_blocking: bool = False) -> PredictedDetections:
+        """Themselves."""
+        del device, non_blocking
+        return self
 
 
 class Detector(NetworkModule):
     """A detector of people or other classes, its loss and its schedule; validates by AP50, its mean over the classes.
 
+    With a ``start`` all that its file says is taken from there: trunk, anchors, channels, size, normalisation, classes.
+
     Args:
-        classes: names of what is detected, as the labels call them.
-        architecture: ``people`` (stride 8, any input), ``ssdlite320``, ``ssd300`` or ``ssd512``; or ``branched``: the
-            ``people`` detector of ``start``, which stays as it is, and a branch that learns boxes of other shapes.
-        trunk: of ``people`` and ``branched``.
-        weights: start from torchvision's ``imagenet`` trunk, its ``coco`` detector, or null for scratch.
-        start: checkpoint of another detector training, exported detector, or name of a shipped one, whose weights are
-            taken over where their shapes fit.
-        height: of the input, pixels.
-        width: of the input, pixels.
-        resize: how images are fitted into the input.
+        start: name of a shipped detector, exported detector, or checkpoint of another training, whose weights are taken
+            over. One of people alone may start other ``classes``.
+        classes: names of what is detected, as the labels call them; by default people.
+        architecture: by default ``people`` (stride 8, any input); or ``ssdlite320``, ``ssd300``, ``ssd512``; or
+            ``branched``: the ``people`` detector of ``start``, which stays as it is, and a branch that learns boxes of
+            other shapes.
+        trunk: of ``people`` and ``branched``; by default ``mobilenet_v3_large``.
+        weights: begin with torchvision's ``imagenet`` trunk, its ``coco`` detector, or null for scratch.
+        height: of the input, pixels; by default 384.
+        width: of the input, pixels; by default 512.
+        resize: how images are fitted into the input; by default ``letterbox``.
         normalisation: of the channels; null is what the starting weights were trained with.
         anchors: of ``people``: for strides 8, 16, 32 and maybe 64 the ``[width, height]`` of its anchors in input
             pixels; `tsuiseki.models.anchors.propose_anchors` fits them to labels. Of ``branched``: those of ``start``
-            at strides 8, 16 and 32, and then those of the branch.
-        channels: of the top-down path of ``people``, or of the branch.
+            at strides 8, 16 and 32, and then those of the branch. By default for people in a street.
+        channels: of the top-down path of ``people``, or of the branch; by default 96.
         loss: ``multibox`` (smooth L1 on boxes, scores by hard negatives) or ``quality`` (complete IoU, scores that are
             to be the overlap).
         box_weight: of the box loss against the class loss; 2 suits complete IoU.
         teacher: another detector, from whose scores and boxes the network learns beside the labels.
+        learning_rate: at the end of the warm-up.
         optimisation: how weights are moved.
+
+    Raises:
+        RequestError: an argument contradicts the ``start``, its weights do not fit, or parts do not fit together.
     """
 
+    kind = "detector"
     optimisation: DetectorOptimisation
 
     def __init__(
         self,
-        classes: list[str] = PERSON_ALONE,
-        architecture: Architecture = "people",
-        trunk: TrunkName = "mobilenet_v3_large",
+        start: str | Path | None = None,
+        classes: list[str] | None = None,
+        architecture: Architecture | None = None,
+        trunk: TrunkName | None = None,
         weights: Literal["imagenet", "coco"] | None = None,
-        start: Path | None = None,
-        height: int = 384,
-        width: int = 512,
-        resize: Resize = "letterbox",
+        height: int | None = None,
+        width: int | None = None,
+        resize: Resize | None = None,
         normalisation: Normalisation | None = None,
-        anchors: list[list[tuple[float, float]]] = STREET_ANCHORS,
-        channels: int = 96,
-        loss: DetectionLossName = "multibox",
-        box_weight: float = 1.0,
+        anchors: list[list[tuple[float, float]]] | None = None,
+        channels: int | None = None,
+        loss: DetectionLossName = "quality",
+        box_weight: float = 2.0,
         teacher: Teacher = Teacher(),  # noqa: B008
-        optimisation: DetectorOptimisation = DetectorOptimisation(warmup_steps=200),
+        learning_rate: float = 1e-3,
+        optimisation: DetectorOptimisation = DetectorOptimisation(),
     ) -> None:
         super().__init__()
         self.save_hyperparameters()
+        file = None if start is None else shipped_or_file("detector", start)
+        asked: dict[str, Any] = {"architecture": architecture, "trunk": trunk, "anchors": anchors, "channels": channels}
+        asked |= {
+            "height": height,
+            "width": width,
+            "resize": resize,
+            "normalisation": normalisation,
+            "classes": classes,
+        }
+        parts = detector_parts(asked, weights, file)
+        # A checkpoint is loaded without its starting weights, which must not change its parts.
+        self.hparams.update(parts)
         plain_hyperparameters(self)
-        self.network = build_detector(architecture, trunk, weights, (height, width), anchors, channels, len(classes))
-        self._foreign_norms = False
-        if start is not None:
-            file = shipped_or_file("detector", start)
-            self._foreign_norms = file.suffix == ".onnx"
-            if isinstance(self.network, BranchedDetector):
-                begin_branch(self.network, file, anchors)
-            else:
-                take_over(self.network, file)
-        name = f"{architecture}-{trunk}" if architecture in ("people", "branched") else architecture
-        if normalisation is None:
-            normalisation = COCO_NORMALISATIONS[architecture] if weights == "coco" else "imagenet"
-        # A checkpoint is loaded without its starting weights, which must not change its normalisation.
-        self.hparams["normalisation"] = normalisation
-        self.card = detector_card(name, (height, width), resize, normalisation, classes)
+        self.network = built(parts, weights)
+        self._foreign_norms = file is not None and file.suffix == ".onnx"
+        if file is not None and isinstance(self.network, BranchedDetector):
+            begin_branch(self.network, file, parts["anchors"])
+        elif file is not None:
+            begin_network(self.network, file)
+        self.card = card_of(parts)
         self.loss = losses.DetectionLoss(*LOSSES[loss], box_weight=box_weight)
-        if teacher.file is not None and len(classes) > 1:
+        if teacher.file is not None and len(self.card.class_names) > 1:
             raise RequestError("expected one class with a `teacher`, which knows people alone")
         self.teacher = None if teacher.file is None else SoftTeacher(teacher.file, self.network, self.card)
         self.teacher_weight = teacher.weight
-        self.optimisation = optimisation
+        self.learning_rate, self.optimisation = learning_rate, optimisation
         # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
         self.network.to(memory_format=torch.channels_last)
+        self.example_input_array = torch.zeros(1, self.card.input_height, self.card.input_width, 3, dtype=torch.uint8)
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
-        """Raw heads of ``(B, H, W, 3)`` uint8 images; see `Detector.forward`."""
-        logits, offsets = self.network(normalised(images, self.card))
+        """Raw heads of ``(B, H, W, 3)`` uint8 images; see `AnchorDetector.forward`."""
+        logits, offsets = self.network(normalised(images, self.card, self.dtype))
         return logits, offsets
+
+    @torch.no_grad()
+    def detect(self, images: Sequence[ImageArray], score_threshold: float = SCORE_THRESHOLD) -> list[Detections]:
+        """What is detected in images of any size, each ``(H, W, 3)`` uint8 RGB, in their pixels.
+
+        Args:
+            images: any number.
+            score_threshold: detections below it are left out; in [0, 1].
+        """
+        if not len(images):
+            return []
+        fitted, scales = zip(*(fit_image(image, self.card) for image in images), strict=True)
+        batch = torch.from_numpy(np.stack(fitted)).to(self.device)
+        logits, offsets = self(batch)
+        names = dict(enumerate(self.card.class_names, start=1))
+        of_input = detections(logits, offsets, self.network.anchors, self.card)
+        result = list[Detections]()
+        for detected, scale, image in zip(of_input, scales, images, strict=True):
+            boxes = clip_boxes(detected.boxes / np.tile(scale, 2), image.shape[1], image.shape[0])
+            usable = (detected.scores >= score_threshold) & ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)
+            in_image = PredictedDetections(boxes[usable], detected.scores[usable])
+            if len(names) > 1:
+                in_image = replace(in_image, classes=np.asarray(detected.classes)[usable], names=names)
+            result.append(in_image)
+        return result
+
+    def predict_step(self, batch: Sequence[ImageArray] | Tensor, batch_index: int) -> Detections | list[Detections]:
+        """The `detect` of an image, or a list of them of several; a tensor is ``(B, H, W, 3)`` uint8."""
+        del batch_index
+        images = list(batch.cpu().numpy()) if isinstance(batch, Tensor) else batch
+        detected = self.detect(images)
+        return detected[0] if len(detected) == 1 else detected
+
+    def export(self, out: str | Path, training_data: str = "", float16: bool = False, overwrite: bool = False) -> float:
+        """Write the detector as ONNX, and check that it gives what torch gives.
+
+        Args:
+            out: file to write.
+            training_data: what it was trained on, in words; kept in the file.
+            float16: store weights as 16-bit numbers, half the size.
+            overwrite: replace an existing file.
+
+        Returns:
+            The largest difference to torch, as a share of the range of an output.
+
+        Raises:
+            RequestError: the file exists, or cannot be written.
+            RunError: the file does not give what torch gives.
+        """
+        card = replace(self.card, training_data=training_data)
+        return write_heads(self.network, card, model_file(out, training_data, float16, overwrite))
 
     def on_fit_start(self) -> None:
         """Weights of an exported file get their normalisations back; a training that goes on has all it needs."""
         if self.trainer.ckpt_path is not None:
             return
         if self._foreign_norms:
-            examples = [self.trainer.datamodule.training[n] for n in range(_NORM_EXAMPLES)]  # type: ignore[attr-defined]
-            images = torch.stack([torch.from_numpy(e.image) for e in examples]).to(self.device)
-            restore_normalisations(self.network, normalised(images, self.card))
+            restore_normalisations(self.network, normalised(self._examples().to(self.device), self.card))
+            self._foreign_norms = False
         if isinstance(self.network, BranchedDetector):
-            if self.hparams["start"] is None or self.optimisation.features_rate != 1:
-                raise RequestError("a branched detector needs model.start and a model.optimisation.features_rate of 1")
+            if self.hparams["start"] is None:
+                raise RequestError(_BRANCHED)
             self.network.begin()
         self.network.train()
 
+    def _examples(self) -> Tensor:
+        """``(N, H, W, 3)`` uint8 pictures to learn from, for the statistics of the normalisations."""
+        data = getattr(self.trainer, "datamodule", None)
+        if isinstance(data, DetectionData):
+            return torch.stack([torch.from_numpy(data.training[n].image) for n in range(_NORM_EXAMPLES)])
+        return first_samples(self, _NORM_EXAMPLES, lambda batch: batch.images)
+
     def training_step(self, batch: DetectionBatch, batch_index: int) -> Tensor:
         del batch_index
-        images = normalised(batch.images, self.card)
+        images = normalised(batch.images, self.card, self.dtype)
         logits, offsets = self.network(images)
         class_loss, box_loss = self.loss(logits, offsets, self.network.anchors, batch.boxes, batch.labels)
         terms = {"train/class_loss": class_loss, "train/box_loss": box_loss}
@@ -201,9 +290,13 @@ class Detector(NetworkModule):
         """What learns, and how fast."""
         if self.optimisation.features_rate == 1:
             return super().parameter_groups()
+        if isinstance(self.network, BranchedDetector):
+            raise RequestError(_BRANCHED)
         heads = nn.ModuleList([self.network.class_heads, self.network.box_heads])
-        features = self.optimisation.groups(self.network.features, self.optimisation.features_rate)
-        return features + self.optimisation.groups(heads)
+        rate = self.optimisation.features_rate * self.learning_rate
+        return self.optimisation.groups(self.network.features, rate) + self.optimisation.groups(
+            heads, self.learning_rate
+        )
 
 
 def detections(logits: Tensor, offsets: Tensor, anchors: Tensor, card: ModelCard) -> list[Detections]:

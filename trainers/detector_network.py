@@ -21,6 +21,7 @@ from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
 from tsuiseki.trainers.network_module import read_checkpoint
+from tsuiseki.trainers.start import completed
 
 Architecture = Literal["people", "branched", "ssdlite320", "ssd300", "ssd512"]
 Resize = Literal["letterbox", "stretch"]
@@ -36,6 +37,15 @@ _NORMALISATIONS: dict[Normalisation, tuple[tuple[float, ...], tuple[float, ...]]
 }
 COCO_NORMALISATIONS: dict[str, Normalisation] = {"ssdlite320": "symmetric", "ssd300": "bytes"}
 _LAYOUT = ("architecture", "trunk", "anchors", "channels")
+# Widths and heights of people in street views, in pixels of a 640x480 input, at strides 8, 16, 32 and 64.
+STREET_ANCHORS: list[list[tuple[float, float]]] = [
+    [(9.0, 22.0), (13.0, 32.0), (18.0, 46.0)],
+    [(25.0, 64.0), (36.0, 92.0)],
+    [(52.0, 132.0), (78.0, 190.0)],
+    [(120.0, 280.0)],
+]
+# Share of its tensors that a detector takes over from its start at least: heads for other anchors are a twentieth.
+TAKEN_OVER = 0.9
 
 
 def build_detector(
@@ -93,10 +103,8 @@ def take_over(network: AnchorDetector, checkpoint: Path) -> list[str]:
         checkpoint: of a training, or a detector that was exported from one (``.onnx``).
 
     Raises:
-        RequestError: the file is missing or no checkpoint, or no tensor fits.
+        RequestError: the file is missing or no checkpoint.
     """
-    if not checkpoint.is_file():
-        raise RequestError(f"expected a checkpoint to start from at {checkpoint}, found none")
     if checkpoint.suffix == ".onnx":
         weights = exported_weights(checkpoint)
     else:
@@ -106,11 +114,28 @@ def take_over(network: AnchorDetector, checkpoint: Path) -> list[str]:
     if network.classes > 1:
         _suit_heads(weights, target, network.classes)
     fitting = {name: value for name, value in weights.items() if name in target and target[name].shape == value.shape}
-    if not fitting:
-        raise RequestError(f"{checkpoint}: none of its weights fit this detector; start from one with the same trunk")
     network.load_state_dict(fitting, strict=False)
     # Exported files hold no counts of batches.
     return [name for name in target if name not in fitting and not name.endswith("num_batches_tracked")]
+
+
+def begin_network(network: AnchorDetector, path: Path) -> None:
+    """Fill ``network`` with the weights of the detector at ``path``, and see that hardly any is missing.
+
+    The network computes what the file does, where it has the file's anchors.
+
+    Raises:
+        RequestError: less than `TAKEN_OVER` of its tensors are taken over.
+    """
+    missing = take_over(network, path)
+    count = sum(not name.endswith("num_batches_tracked") for name in network.state_dict())
+    if count - len(missing) < TAKEN_OVER * count:
+        raise RequestError(
+            f"`start`: expected weights for {TAKEN_OVER:.0%} of the {count} tensors of this detector, got "
+            f"{count - len(missing)} from {path}; leave out `trunk`, `channels` and `anchors`, then they are the file's"
+        )
+    if path.suffix == ".onnx":
+        fold_normalisations(network)
 
 
 def begin_branch(network: BranchedDetector, path: Path, anchors: list[list[tuple[float, float]]]) -> None:
@@ -226,16 +251,79 @@ class SoftTeacher:
             return soft_targets(network, images, self.calibration)
 
 
-def _described(path: Path) -> tuple[dict[str, Any], ModelCard, tuple[float, float]]:
+# What a detector is built of without a start.
+USUAL: dict[str, Any] = {
+    "architecture": "people",
+    "trunk": "mobilenet_v3_large",
+    "anchors": STREET_ANCHORS,
+    "channels": 96,
+    "height": 384,
+    "width": 512,
+    "resize": "letterbox",
+    "normalisation": "imagenet",
+    "classes": [PEOPLE],
+}
+
+
+def detector_parts(
+    asked: dict[str, Any], weights: Literal["imagenet", "coco"] | None, path: Path | None
+) -> dict[str, Any]:
+    """What a detector is built of, by the names of `USUAL`.
+
+    Args:
+        asked: parts that are asked for; None for those that the start or `USUAL` decides.
+        weights: of torchvision.
+        path: of the start: exported detector or checkpoint; None without one.
+
+    Raises:
+        RequestError: the file is missing or of another network, or a part contradicts it.
+    """
+    if path is None:
+        norm = COCO_NORMALISATIONS.get(asked["architecture"] or "") if weights == "coco" else None
+        usual = {**USUAL, "normalisation": norm or USUAL["normalisation"]}
+        return completed(asked, usual, None, None, ())
+    if weights is not None:
+        raise RequestError("expected one of `start` and `weights`, got both")
+    layout, card, _ = _described(path, people=False)
+    norms = [name for name, values in _NORMALISATIONS.items() if values == (card.mean, card.std)]
+    held = {**layout, "height": card.input_height, "width": card.input_width, "resize": card.resize}
+    held |= {"normalisation": next(iter(norms), None), "classes": list(card.class_names)}
+    fixed = ["normalisation"]
+    if asked["architecture"] == "branched":
+        # Those of the branch are its own.
+        held["channels"] = USUAL["channels"]
+    else:
+        fixed += ["architecture", "trunk", "channels"]
+    if len(card.class_names) > 1:
+        fixed.append("classes")
+    return completed(asked, USUAL, held, path, fixed)
+
+
+def built(parts: dict[str, Any], weights: Literal["imagenet", "coco"] | None) -> AnchorDetector:
+    """The network of `detector_parts`, see `build_detector`."""
+    size, how = (parts["height"], parts["width"]), (parts["anchors"], parts["channels"], len(parts["classes"]))
+    return build_detector(parts["architecture"], parts["trunk"], weights, size, *how)
+
+
+def card_of(parts: dict[str, Any]) -> ModelCard:
+    """What the exported detector of `detector_parts` will say about itself."""
+    kind = parts["architecture"]
+    name = f"{kind}-{parts['trunk']}" if kind in ("people", "branched") else kind
+    size = parts["height"], parts["width"]
+    return detector_card(name, size, parts["resize"], parts["normalisation"], parts["classes"])
+
+
+def _described(path: Path, people: bool = True) -> tuple[dict[str, Any], ModelCard, tuple[float, float]]:
     """Arguments that the network in a file is built with, what it says about itself, and its calibration."""
     if path.suffix == ".onnx":
-        layout = layout_of(path)
+        layout = layout_of(path, people)
         scale, shift = layout.card.settings.get("score_calibration", (1.0, 0.0))
-        return {"architecture": "people", **layout.arguments}, layout.card, (float(scale), float(shift))
+        parts = {"trunk": layout.trunk, "anchors": layout.anchors, "channels": layout.channels}
+        return {"architecture": "people", **parts}, layout.card, (float(scale), float(shift))
     parameters = read_checkpoint(path, "hyper_parameters")
     if not parameters.keys() >= {*_LAYOUT, "height", "width", "resize", "normalisation"}:
-        raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector` to learn from")
-    card = detector_card(
-        "", (parameters["height"], parameters["width"]), parameters["resize"], parameters["normalisation"]
-    )
+        raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector`, got one of another network")
+    size = parameters["height"], parameters["width"]
+    classes = parameters.get("classes") or [PEOPLE]
+    card = detector_card("", size, parameters["resize"], parameters["normalisation"], classes)
     return {name: parameters[name] for name in _LAYOUT}, card, (1.0, 0.0)

@@ -5,23 +5,23 @@ The learning rate rises linearly and falls along a cosine; matrices and kernels 
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import math
-import pickle
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, ClassVar, Literal, Self, TypeVar
 
 import torch
+from jsonargparse import ArgumentError
 from lightning import LightningModule, Trainer
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn
 from torch.optim import SGD, AdamW, Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
-from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
+from tsuiseki.tracking.errors import Interrupted, RequestError, lacks_memory, signal_of
 from tsuiseki.tracking.onnx import ModelCard
 
 T = TypeVar("T")
@@ -29,49 +29,54 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Optimisation:
-    """How a training moves weights.
+    """How a training moves weights, beside its learning rate.
 
     Attributes:
-        learning_rate: at the end of the warm-up.
         weight_decay: of matrices and kernels; normalisations and biases have none.
         warmup_steps: of linear rise of the learning rate.
         final_share: share of the learning rate that the cosine decay ends with.
         optimiser: ``adamw`` or ``sgd``.
     """
 
-    learning_rate: float = 2e-3
     weight_decay: float = 0.02
     warmup_steps: int = 100
     final_share: float = 0.01
     optimiser: Literal["adamw", "sgd"] = "adamw"
 
-    def groups(self, module: nn.Module, share: float | None = None) -> list[dict[str, Any]]:
+    def groups(self, module: nn.Module, learning_rate: float) -> list[dict[str, Any]]:
         """The trained parameters in two groups: matrices and kernels, which decay, and the others, which do not.
 
         Args:
             module: whose parameters.
-            share: of the learning rate; None takes the optimiser's.
+            learning_rate: at the end of the warm-up.
         """
         trained = [p for p in module.parameters() if p.requires_grad]
-        trunk: dict[str, Any] = {} if share is None else {"lr": self.learning_rate * share}
-        return [
-            {"params": [p for p in trained if p.ndim > 1], "weight_decay": self.weight_decay, **trunk},
-            {"params": [p for p in trained if p.ndim <= 1], "weight_decay": 0.0, **trunk},
+        groups: list[dict[str, Any]] = [
+            {"params": [p for p in trained if p.ndim > 1], "weight_decay": self.weight_decay, "lr": learning_rate},
+            {"params": [p for p in trained if p.ndim <= 1], "weight_decay": 0.0, "lr": learning_rate},
         ]
+        return groups
 
     def scheduled(self, groups: list[dict[str, Any]], trainer: Trainer) -> OptimizerLRSchedulerConfig:
-        """The optimiser of the parameter ``groups`` under `WarmupCosine` over all steps of ``trainer``."""
-        optimiser: Optimizer
-        if self.optimiser == "sgd":
-            optimiser = SGD(groups, lr=self.learning_rate, momentum=0.9, nesterov=True)
-        else:
-            optimiser = AdamW(groups, lr=self.learning_rate)
+        """The optimiser of the parameter ``groups`` under `WarmupCosine` over all steps of ``trainer``.
+
+        Raises:
+            RequestError: no weight learns, or the training has no end, over which the rate could fall.
+        """
+        if not any(group["params"] for group in groups):
+            raise RequestError("expected weights that learn, got a network that is all frozen; `unfreeze()` some of it")
+        if not math.isfinite(trainer.estimated_stepping_batches):
+            raise RequestError(
+                "expected a training with an end, over which the learning rate falls; set max_epochs or max_steps of "
+                "the Trainer"
+            )
+        optimiser: Optimizer = SGD(groups, momentum=0.9, nesterov=True) if self.optimiser == "sgd" else AdamW(groups)
         total = max(int(trainer.estimated_stepping_batches), self.warmup_steps + 1)
         falling = WarmupCosine(optimiser, self.warmup_steps, total, self.final_share)
         return {"optimizer": optimiser, "lr_scheduler": {"scheduler": falling, "interval": "step"}}
 
 
-@contextmanager
+@contextlib.contextmanager
 def interruptible() -> Iterator[None]:
     """Lightning ends the process after an interrupt, as if it had failed; here the interrupt itself comes out.
 
@@ -87,15 +92,29 @@ def interruptible() -> Iterator[None]:
 
 
 def read_checkpoint(path: Path, part: Literal["hyper_parameters", "state_dict"]) -> dict[str, Any]:
-    """A part of the checkpoint of a detector, of which nothing but tensors and plain values is unpickled.
+    """A part of a checkpoint, of which nothing but tensors and plain values is unpickled.
 
     Raises:
-        RequestError: it is no such checkpoint.
+        RequestError: it is missing, or no checkpoint of a network.
     """
+    held = _loaded(path, "cpu").get(part)
+    if not isinstance(held, dict):
+        raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train`, found no {part} in it")
+    return dict(held)
+
+
+def _loaded(path: Path, device: str) -> dict[str, Any]:
+    if not path.is_file():
+        raise RequestError(f"expected a checkpoint at {path}, found none; a training writes last.ckpt and best.ckpt")
     try:
-        return dict(torch.load(path, map_location="cpu", weights_only=True)[part])
-    except (RuntimeError, KeyError, TypeError, EOFError, pickle.UnpicklingError) as error:
-        raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector`") from error
+        held = torch.load(path, map_location=device, weights_only=True)
+    except Exception as error:  # torch reads bytes as orders, so that a foreign file may end in any error
+        if lacks_memory(error):
+            raise
+        raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train`, got something else") from error
+    if not isinstance(held, dict):
+        raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train`, got something else")
+    return held
 
 
 def plain_hyperparameters(module: LightningModule) -> None:
@@ -111,20 +130,30 @@ def _plain(value: Any) -> Any:
     return str(value) if isinstance(value, Path) else value
 
 
+# What a training started from: its checkpoint holds what came of it, and needs none of these files.
+BEGINNINGS: dict[str, Any] = {"weights": None, "start": None, "teacher": {}}
+# Where a checkpoint says of which class its module is.
+NETWORK = "network"
 # Scores that the progress bar shows.
 _ON_BAR = ("ap50", "rank1", "map", "agreement", "mota", "switches")
 
 
 class NetworkModule(LightningModule):
-    """A training that is scored on all of its validation; ``Trainer.test`` does so under ``test/`` instead of ``val/``.
+    """A network, its loss and its schedule, scored on all of its validation.
+
+    ``Trainer.test`` scores it under ``test/`` instead of ``val/``.
 
     Attributes:
+        kind: of the network: ``detector``, …
         network: what learns.
-        optimisation: how its weights are moved.
+        learning_rate: at the end of the warm-up.
+        optimisation: how its weights are moved beside that.
         validated: what validation steps have kept, one for each of the samples on this device.
     """
 
+    kind: ClassVar[str]
     network: Any
+    learning_rate: float
     optimisation: Optimisation
 
     def __init__(self) -> None:
@@ -151,11 +180,55 @@ class NetworkModule(LightningModule):
 
     def parameter_groups(self) -> list[dict[str, Any]]:
         """What learns, and how fast."""
-        return self.optimisation.groups(self.network)
+        return self.optimisation.groups(self.network, self.learning_rate)
 
     def configure_optimizers(self) -> OptimizerLRSchedulerConfig:
         """AdamW or SGD under a linear warm-up and a cosine decay over the whole training."""
         return self.optimisation.scheduled(self.parameter_groups(), self.trainer)
+
+    def on_save_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Let the checkpoint be made again without the files that its training started from."""
+        beginnings = {name: value for name, value in BEGINNINGS.items() if name in self.hparams}
+        checkpoint["hyper_parameters"] = {**checkpoint["hyper_parameters"], **beginnings}
+        checkpoint[NETWORK] = type(self).__name__
+
+    def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
+        """Refuse the checkpoint of another network.
+
+        Raises:
+            RequestError: it is one.
+        """
+        _check_kind(checkpoint, type(self), "the checkpoint")
+        held, own = checkpoint["state_dict"], self.state_dict()
+        fitting = [name for name, value in own.items() if name in held and held[name].shape == value.shape]
+        if len(fitting) < len(own) or len(held) > len(own):
+            raise RequestError(
+                f"expected a checkpoint of this {type(self).__name__}, got one of another network: {len(fitting)} of "
+                f"{len(own)} tensors fit; build the network as the checkpoint's was"
+            )
+
+    @classmethod
+    def load_from_checkpoint(cls, checkpoint_path: Any, *args: Any, **kwargs: Any) -> Self:
+        """The module in a checkpoint, see Lightning; nothing but tensors and plain values is unpickled.
+
+        Raises:
+            RequestError: the file is missing, no checkpoint, or of another module.
+        """
+        if isinstance(checkpoint_path, str | Path):
+            _check_kind(_loaded(Path(checkpoint_path), "meta"), cls, checkpoint_path)
+        try:
+            return super().load_from_checkpoint(checkpoint_path, *args, **{"weights_only": True, **kwargs})
+        except RequestError:
+            raise
+        except (RuntimeError, KeyError, TypeError, AttributeError, ArgumentError) as error:
+            reason = " ".join(str(error).split())[:200]
+            raise RequestError(f"{checkpoint_path}: expected a checkpoint of {cls.__name__}, got: {reason}") from error
+
+
+def _check_kind(checkpoint: dict[str, Any], kind: type[NetworkModule], name: object) -> None:
+    network = checkpoint.get(NETWORK, kind.__name__)
+    if network != kind.__name__:
+        raise RequestError(f"{name}: expected one of {kind.__name__}, got one of {network}")
 
 
 def gathered(module: LightningModule, rows: list[T]) -> list[T]:
@@ -174,10 +247,29 @@ def gathered(module: LightningModule, rows: list[T]) -> list[T]:
     return [row for step in zip(*parts, strict=True) for row in step][: len(samples.dataset)]
 
 
-def normalised(images: Tensor, card: ModelCard) -> Tensor:
+def first_samples(module: LightningModule, count: int, samples: Callable[[Any], Tensor]) -> Tensor:
+    """The first ``count`` samples, or all, of those that a training learns from.
+
+    Args:
+        module: that is fitted.
+        count: of samples.
+        samples: ``(B, ...)`` those of a batch.
+    """
+    module.trainer.fit_loop.setup_data()
+    parts, total = list[Tensor](), 0
+    for batch in module.trainer.train_dataloader or ():
+        parts.append(samples(batch))
+        total += len(parts[-1])
+        if total >= count:
+            break
+    return torch.cat(parts)[:count]
+
+
+def normalised(images: Tensor, card: ModelCard, dtype: str | torch.dtype = torch.float32) -> Tensor:
     """``(B, C, H, W)`` as a network takes them, of ``(B, H, W, C)`` uint8 images; the ``card`` says how."""
+    assert isinstance(dtype, torch.dtype)
     mean, std = (255 * torch.tensor(values, device=images.device).view(1, -1, 1, 1) for values in (card.mean, card.std))
-    return (images.permute(0, 3, 1, 2).float() - mean) / std
+    return ((images.permute(0, 3, 1, 2).float() - mean) / std).to(dtype)
 
 
 class WarmupCosine(LambdaLR):

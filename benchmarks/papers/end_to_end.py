@@ -21,7 +21,7 @@ from tsuiseki.tracking.association.learnt_costs import Affinity, CostNetwork
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association import Association
-from tsuiseki.trainers.exporting.export_costs import export_association
+from tsuiseki.trainers.exporting.written_costs import export_association
 from tsuiseki.trainers.flow.flow_loss import FlowLoss, finite
 from tsuiseki.trainers.flow.graphs import DetectedVideo, Graphs, sequence_graphs
 from tsuiseki.trainers.flow.windows import RandomWindows, affordable
@@ -59,7 +59,7 @@ def fitted(module: Association, graphs: Sequence[Graphs], steps: int, seconds: f
     module.standardise(graphs)
     windows = RandomWindows(graphs, seconds, steps, lambda: (0, 0))
     how = module.optimisation
-    optimiser = AdamW([group for group in module.parameter_groups() if group["params"]], lr=how.learning_rate)
+    optimiser = AdamW([group for group in module.parameter_groups() if group["params"]], lr=module.learning_rate)
     schedule = WarmupCosine(optimiser, how.warmup_steps, max(steps, 11), how.final_share)
     for step in range(steps):
         batch = windows[step]

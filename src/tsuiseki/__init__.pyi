@@ -1,15 +1,9 @@
 """The names that a user needs, each loaded when it is first used; lazy-loader and type checkers read this list."""
 
+from . import training as training
 from .tracking.animals.run import track_animals as track_animals
 from .tracking.animals.settings import AnimalSettings as AnimalSettings
 from .tracking.animals.settings import SkeletonSettings as SkeletonSettings
-from .tracking.counts.counting import Answers as Answers
-from .tracking.counts.counting import count as count
-from .tracking.counts.online import Counter as Counter
-from .tracking.counts.page import with_page as with_page
-from .tracking.counts.scene import Scene as Scene
-from .tracking.counts.scene import read_scene as read_scene
-from .tracking.counts.settings import CountSettings as CountSettings
 from .tracking.batch.run import batch as batch
 from .tracking.bodies.run import follow_deformable as follow_deformable
 from .tracking.bodies.run import track_deformable as track_deformable
@@ -17,6 +11,13 @@ from .tracking.bodies.settings import DeformableSettings as DeformableSettings
 from .tracking.calibrate.people import PeopleCalibration as PeopleCalibration
 from .tracking.calibrate.people import calibrate_people as calibrate_people
 from .tracking.calibrate.people import check_cameras as check_cameras
+from .tracking.counts.counting import Answers as Answers
+from .tracking.counts.counting import count as count
+from .tracking.counts.online import Counter as Counter
+from .tracking.counts.page import with_page as with_page
+from .tracking.counts.scene import Scene as Scene
+from .tracking.counts.scene import read_scene as read_scene
+from .tracking.counts.settings import CountSettings as CountSettings
 from .tracking.drone.run import track_drone as track_drone
 from .tracking.drone.settings import DroneSettings as DroneSettings
 from .tracking.errors import RequestError as RequestError
@@ -34,22 +35,22 @@ from .tracking.floor.run import OneFloorSettings as OneFloorSettings
 from .tracking.floor.run import track_floor as track_floor
 from .tracking.formats.mot import read_tracks as read_tracks
 from .tracking.formats.mot import write_tracks as write_tracks
+from .tracking.hiding.run import hide as hide
 from .tracking.interchange import as_detections as as_detections
 from .tracking.linking.run import Linked as Linked
 from .tracking.linking.run import link as link
+from .tracking.people.api import follow_people as follow_people
+from .tracking.people.api import track_people as track_people
 from .tracking.people.bytetrack import ByteTrack as ByteTrack
 from .tracking.people.bytetrack import ByteTrackSettings as ByteTrackSettings
 from .tracking.people.flow import FlowTracker as FlowTracker
 from .tracking.people.flow_input import FlowSettings as FlowSettings
-from .tracking.hiding.run import hide as hide
 from .tracking.people.ocsort import OcSort as OcSort
 from .tracking.people.ocsort import OcSortSettings as OcSortSettings
 from .tracking.people.sort import DeepSort as DeepSort
 from .tracking.people.sort import DeepSortSettings as DeepSortSettings
 from .tracking.people.sort import Sort as Sort
 from .tracking.people.sort import SortSettings as SortSettings
-from .tracking.people.api import follow_people as follow_people
-from .tracking.people.api import track_people as track_people
 from .tracking.points.measured import follow_measurements as follow_measurements
 from .tracking.points.measured import track_measurements as track_measurements
 from .tracking.points.run import follow_blobs as follow_blobs
@@ -84,5 +85,9 @@ from .tracking.types.sensing_model import SensingModel as SensingModel
 from .tracking.types.tracks import ActingTrack as ActingTrack
 from .tracking.types.tracks import BodyTrack as BodyTrack
 from .tracking.weights import shipped as shipped
+from .trainers.calls import train_action as train_action
+from .trainers.calls import train_appearance as train_appearance
+from .trainers.calls import train_association as train_association
+from .trainers.calls import train_detector as train_detector
 
 __version__: str

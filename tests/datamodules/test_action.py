@@ -37,14 +37,14 @@ def test_crops_show_the_labelled_people(acting_clips: Path, tmp_path: Path) -> N
 
 def test_clips_are_cut_once_and_anew_when_the_settings_change(acting_clips: Path, tmp_path: Path) -> None:
     folders = [str(acting_clips / part) for part in ("train", "validation")]
-    data = ActionData(folders[:1], folders[1:], tmp_path, cutting=SETTINGS)
+    data = ActionData(folders[:1], folders[1:], cache=tmp_path, cutting=SETTINGS)
     data.prepare_data()
     folder = tmp_path / "train-0"
     first = (folder / "rows.npz").stat().st_mtime_ns
     data.prepare_data()
     assert (folder / "rows.npz").stat().st_mtime_ns == first
     other = ActionData(
-        [acting_clips / "train"], [acting_clips / "validation"], tmp_path, cutting=replace(SETTINGS, size=24)
+        [acting_clips / "train"], [acting_clips / "validation"], cache=tmp_path, cutting=replace(SETTINGS, size=24)
     )
     other.prepare_data()
     assert (folder / "rows.npz").stat().st_mtime_ns != first
@@ -61,12 +61,12 @@ def test_clips_without_people_are_left_out_by_name(
         (tmp_path / name / "img1").symlink_to(acting_clips / "train/train-0/img1")
         text = "\n".join(" ".join([*row[:6], lost, *row[7:]]) for row in rows)
         (tmp_path / name / "gt/actions.txt").write_text(text)
-    data = ActionData([tmp_path], [acting_clips / "validation"], tmp_path / "cut", cutting=SETTINGS)
+    data = ActionData([tmp_path], [acting_clips / "validation"], cache=tmp_path / "cut", cutting=SETTINGS)
     data.prepare_data()
     data.setup("fit")
     assert "left out, since no person is labelled there:  empty" in capsys.readouterr().err
     assert len(data.train_crops.images["rgb_local"]) == 1
-    nobody = ActionData([tmp_path / "empty"], [acting_clips / "validation"], tmp_path / "cut", cutting=SETTINGS)
+    nobody = ActionData([tmp_path / "empty"], [acting_clips / "validation"], cache=tmp_path / "cut", cutting=SETTINGS)
     with pytest.raises(RequestError, match="expected labelled people with a frame before in the train clips"):
         nobody.prepare_data()
 
@@ -75,7 +75,7 @@ def test_clips_without_people_are_left_out_by_name(
 def test_damaged_crops_are_cut_anew_with_a_warning(
     acting_clips: Path, tmp_path: Path, part: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    data = ActionData([acting_clips / "train"], [acting_clips / "validation"], tmp_path, cutting=SETTINGS)
+    data = ActionData([acting_clips / "train"], [acting_clips / "validation"], cache=tmp_path, cutting=SETTINGS)
     data.prepare_data()
     damaged = tmp_path / "train-1" / part
     whole = damaged.read_bytes()
@@ -101,7 +101,7 @@ def test_a_clip_that_breaks_off_leaves_nothing(acting_clips: Path, tmp_path: Pat
 
 
 def loaded(acting_clips: Path, folder: Path, rarity: float = 0.5) -> ActionBatches:
-    data = ActionData([acting_clips / "train"], [acting_clips / "validation"], folder, cutting=SETTINGS)
+    data = ActionData([acting_clips / "train"], [acting_clips / "validation"], cache=folder, cutting=SETTINGS)
     data.prepare_data()
     data.setup("fit")
     return ActionBatches(data.train_crops, STREAMS, 16, 8, 5, rarity, lambda: (0, 1))
@@ -151,9 +151,9 @@ def test_colours_change_a_sample_as_a_whole() -> None:
 def test_request_errors(acting_clips: Path, tmp_path: Path) -> None:
     train = acting_clips / "train"
     with pytest.raises(RequestError, match="different names"):
-        ActionData([train], [train], tmp_path).prepare_data()
-    with pytest.raises(RequestError, match="nothing to learn from"):
-        ActionData([train], [], tmp_path)
+        ActionData([train], [train], cache=tmp_path).prepare_data()
+    with pytest.raises(RequestError, match="`val`: expected at least one folder of labelled video"):
+        ActionData([train], [], cache=tmp_path)
     broken = tmp_path / "broken"
     broken.mkdir()
     (broken / "gt").symlink_to(train / "train-0" / "gt")

@@ -72,7 +72,7 @@ def test_clips_of_images_and_of_video_have_their_one_action(drone_action: Path) 
 
 
 def test_drone_action_trains_an_action_network(drone_action: Path, tmp_path: Path) -> None:
-    data = ActionData([drone_action], [tmp_path / "other"], tmp_path / "cache", cutting=SETTINGS)
+    data = ActionData([drone_action], [tmp_path / "other"], cache=tmp_path / "cache", cutting=SETTINGS)
     data.prepare_data()
     data.setup("fit")
     assert data.names == DRONE_ACTION_CLASSES
@@ -87,8 +87,8 @@ def test_the_command_line_trains_on_drone_action(
     drone_action: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     values = {
-        "out": tmp_path / "out", "overwrite": "true", "data.train_folders": f"[{drone_action}]",
-        "data.validation_folders": f"[{tmp_path / 'other'}]", "data.cache": tmp_path / "cache", "data.batches": 1,
+        "out": tmp_path / "out", "overwrite": "true", "data.train": f"[{drone_action}]",
+        "data.val": f"[{tmp_path / 'other'}]", "data.cache": tmp_path / "cache", "data.batches": 1,
         "data.batch_size": 2, "data.cutting": "{step: 2}", "trainer.max_epochs": 1, "trainer.accelerator": "cpu",
         "model.trunk": "mobilenet_v3_small", "model.size": 32, "model.streams": "[rgb_local]",
     }  # fmt: skip
@@ -104,7 +104,7 @@ def test_the_command_line_trains_on_drone_action(
 
 def test_another_clip_of_the_same_name_is_cut_anew(drone_action: Path, tmp_path: Path) -> None:
     def crops() -> np.ndarray:
-        data = ActionData([drone_action], [tmp_path / "other"], tmp_path / "cache", cutting=SETTINGS)
+        data = ActionData([drone_action], [tmp_path / "other"], cache=tmp_path / "cache", cutting=SETTINGS)
         data.prepare_data()
         data.setup("fit")
         return data.train_crops.crops("rgb_local", np.arange(4))
@@ -129,6 +129,6 @@ def test_boxes_that_do_not_belong_to_the_video_are_named(
     labels.unlink()
     if rows:
         write_boxes(labels, rows)
-    data = ActionData([drone_action], [tmp_path / "other"], tmp_path / "cache", cutting=SETTINGS)
+    data = ActionData([drone_action], [tmp_path / "other"], cache=tmp_path / "cache", cutting=SETTINGS)
     with pytest.raises(RequestError, match=message):
         data.prepare_data()

@@ -28,6 +28,7 @@ from tsuiseki.datamodules.identity_crops import (
     uncovered,
     write_crops,
 )
+from tsuiseki.datamodules.labelled_images import LabelledPart
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import crop_boxes
 from tsuiseki.tracking.formats.mot import write_ground_truth
@@ -165,7 +166,7 @@ def test_batches_hold_k_views_of_p_people(people: IdentityCrops) -> None:
 
 
 def test_batches_follow_the_seed(people: IdentityCrops) -> None:
-    seeds = iter([(0, 0), (0, 0), (0, 1)])
+    seeds = iter(3 * [(0, 0)] + 3 * [(0, 0)] + 3 * [(0, 1)])
     sampler = IdentityBatches(people, 2, 2, 3, 0.5, lambda: next(seeds))
     first, again, other = list(sampler), list(sampler), list(sampler)
     assert first == again
@@ -184,12 +185,11 @@ def test_both_kinds_get_their_share(people: IdentityCrops) -> None:
 
 def test_module_mixes_video_and_rendered(sequence: Path, tmp_path: Path) -> None:
     data = AppearanceData(
-        train_folders=[str(sequence)],
-        train_frames=(1, 8),
+        train=[LabelledPart(str(sequence), (1, 8))],
         rendered=RenderedPeople(tmp_path / "people.npz", identities=5, views=4, validation=2),
         height=32,
         width=16,
-        identities=3,
+        batch_size=6,
         views=2,
         batches=2,
     )
@@ -207,9 +207,11 @@ def test_module_mixes_video_and_rendered(sequence: Path, tmp_path: Path) -> None
 
 def test_bad_requests(sequence: Path) -> None:
     with pytest.raises(RequestError, match="nothing to learn from"):
-        AppearanceData(rendered=RenderedPeople(None))
-    with pytest.raises(RequestError, match="nothing to validate on"):
-        AppearanceData(train_folders=[sequence], rendered=RenderedPeople(None))
+        AppearanceData()
+    with pytest.raises(
+        RequestError, match=r"expected at least 4 people, two to learn from and 2 to validate on, got 2"
+    ):
+        AppearanceData(sequence, height=32, width=16).setup("fit")
     with pytest.raises(RequestError, match=r"no frame lies within \(20, 30\)"):
         crops_from_folder(sequence, (20, 30))
     with pytest.raises(RequestError, match="at least 2 identities"):

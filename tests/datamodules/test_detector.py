@@ -45,7 +45,7 @@ def walker(tmp_path: Path) -> Path:
 
 
 def data(folder: Path, **changes: object) -> DetectionData:
-    settings: dict[str, object] = {"height": 96, "width": 128, "batch_size": 4, "examples_per_epoch": 8, "workers": 0}
+    settings: dict[str, object] = {"height": 96, "width": 128, "batch_size": 4, "batches": 2, "workers": 0}
     train = [TrainingSource(str(folder), (1, 7), fixed_camera=True)]
     module = DetectionData(train, [TrainingSource(str(folder), (8, 10))], **(settings | changes))  # type: ignore[arg-type]
     module.setup("fit")
@@ -172,7 +172,7 @@ def test_pictures_in_the_sun_are_other_pictures_of_the_same_people(tmp_path: Pat
 def test_pictures_are_generated_once_and_read_as_any_sequence(tmp_path: Path) -> None:
     folder = tmp_path / "generated"
     source = TrainingSource(str(folder), generate=3, seed=5)
-    module = DetectionData([source], [source], height=48, width=64, examples_per_epoch=2, batch_size=1, workers=0)
+    module = DetectionData([source], [source], height=48, width=64, batches=2, batch_size=1, workers=0)
     module.prepare_data()
     before = {p: p.stat().st_mtime_ns for p in folder.rglob("*")}
     module.prepare_data()
@@ -196,7 +196,7 @@ def test_hidden_people_are_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 def test_missing_sources_are_said(tmp_path: Path) -> None:
-    with pytest.raises(RequestError, match=r"data\.train and in data\.val"):
+    with pytest.raises(RequestError, match="`train`: expected at least one folder of labelled video, got none"):
         DetectionData([], [TrainingSource("somewhere")])
     with pytest.raises(RequestError, match="expected a ground truth, a sequence folder"):
         TrainingImages(TrainingSource(str(tmp_path / "nothing")))

@@ -32,7 +32,7 @@ from tsuiseki.trainers.affinity import (
     label_detections,
     pair_samples,
 )
-from tsuiseki.trainers.exporting.export_costs import export_affinity, trees_parity
+from tsuiseki.trainers.exporting.written_costs import export_affinity, trees_parity
 from tsuiseki.trainers.flow.videos import match_boxes
 
 QUICK = 40

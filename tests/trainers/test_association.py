@@ -18,7 +18,8 @@ from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.trainers.association import PLANNED, PLANNED_STEPS, Association
 from tsuiseki.trainers.exporting import export_costs
 from tsuiseki.trainers.exporting.export import load_module
-from tsuiseki.trainers.exporting.export_costs import TOLERANCE, export_trained
+from tsuiseki.trainers.exporting.export_costs import export_trained
+from tsuiseki.trainers.exporting.written_costs import TOLERANCE
 from tsuiseki.trainers.fit import ASSOCIATION, fit
 from tsuiseki.trainers.flow.flow_loss import FlowLoss, FlowLossName
 from tsuiseki.trainers.flow.windows import AssociationData, EveryWindow, RandomWindows, TrainingWindow
@@ -57,7 +58,7 @@ def walk(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def options(walk: Path, out: Path, *more: str) -> list[str]:
     trainer = {"accelerator": "cpu", "max_epochs": 2, "num_sanity_val_steps": 0, "gradient_clip_val": 1.0}
-    data = {"train": f"[{walk}]", "seconds": 1.0, "windows": 8}
+    data = {"train": f"[{walk}]", "seconds": 1.0, "batches": 8}
     words = [f"--{g}.{k}={v}" for g, values in (("trainer", trainer), ("data", data)) for k, v in values.items()]
     return [*words, f"--out={out}", *more]
 
@@ -122,7 +123,7 @@ def test_tracks_with_what_was_learnt(trained: Path, walk: Path, tmp_path: Path) 
 
 @pytest.mark.parametrize("loss", ["fenchel_young", "hinge", "both"])
 def test_the_gradient_of_a_step_reaches_all_that_makes_costs(walk: Path, loss: FlowLossName) -> None:
-    data = AssociationData([walk], seconds=1.0, windows=2)
+    data = AssociationData([walk], seconds=1.0, batches=2)
     data.setup("fit")
     module = Association(loss=FlowLoss(loss, 3.0), joins=1.0)
     module.standardise(data.learnt)
@@ -142,7 +143,7 @@ def test_the_gradient_of_a_step_reaches_all_that_makes_costs(walk: Path, loss: F
 @pytest.mark.gpu
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="no GPU")
 def test_a_step_on_the_gpu(walk: Path) -> None:
-    data = AssociationData([walk], seconds=1.0, windows=1)
+    data = AssociationData([walk], seconds=1.0, batches=1)
     data.setup("fit")
     batch = RandomWindows(data.learnt, 1.0, 1, lambda: (0, 0))[0]
     gradients = []
@@ -159,7 +160,7 @@ def test_a_step_on_the_gpu(walk: Path) -> None:
 
 
 def test_windows_are_drawn_anew_every_epoch(walk: Path) -> None:
-    data = AssociationData([walk], seconds=0.5, windows=6)
+    data = AssociationData([walk], seconds=0.5, batches=6)
     data.setup("fit")
     names = [[w.detections.name for w in RandomWindows(data.learnt, 0.5, 6, lambda e=e: (0, e))] for e in (0, 0, 1)]
     assert names[0] == names[1] != names[2]

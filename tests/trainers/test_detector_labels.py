@@ -12,7 +12,7 @@ import yaml
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.detector_labels import anchors_for, fit_calibration
-from tsuiseki.trainers.exporting.export_networks import RawHeads
+from tsuiseki.trainers.exporting.written_networks import RawHeads
 
 
 @pytest.fixture

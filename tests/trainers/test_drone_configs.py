@@ -33,7 +33,7 @@ def test_ssd512_trains_on_okutamas_layout(tmp_path):
     sources = f"[{{folder: {folder}}}]"
     words = ["--config", str(CONFIGS / "detector_okutama.yaml"), "--out", str(tmp_path / "out"), *TINY]
     words += ["--trainer.precision=32", "--model.weights=null", "--data.train", sources, "--data.val", sources]
-    best = fit_detector([*words, "--data.batch_size=1", "--data.examples_per_epoch=1"])
+    best = fit_detector([*words, "--data.batch_size=1", "--data.batches=1"])
     state = torch.load(best, weights_only=True)
     assert state["global_step"] == 1
     assert all(torch.isfinite(value).all() for value in state["state_dict"].values())
@@ -59,8 +59,8 @@ def test_the_thesis_s_networks_train_on_mars(name, acting_clips, tmp_path):
                 cv2.imwrite(str(path), cv2.resize(sprite[..., 2::-1], (32, 64)))
     words = ["--config", str(CONFIGS / f"{name}.yaml"), "--out", str(tmp_path / "out"), *TINY]
     words += ["--trainer.precision=32", "--model.height=64", "--model.width=32", "--data.batches=1"]
-    words += [f"--data.{part}_folders=[{tmp_path / 'mars'}]" for part in ("train", "validation")]
-    best = fit_appearance([*words, "--data.identities=2", "--data.views=2"])
+    words += [f"--data.{part}=[{tmp_path / 'mars'}]" for part in ("train", "val")]
+    best = fit_appearance([*words, "--data.batch_size=4", "--data.views=2"])
     assert torch.load(best, weights_only=True)["global_step"] == 1
     exported = tmp_path / "wide.onnx"
     assert main(["export", "appearance", "--checkpoint", str(best), "--out", str(exported)]) == 0
@@ -76,8 +76,8 @@ def test_action_networks_train_on_okutamas_layout(name, streams, acting_clips, t
     words = ["--config", str(CONFIGS / f"{name}.yaml"), "--out", str(tmp_path / "out"), *TINY, "--data.cutting.step=5"]
     words += ["--trainer.precision=32", "--model.weights=null", "--model.fused=false"]
     words += [f"--model.streams=[{','.join(streams)}]"]
-    words += [f"--data.train_folders=[{acting_clips / 'okutama'}]", "--data.batch_size=2", "--data.batches=1"]
-    words += [f"--data.validation_folders=[{acting_clips / 'train'}]", f"--data.cache={tmp_path / 'cache'}"]
+    words += [f"--data.train=[{acting_clips / 'okutama'}]", "--data.batch_size=2", "--data.batches=1"]
+    words += [f"--data.val=[{acting_clips / 'train'}]", f"--data.cache={tmp_path / 'cache'}"]
     best = fit_action(words)
     assert torch.load(best, weights_only=True)["global_step"] == 1
     exported = tmp_path / "a.onnx"
@@ -114,7 +114,7 @@ def test_a_detector_starts_from_what_fits_of_another(tmp_path):
     same = [k for k in own if own[k].shape == other[k].shape]
     assert set(missing) == own.keys() - set(same)
     assert all(torch.equal(own[k], other[k]) for k in same)
-    with pytest.raises(RequestError, match="expected a checkpoint to start from"):
+    with pytest.raises(RequestError, match="expected a checkpoint at"):
         take_over(second, tmp_path / "none.ckpt")
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,18 +11,21 @@ import cv2
 import numpy as np
 import pytest
 import torch
+from jsonargparse import Namespace
 
-from tsuiseki.datamodules.labelled_images import labelled_images
+from tsuiseki.datamodules.labelled_images import LabelledPart, held_out, labelled_images
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.cli.config import named_config
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features import exported
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types.class_choice import ClassChoice
-from tsuiseki.trainers import fine_tune
+from tsuiseki.trainers import fit
 from tsuiseki.trainers.detector import Detector, detections
 from tsuiseki.trainers.detector_labels import anchor_choice
-from tsuiseki.trainers.fine_tune import HELD_OUT, LEARNT, classes_of, folder_of
+from tsuiseki.trainers.exporting.export import ModelFile
+from tsuiseki.trainers.fine_tune import classes_of
+from tsuiseki.trainers.fit import folder_of
 
 
 def walk(folder: Path, frames: int = 10, size: tuple[int, int] = (48, 112)) -> Path:
@@ -53,7 +57,7 @@ def of_two_classes(folder: Path) -> Path:
 
 @pytest.mark.slow
 def test_classes_that_the_labels_name_are_learnt_and_found(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    words = ["--trainer.max_epochs", "1", "--data.examples_per_epoch", "2", "--data.batch_size", "2"]
+    words = ["--trainer.max_epochs", "1", "--data.batches", "1", "--data.batch_size", "2"]
     words += ["--data.workers", "0", "--model.height", "96", "--model.width", "128", "--trainer.accelerator", "cpu"]
     out, folder = tmp_path / "out", of_two_classes(tmp_path / "set")
     assert main(["train", "detector", "--data", str(folder), "--out", str(out), *words]) == 0
@@ -77,10 +81,7 @@ def test_classes_that_the_labels_name_are_learnt_and_found(tmp_path: Path, capsy
 def test_classes_are_those_that_labels_name_or_that_are_given(tmp_path: Path) -> None:
     folder = of_two_classes(tmp_path / "set")
     assert classes_of(folder) == ["person", "car"]
-    assert classes_of(folder, ["--model.classes", "[car]"]) == ["car"]
     assert classes_of(walk(tmp_path / "mot")) == ["person"]
-    with pytest.raises(RequestError, match="expected names such as"):
-        classes_of(folder, ["--model.classes=car"])
     (first, *_) = labelled_images(folder, classes=["car", "person"])
     assert first.classes.tolist() == [1, 2]
     assert first.boxes.tolist() == [[200, 200, 280, 230], [10, 60, 58, 172]]
@@ -91,13 +92,13 @@ def test_every_class_starts_as_people(tmp_path: Path) -> None:
     anchors: list[list[tuple[float, float]]] = [[(12, 28)], [(20, 50)], [(30, 60)]]
     layout = {"trunk": "mobilenet_v3_small", "height": 64, "width": 64, "anchors": anchors, "channels": 16}
     one = Detector(**layout)
-    torch.save({"state_dict": one.state_dict()}, tmp_path / "one.ckpt")
-    three = Detector(["person", "car", "dog"], **layout, start=tmp_path / "one.ckpt")
+    torch.save({"state_dict": one.state_dict(), "hyper_parameters": dict(one.hparams)}, tmp_path / "one.ckpt")
+    three = Detector(classes=["person", "car", "dog"], **layout, start=tmp_path / "one.ckpt")
     images = torch.zeros(1, 64, 64, 3, dtype=torch.uint8)
     people, every = one.eval()(images)[0], three.eval()(images)[0]
     torch.testing.assert_close(every, people[..., [0, 1, 1, 1]])
     more = Detector(
-        ["person", "car"],
+        classes=["person", "car"],
         **{**layout, "anchors": [[*level, (40, 20)] for level in anchors]},
         start=tmp_path / "one.ckpt",
     )
@@ -117,10 +118,11 @@ def _heads(model: Detector) -> tuple[torch.Tensor, torch.Tensor, ModelCard]:
 
 def test_parts_of_a_video_share_no_picture(tmp_path: Path) -> None:
     folder = walk(tmp_path / "walk", 13)
-    learnt, held_out = ({one.frame for one in labelled_images(folder, part=part)} for part in (LEARNT, HELD_OUT))
-    assert learnt | held_out == set(range(13))
-    assert not learnt & held_out
-    assert len(held_out) == 1
+    parts = [part for (part,) in held_out([LabelledPart(str(folder))], 0.1)]
+    learnt, later = ({frame.frame for frame in labelled_images(folder, part=part.part)} for part in parts)
+    assert learnt | later == set(range(13))
+    assert not learnt & later
+    assert len(later) == 1
     with pytest.raises(RequestError, match="no frame lies within 90% to 90% of a video"):
         labelled_images(folder, part=(0.9, 0.9))
 
@@ -147,12 +149,23 @@ def test_anchors_are_those_of_the_start_unless_the_labels_are_of_another_kind(tm
 
 
 def test_the_held_out_part_does_not_choose_the_epoch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    exported: list[Path] = []
-    monkeypatch.setattr(fine_tune, "export_detector", lambda _, checkpoint: exported.append(checkpoint))
-    monkeypatch.setattr(fine_tune, "_compared", lambda *_: "")
-    folder, kept = walk(tmp_path / "set"), tmp_path / "out" / "checkpoints"
-    last = fine_tune.fine_tune([], folder, lambda _: kept / "best.ckpt")
-    assert [last] == exported == [kept / "last.ckpt"]
+    exported: list[tuple[str, Path]] = []
+    kept, folder = tmp_path / "out" / "checkpoints", walk(tmp_path / "set")
+
+    def fitted(_: object, __: object, complete: Callable[[Namespace], None]) -> Path:
+        model = {"classes": None, "start": "figures", "anchors": None, "height": 480, "width": 640}
+        complete(Namespace(model=Namespace(**model), data=Namespace(val=None, val_share=0.1)))
+        return kept / "best.ckpt"
+
+    def loaded(_: object, checkpoint: Path) -> Namespace:
+        return Namespace(export=lambda out, **_: exported.append((out, checkpoint)) or 0.0)
+
+    monkeypatch.setattr(fit, "fit", fitted)
+    monkeypatch.setattr(fit, "load_module", loaded)
+    monkeypatch.setattr(fit, "compared", lambda *_: "")
+    monkeypatch.setattr(ModelFile, "report", lambda *_: None)
+    assert fit.fit_detector(["--data", str(folder)]) == kept / "last.ckpt"
+    assert exported == [(tmp_path / "out" / "detector.onnx", kept / "last.ckpt")]
 
 
 def test_a_folder_a_file_of_options_and_nothing_are_told_apart(
@@ -160,7 +173,8 @@ def test_a_folder_a_file_of_options_and_nothing_are_told_apart(
 ) -> None:
     assert folder_of(["--data", str(tmp_path), "x"]) == folder_of([f"--data={tmp_path}", "x"]) == (tmp_path, ["x"])
     assert folder_of(["--data", "options.yaml"])[0] is folder_of(["--data.workers", "1"])[0] is None
-    assert folder_of(["--out", "x", "--data", "set/data.yaml"]) == (Path("set"), ["--out", "x"])
+    about = str(tmp_path / "data.yaml")
+    assert folder_of(["--out", "x", "--data", about]) == (tmp_path, ["--out", "x"])
     with pytest.raises(RequestError, match="got nothing"):
         folder_of(["--out", "x", "--data"])
     assert main(["train", "detector", "--data", str(tmp_path / "none"), "--out", str(tmp_path / "o")]) == 2

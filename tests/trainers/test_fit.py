@@ -25,11 +25,14 @@ from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.detector import Detector, DetectorOptimisation, detections
 from tsuiseki.trainers.detector_network import detector_card
+from tsuiseki.trainers.epoch_lines import EpochLines
 from tsuiseki.trainers.exporting.export import ModelFile
 from tsuiseki.trainers.exporting.export_networks import _trained as trained_detector
 from tsuiseki.trainers.exporting.export_networks import export_detector
 from tsuiseki.trainers.exporting.exported_weights import layout_of
-from tsuiseki.trainers.fit import DETECTOR, EpochLines, TaskCLI, fit_detector, one_line
+from tsuiseki.trainers.fit import fit_detector
+from tsuiseki.trainers.refusals import one_line
+from tsuiseki.trainers.task_cli import DETECTOR, TaskCLI
 
 
 def sequence(folder: Path, frames: int = 6) -> Path:
@@ -61,7 +64,7 @@ def config(tmp_path: Path) -> Path:
             "channels": 16,
             "optimisation": {"warmup_steps": 1},
         },
-        "data": {"train": [source], "val": [source], "batch_size": 3, "examples_per_epoch": 6, "workers": 0},
+        "data": {"train": [source], "val": [source], "batch_size": 3, "batches": 2, "workers": 0},
     }
     path = tmp_path / "config.yaml"
     path.write_text(yaml.safe_dump(settings))
@@ -74,7 +77,7 @@ def test_a_training_that_began_from_an_exported_file_goes_on_with_its_own_normal
 ) -> None:
     start = shipped("detector_street")
     layout, out = layout_of(start), tmp_path / "on"
-    changes = {"start": start, "trunk": layout.trunk, "channels": layout.channels, "optimisation.learning_rate": "1e-9"}
+    changes = {"start": start, "trunk": layout.trunk, "channels": layout.channels, "learning_rate": "1e-9"}
     words = ["--config", str(config), "--out", str(out), *(f"--model.{name}={v}" for name, v in changes.items())]
     fit_detector(words)
     last = out / "checkpoints" / "last.ckpt"
@@ -237,7 +240,7 @@ def test_loggers_of_lightning_are_taken_as_given(config: Path, tmp_path: Path) -
 
 def test_options_of_lightning_mean_what_lightning_says(config: Path, tmp_path: Path) -> None:
     def trainer(*more: str) -> lightning.Trainer:
-        return TaskCLI(DETECTOR, ["--config", str(config), *more]).trainer
+        return TaskCLI(DETECTOR, ["--config", str(config), *more], run=False).trainer
 
     ours = trainer()
     assert [type(one).__name__ for one in ours.loggers] == ["CSVLogger", "TensorBoardLogger"]
@@ -277,7 +280,9 @@ def test_scores_of_two_devices_are_those_of_one(config: Path, monkeypatch: pytes
         found = []
         for how in (["--trainer.devices=1"], ["--trainer.devices=2", "--trainer.strategy=ddp_fork"]):
             words = ["--config", str(config), "--trainer.logger=false", "--data.batch_size=2", *how]
-            cli = TaskCLI(DETECTOR, words)
+            cli = TaskCLI(DETECTOR, words, run=False)
+            cli.datamodule.trainer = cli.trainer
+            cli.trainer.strategy.connect(cli.model)
             cli.datamodule.setup("fit")
             cli.datamodule.validation = torch.utils.data.Subset(cli.datamodule.validation, range(5))
             monkeypatch.setattr(cli.datamodule, "setup", lambda stage: stage)
@@ -308,9 +313,9 @@ def test_a_person_is_learnt(config: Path, tmp_path: Path) -> None:
     changes = [
         "--trainer.max_epochs",
         "4",
-        "--data.examples_per_epoch",
-        "60",
-        "--model.optimisation.learning_rate",
+        "--data.batches",
+        "20",
+        "--model.learning_rate",
         "0.004",
     ]
     calm = "{scale: [0.9, 1.1], rotation: 0, shear: 0, colour: 0, grey: 0, blur: 0, noise: 0, compression: 0, holes: 0}"
@@ -351,7 +356,8 @@ def test_features_learn_at_their_own_rate(
         width=64,
         anchors=[[(12, 28)], [(20, 50)], [(30, 60)]],
         channels=16,
-        optimisation=DetectorOptimisation(learning_rate=0.01, optimiser=optimiser, features_rate=rate),
+        learning_rate=0.01,
+        optimisation=DetectorOptimisation(optimiser=optimiser, features_rate=rate),
     )
     monkeypatch.setattr(Detector, "trainer", SimpleNamespace(estimated_stepping_batches=10))
     groups = module.configure_optimizers()["optimizer"].param_groups  # type: ignore[index]
@@ -366,7 +372,7 @@ def test_features_learn_at_their_own_rate(
 
 def test_modules_and_data_work_with_a_trainer_of_ones_own(tmp_path: Path) -> None:
     walks = [TrainingSource(str(sequence(tmp_path / "walk")))]
-    data = DetectionData(walks, walks, 64, 64, batch_size=3, examples_per_epoch=6, workers=0)
+    data = DetectionData(walks, walks, batch_size=3, batches=2, workers=0)
     anchors: list[list[tuple[float, float]]] = [[(12, 28)], [(20, 50)], [(30, 60)]]
     model = Detector(
         trunk="mobilenet_v3_small",

@@ -23,10 +23,11 @@ from tsuiseki.tracking.features.action import STREAMS, ActionRecogniser, average
 from tsuiseki.tracking.formats.okutama import OKUTAMA_ACTIONS
 from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.trainers.action import Action
-from tsuiseki.trainers.exporting import export_networks
+from tsuiseki.trainers.exporting import written_networks
 from tsuiseki.trainers.exporting.export import ModelFiles, load_module
 from tsuiseki.trainers.exporting.export_networks import export_action
-from tsuiseki.trainers.fit import ACTION, TaskCLI, fit_action
+from tsuiseki.trainers.fit import fit_action
+from tsuiseki.trainers.task_cli import ACTION, TaskCLI
 
 TRAINED = ("rgb_local", "flow_global")
 
@@ -35,8 +36,8 @@ def options(clips: Path, folder: Path, *more: str) -> list[str]:
     """A training of seconds."""
     groups = {
         "data": {
-            "train_folders": f"[{clips / 'train'}]",
-            "validation_folders": f"[{clips / 'okutama'}]",
+            "train": f"[{clips / 'train'}]",
+            "val": f"[{clips / 'okutama'}]",
             "cache": folder / "cache",
             "batch_size": 16,
             "batches": 15,
@@ -45,7 +46,7 @@ def options(clips: Path, folder: Path, *more: str) -> list[str]:
         "trainer": {"accelerator": "cpu", "max_epochs": 4, "use_distributed_sampler": "false"},
         "model": {
             "trunk": "mobilenet_v3_small", "size": 32, "dropout": 0.2,
-            "optimisation": "{warmup_steps: 5, learning_rate: 0.003}",
+            "learning_rate": 0.003, "optimisation": "{warmup_steps: 5}",
             "streams": "[rgb_local,flow_global]", "flow": "dis_fast",
         },
     }  # fmt: skip
@@ -143,7 +144,10 @@ def test_configurations_build_what_they_say(name: str, trunk: int, size: int, tm
     small = ["--model.streams=[rgb_local,flow_global]", "--model.fused=false"]
     words = ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu", *small]
     words += ["--model.weights", "null", "--trainer.precision", "32"]
-    cli = TaskCLI(ACTION, words)
+    words += [f"--data.{part}={tmp_path}" for part in ("train", "val")]
+    cli = TaskCLI(ACTION, words, run=False)
+    cli.datamodule.trainer = cli.trainer
+    cli.trainer.strategy.connect(cli.model)
     assert (cli.model.rare_weight == 0, cli.datamodule.rarity == 0) == 2 * (name == "action_thesis",)
     assert cli.datamodule.cutting.size == size == cli.model.inputs["rgb_local"].size
     assert cli.datamodule.streams == ("rgb_local", "flow_global")
@@ -173,8 +177,8 @@ def test_the_thesis_configuration_trains_on_okutama_s_layout(acting_clips: Path,
         "model.weights": "null",
         "model.streams": "[flow_global]",
         "model.fused": "false",
-        "data.train_folders": f"[{acting_clips / 'okutama'}]",
-        "data.validation_folders": f"[{acting_clips / 'validation'}]",
+        "data.train": f"[{acting_clips / 'okutama'}]",
+        "data.val": f"[{acting_clips / 'validation'}]",
         "data.cache": tmp_path / "cache",
         "data.cutting.step": 10,
         "data.batch_size": 2,
@@ -209,12 +213,12 @@ def test_streams_that_learn_jointly_are_exported_as_one_file_too(
     trainer = lightning.Trainer(accelerator="cpu", logger=False, enable_progress_bar=False)
     trainer.strategy.connect(module)
     trainer.save_checkpoint(tmp_path / "best.ckpt")
-    real, fused = export_networks.export_onnx, tmp_path / "a_fused.onnx"
+    real, fused = written_networks.export_onnx, tmp_path / "a_fused.onnx"
 
     def export_fused_alone(network: nn.Module, *given: Any) -> float:
         return real(network, *given) if isinstance(network, action.FusedProbability) else 0.0
 
-    monkeypatch.setattr(export_networks, "export_onnx", export_fused_alone)
+    monkeypatch.setattr(written_networks, "export_onnx", export_fused_alone)
     monkeypatch.setattr(ModelFiles, "report", lambda *_: None)
     written = export_action(ModelFiles(out=tmp_path / "a.onnx"), tmp_path / "best.ckpt")
     assert set(written) == {fused, *(tmp_path / f"a_{name}.onnx" for name in STREAMS)}

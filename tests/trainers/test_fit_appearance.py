@@ -21,7 +21,8 @@ from tsuiseki.tracking.features.exported import crop_boxes
 from tsuiseki.trainers.appearance import Appearance
 from tsuiseki.trainers.exporting.export import ModelFile, load_module
 from tsuiseki.trainers.exporting.export_networks import export_appearance
-from tsuiseki.trainers.fit import APPEARANCE, TaskCLI, fit_appearance
+from tsuiseki.trainers.fit import fit_appearance
+from tsuiseki.trainers.task_cli import APPEARANCE, TaskCLI
 
 pytestmark = pytest.mark.slow
 
@@ -33,7 +34,7 @@ def options(folder: Path, *more: str) -> list[str]:
         "rendered.identities": 20,
         "rendered.views": 6,
         "rendered.validation": 8,
-        "identities": 6,
+        "batch_size": 18,
         "views": 3,
         "batches": 25,
     }
@@ -99,7 +100,12 @@ def test_exported_network_describes_as_the_trained_one(trained: Path, tmp_path: 
 @pytest.mark.parametrize("name", ["appearance_scenes", "appearance_mot", "appearance_mars"])
 def test_configurations_build_what_they_say(name: str, tmp_path: Path) -> None:
     config = Path(str(resources.files("tsuiseki.configs"))) / f"{name}.yaml"
-    cli = TaskCLI(APPEARANCE, ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu"])
+    words = ["--config", str(config), "--out", str(tmp_path), "--trainer.accelerator", "cpu"]
+    words += [f"--data.{part}={tmp_path}" for part in ("train", "val") if name == "appearance_mars"]
+    words += [f"--data.train={tmp_path}"] if name == "appearance_mot" else []
+    cli = TaskCLI(APPEARANCE, words, run=False)
+    cli.datamodule.trainer = cli.trainer
+    cli.trainer.strategy.connect(cli.model)
     images = torch.zeros(2, *cli.datamodule.size, 3, dtype=torch.uint8)
     with torch.no_grad():
         features = cli.model.eval()(images)

@@ -14,7 +14,8 @@ import torch
 
 from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.trainers.fit import CHECKPOINT_PARTS, check_checkpoint, fit_detector, in_one_line
+from tsuiseki.trainers.fit import fit_detector
+from tsuiseki.trainers.refusals import CHECKPOINT_PARTS, check_checkpoint, in_one_line
 
 
 @pytest.fixture
@@ -92,7 +93,7 @@ def test_what_a_process_that_prepares_images_refuses_is_one_line() -> None:
 
 def test_an_epoch_without_a_batch_is_refused(coco: Path, tmp_path: Path) -> None:
     with pytest.raises(RequestError, match=r"^an epoch has no batch; give a smaller --data\.batch_size"):
-        fit_detector(arguments(coco, tmp_path / "out", "--data.batch_size=64", "--data.examples_per_epoch=8"))
+        fit_detector(arguments(coco, tmp_path / "out", "--trainer.limit_train_batches=0"))
     assert json.loads((tmp_path / "out" / "run.json").read_text())["partial"] is True
 
 
@@ -122,7 +123,9 @@ def test_a_checkpoint_of_another_network_is_refused_in_one_line(coco: Path, tmp_
     held: dict[str, Any] = {part: {} for part in CHECKPOINT_PARTS}
     held |= {"state_dict": {"other.weight": torch.zeros(2)}, "pytorch-lightning_version": "2.6.1"}
     torch.save(held, other)
-    with pytest.raises(RequestError, match=r"^--ckpt_path: expected a checkpoint of this network, got [^\n]*$"):
+    with pytest.raises(
+        RequestError, match=r"^expected a checkpoint of this Detector, got one of another network: [^\n]*$"
+    ):
         fit_detector(arguments(coco, tmp_path / "out", f"--ckpt_path={other}"))
 
 

@@ -48,7 +48,7 @@ def test_the_teacher_finds_what_its_file_does_before_the_calibration():
 
 
 def test_the_teacher_is_no_part_of_the_student():
-    module = student(teacher=Teacher(Path("street")), start=Path("street"))
+    module = student(teacher=Teacher(Path("street")), start=Path("street"), channels=None)
     alone = student()
     assert module.state_dict().keys() == alone.state_dict().keys()
     assert len(list(module.parameters())) == len(list(alone.parameters()))
@@ -111,5 +111,5 @@ def test_a_teacher_that_does_not_fit_is_one_line(changes, message):
 def test_a_broken_checkpoint_is_refused(tmp_path):
     path = tmp_path / "no.ckpt"
     path.write_bytes(b"no")
-    with pytest.raises(RequestError, match="expected a checkpoint of `tsuiseki train detector`"):
+    with pytest.raises(RequestError, match="expected a checkpoint of `tsuiseki train`"):
         student(teacher=Teacher(path))

@@ -25,8 +25,8 @@ from tsuiseki.trainers.adapt.watch import HELD_OUT, KEPT_BACK, Watched
 from tsuiseki.trainers.detector import Detector, DetectorOptimisation, detections
 from tsuiseki.trainers.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
 from tsuiseki.trainers.exporting.export import export_onnx, load_module, quiet
-from tsuiseki.trainers.exporting.export_networks import RawHeads
 from tsuiseki.trainers.exporting.exported_weights import ExportedLayout
+from tsuiseki.trainers.exporting.written_networks import RawHeads
 from tsuiseki.trainers.network_module import interruptible
 
 # Windows of a step, as large as the detector's input.
@@ -85,8 +85,8 @@ def fine_tune(
         start=start,
         loss="quality",
         box_weight=2.0,
+        learning_rate=LEARNING_RATE / 2 ** (round_ - 1),
         optimisation=DetectorOptimisation(
-            learning_rate=LEARNING_RATE / 2 ** (round_ - 1),
             warmup_steps=min(20, settings.steps // 4),
             final_share=0.05,
         ),
@@ -113,9 +113,10 @@ def _data(
     return DetectionData(
         sources,
         sources,
-        *layout.size,
+        height=layout.size[0],
+        width=layout.size[1],
         batch_size=BATCH_SIZE,
-        examples_per_epoch=BATCH_SIZE * max(settings.steps // _SITTINGS, 1),
+        batches=max(settings.steps // _SITTINGS, 1),
         workers=0,
         augmentation=Augmentation(
             scale=(0.8 * closer, 1.35 * closer), aspect=0.06, rotation=2.0, shear=0.03, flip=0.3, colour=0.6, holes=3

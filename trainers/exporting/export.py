@@ -6,28 +6,26 @@ import contextlib
 import dataclasses
 import io
 import logging
-import pickle
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from importlib import metadata
 from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
-import lightning
 import numpy as np
 import onnx
 import onnxruntime
 import torch
-from jsonargparse import ArgumentError
 from numpy.typing import NDArray
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 from torch import Tensor, nn
 
 from tsuiseki.tracking.bounds import SETTINGS
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
 from tsuiseki.tracking.runs.options import OutputFile
+from tsuiseki.trainers.network_module import BEGINNINGS, NetworkModule
 
 # Largest difference to torch, relative to the largest value of an output: float32 sums in another order differ by a few
 # 1e-6 a layer.
@@ -39,7 +37,7 @@ _PARITY_BATCHES = (1, 3)
 # Tensors smaller than this stay float32: biases and scales matter more than their bytes.
 _SMALLEST_HALVED = 512
 
-Module = TypeVar("Module", bound=lightning.LightningModule)
+Module = TypeVar("Module", bound=NetworkModule)
 
 
 @pydantic_dataclass(frozen=True, kw_only=True, config=SETTINGS)
@@ -149,7 +147,7 @@ def write_checked(
 
 
 def load_module(kind: type[Module], checkpoint: Path, size: tuple[int, int] | None = None) -> Module:
-    """The LightningModule in ``checkpoint``; nothing but tensors and plain values is unpickled.
+    """The module in ``checkpoint`` for inference on a CPU; nothing but tensors and plain values is unpickled.
 
     Args:
         kind: of the module.
@@ -159,26 +157,9 @@ def load_module(kind: type[Module], checkpoint: Path, size: tuple[int, int] | No
     Raises:
         RequestError: the file is missing, no checkpoint, or of another module.
     """
-    if not checkpoint.is_file():
-        raise RequestError(f"expected a checkpoint at {checkpoint}, found none; `tsuiseki train` writes best.ckpt")
-    try:
-        # What the training started from is overwritten here; without it nothing is downloaded.
-        changes: dict[str, Any] = {"weights": None, "start": None, "teacher": {}}
-        if size is not None:
-            changes |= {"height": size[0], "width": size[1]}
-        module = kind.load_from_checkpoint(checkpoint, map_location="cpu", weights_only=True, **changes)
-    except (
-        RuntimeError,
-        KeyError,
-        TypeError,
-        AttributeError,
-        EOFError,
-        pickle.UnpicklingError,
-        ArgumentError,
-    ) as error:
-        reason = " ".join(str(error).split())[:200]
-        raise RequestError(f"{checkpoint}: expected a checkpoint of {kind.__name__}, got: {reason}") from error
-    return module.eval()
+    # What the training started from is overwritten here; without it nothing is downloaded.
+    changes = BEGINNINGS if size is None else {**BEGINNINGS, "height": size[0], "width": size[1]}
+    return kind.load_from_checkpoint(checkpoint, map_location="cpu", **changes).eval()
 
 
 def check_parity(

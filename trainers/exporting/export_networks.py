@@ -10,49 +10,20 @@ from typing import Annotated, Literal, cast
 
 import torch
 from pydantic import PositiveInt
-from torch import Tensor, nn
 
-from tsuiseki.models.action import FusedProbability, StreamProbability
 from tsuiseki.models.backbones import TrunkName, build_trunk
 from tsuiseki.models.detector import AnchorDetector, OneClass, people_detector
 from tsuiseki.models.ssd import CocoArchitecture, coco_person_detector
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.features import exported
-from tsuiseki.tracking.features.action import StreamName
 from tsuiseki.tracking.fields import HIDDEN
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.tracking.output import check_output_file
 from tsuiseki.trainers.action import Action
 from tsuiseki.trainers.appearance import Appearance
 from tsuiseki.trainers.detector import Detector
-from tsuiseki.trainers.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
 from tsuiseki.trainers.detector_network import COCO_NORMALISATIONS, FIXED_SIDES, detector_card, take_over
 from tsuiseki.trainers.exporting.export import ModelFile, ModelFiles, export_onnx, load_module
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
-
-OUTPUTS = ("logits", "offsets", "anchors")
-
-
-class RawHeads(nn.Module):
-    """A detector with its anchors as a third output, as the exported file has it.
-
-    Args:
-        detector: of one class where scores are calibrated.
-        calibration: scale and shift of the logit of its score.
-    """
-
-    def __init__(self, detector: AnchorDetector | OneClass, calibration: tuple[float, float] = (1.0, 0.0)) -> None:
-        super().__init__()
-        self.detector = detector
-        self.calibration = calibration
-
-    def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
-        """``(B, 3, H, W)`` to logits ``(B, A, C + 1)``, offsets ``(B, A, 4)`` and anchors ``(A, 4)``."""
-        logits, offsets = self.detector(images)
-        scale, shift = self.calibration
-        if self.calibration != (1.0, 0.0):
-            logits = logits * scale + torch.tensor([0.0, shift])
-        return logits, offsets, self.detector.anchors
+from tsuiseki.trainers.exporting.written_networks import OUTPUTS, RawHeads, write_appearance, write_heads
 
 
 def export_detector(
@@ -124,8 +95,6 @@ def _trained(checkpoint: Path, size: tuple[int, int] | None) -> tuple[AnchorDete
 
 def _exported(path: Path, size: tuple[int, int] | None) -> tuple[AnchorDetector, ModelCard]:
     """What was written to ``path``, the calibration of its scores folded into its weights."""
-    if not path.is_file():
-        raise RequestError(f"expected a checkpoint at {path}, found none; `tsuiseki train` writes best.ckpt")
     layout = layout_of(path, people=False)
     card = layout.card
     height, width = layout.size if size is None else size
@@ -172,30 +141,6 @@ def _coco(architecture: CocoArchitecture, state: Path | None) -> tuple[AnchorDet
     return network.eval(), dataclasses.replace(card, training_data="COCO 2017, torchvision's weights")
 
 
-def write_heads(
-    network: AnchorDetector | OneClass, card: ModelCard, output: ModelFile, calibrate: Path | None = None
-) -> float:
-    """Write a detector, its scores calibrated on labelled pictures where there are some.
-
-    Returns:
-        The largest relative difference to torch.
-    """
-    network.to(memory_format=torch.contiguous_format)
-    example = torch.zeros(2, 3, card.input_height, card.input_width)
-    calibration = (1.0, 0.0)
-    if calibrate is not None:
-        if len(card.class_names) > 1:
-            raise RequestError(f"`calibrate`: expected a detector of one class, got {', '.join(card.class_names)}")
-        check_output_file(output.out, output.overwrite)
-        with tempfile.TemporaryDirectory() as folder:
-            raw = Path(folder) / "raw.onnx"
-            export_onnx(RawHeads(network), card, raw, example, OUTPUTS)
-            calibration = fit_calibration(*matched_scores(exported.Detector(raw, LOWEST_SCORE), calibrate))
-        card = dataclasses.replace(card, settings={**card.settings, "score_calibration": list(calibration)})
-    heads = RawHeads(network, calibration)
-    return export_onnx(heads, card, output.out, example, OUTPUTS, output.float16, output.overwrite)
-
-
 def export_appearance(output: ModelFile, checkpoint: Path) -> float:
     """Write an appearance network as ONNX, and check that it gives what torch gives.
 
@@ -209,17 +154,10 @@ def export_appearance(output: ModelFile, checkpoint: Path) -> float:
         RequestError: a missing or foreign file.
         RunError: the exported file does not give what torch gives.
     """
-    difference = write_appearance(load_module(Appearance, checkpoint), output)
+    module = load_module(Appearance, checkpoint)
+    difference = write_appearance(module.network, module.card, output)
     output.report(output.out, difference)
     return difference
-
-
-def write_appearance(module: Appearance, output: ModelFile) -> float:
-    """Write the appearance network of a training; the largest relative difference to torch."""
-    card = dataclasses.replace(module.card, training_data=output.training_data)
-    network = module.network.to(memory_format=torch.contiguous_format)
-    example = torch.zeros(2, 3, card.input_height, card.input_width)
-    return export_onnx(network, card, output.out, example, ("features",), output.float16, output.overwrite)
 
 
 def export_action(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
@@ -239,30 +177,7 @@ def export_action(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
         RequestError: a missing or foreign file.
         RunError: an exported file does not give what torch gives.
     """
-    module = load_module(Action, checkpoint)
-    groups: dict[str, tuple[StreamName, ...]] = {name: (name,) for name in module.inputs}
-    groups |= {"fused": tuple(module.inputs)} if module.fused else {}
-    paths = {name: output.out.with_name(f"{output.out.stem}_{name}.onnx") for name in groups}
-    for path in paths.values():
-        check_output_file(path, output.overwrite)
-    module.network.to(memory_format=torch.contiguous_format)
-    written = {}
-    for group, streams in groups.items():
-        stream, path = streams[0], paths[group]
-        card = dataclasses.replace(module.card(stream), training_data=output.training_data)
-        if group == "fused":
-            # The inputs are called as the streams, and each has settings of its own.
-            card = dataclasses.replace(card, settings={"streams": [module.card(name).settings for name in streams]})
-        side = card.input_height
-        examples: dict[str, Tensor] = {n: torch.zeros(2, module.inputs[n].channels, side, side) for n in streams}
-        # Flow is nearly nothing nearly everywhere; noise as strong as in colours would saturate every sigmoid.
-        spread = [0.1 if module.inputs[name].is_flow else 1.0 for name in streams]
-        network: nn.Module = FusedProbability(module.network)
-        if group != "fused":
-            examples = {"images": examples[stream]}
-            network = StreamProbability(module.network.streams[stream])
-        how = output.float16, output.overwrite, spread
-        written[path] = export_onnx(network, card, path, examples, ("probability",), *how)
+    written = load_module(Action, checkpoint).write(output)
     for path, difference in written.items():
         output.report(path, difference)
     return written

@@ -8,19 +8,22 @@ and further training has normalisations to work with.
 from __future__ import annotations
 
 import re
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 import onnx
 import torch
+from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 
 _PREFIX = "detector."
+Normalisation: TypeAlias = nn.BatchNorm1d | nn.BatchNorm2d
 
 
 @dataclass(frozen=True)
@@ -120,13 +123,15 @@ def opened_onnx(path: Path) -> tuple[onnx.ModelProto, ModelCard]:
     """The model in an exported file, and what it says about itself.
 
     Raises:
-        RequestError: the file is no such model.
+        RequestError: the file is missing, or no such model.
     """
+    if not path.is_file():
+        raise RequestError(f"expected an exported network at {path}, found none")
     try:
         model = onnx.load(path)
         return model, ModelCard.from_json({p.key: p.value for p in model.metadata_props}[METADATA_KEY])
     except Exception as error:
-        raise RequestError(f"{path}: expected a detector of `tsuiseki export detector`, got another file") from error
+        raise RequestError(f"{path}: expected a network of `tsuiseki export`, got another file") from error
 
 
 def fold_normalisations(network: nn.Module) -> None:
@@ -136,6 +141,50 @@ def fold_normalisations(network: nn.Module) -> None:
             norm.running_var.fill_(1 - norm.eps)
 
 
+def fill_network(network: nn.Module, arrays: Mapping[str, NDArray[Any]]) -> list[Normalisation]:
+    """Fill ``network`` with the weights of an exported file; it then computes what the file does.
+
+    Args:
+        network: to fill; its tensors are called as those of the file.
+        arrays: of the file, see `arrays_of`.
+
+    Returns:
+        Its normalisations that are part of the layer before in the file: here they only add a bias.
+
+    Raises:
+        ValueError: the file lacks weights, or has some of another shape.
+    """
+    folded = list[Normalisation]()
+    for name, norm in network.named_modules():
+        if isinstance(norm, Normalisation) and norm.running_var is not None and f"{name}.weight" not in arrays:
+            norm.running_var.fill_(1 - norm.eps)
+            folded.append(norm)
+    for name, value in network.state_dict().items():
+        # A normalisation after a convolution or a matrix is part of it, and its shift lies there.
+        norm_name = re.fullmatch(r"(.*)\b(bn)?(\d+)\.bias", name)
+        before = "" if norm_name is None else norm_name[1]
+        if norm_name is not None:
+            before += f"conv{norm_name[3]}" if norm_name[2] else str(int(norm_name[3]) - 1)
+        values = arrays.get(name, arrays.get(f"{before}.weight_bias"))
+        if values is not None:
+            values = values.T if values.shape == tuple(value.shape)[::-1] else values
+            if values.shape != tuple(value.shape):
+                raise ValueError(f"expected {name} of shape {tuple(value.shape)}, got {values.shape}")
+            value.copy_(torch.tensor(values))
+        elif name.endswith(("weight", "bias")) and value.ndim > 1:
+            raise ValueError(f"expected {name}, got none")
+    return folded
+
+
+def arrays_of(model: onnx.ModelProto, prefix: str = "") -> dict[str, NDArray[Any]]:
+    """The tensors of an exported file whose names begin with ``prefix``, by the rest of the name."""
+    return {
+        tensor.name.removesuffix("_half").removeprefix(prefix): onnx.numpy_helper.to_array(tensor)
+        for tensor in model.graph.initializer
+        if tensor.name.startswith(prefix)
+    }
+
+
 def restore_normalisations(network: nn.Module, images: Tensor) -> None:
     """Give the normalisations of ``network`` the statistics of ``images`` ``(B, 3, H, W)``.
 
@@ -143,14 +192,23 @@ def restore_normalisations(network: nn.Module, images: Tensor) -> None:
     bias.
     """
     fold_normalisations(network)
-    measured: dict[nn.BatchNorm2d, tuple[Tensor, Tensor]] = {}
+    unfold(network, [norm for norm in network.modules() if isinstance(norm, nn.BatchNorm2d)], images)
+
+
+def unfold(network: nn.Module, norms: Collection[Normalisation], images: Tensor) -> None:
+    """Give ``norms``, which do nothing but add a bias, the statistics of ``images`` ``(B, 3, H, W)``.
+
+    The outputs of the ``network`` that they are part of stay as they are.
+    """
+    measured: dict[Normalisation, tuple[Tensor, Tensor]] = {}
 
     def measure(norm: nn.Module, inputs: tuple[Any, ...]) -> None:
-        assert isinstance(norm, nn.BatchNorm2d)
-        variance, mean = torch.var_mean(inputs[0], dim=(0, 2, 3))
+        assert isinstance(norm, Normalisation)
+        axes = [axis for axis in range(inputs[0].ndim) if axis != 1]
+        variance, mean = torch.var_mean(inputs[0], dim=axes)
         measured[norm] = mean, variance
 
-    hooks = [m.register_forward_pre_hook(measure) for m in network.modules() if isinstance(m, nn.BatchNorm2d)]
+    hooks = [norm.register_forward_pre_hook(measure) for norm in norms]
     with torch.no_grad():
         network.eval()(images)
         for hook in hooks:

@@ -446,3 +446,19 @@ class FlowCounts:
     def mota(self) -> float:
         """1 − (missed + false + switches) / people."""
         return 1 - (self.missed + self.false + self.switches) / max(self.people, 1.0)
+
+
+def track_numbers(graph: Graph, flow: FloatArray) -> IntArray:
+    """``(N,)`` which track each node is in by a flow ``(3 N + P,)``, numbered from 0; -1 for those that none uses."""
+    count = len(graph)
+    numbers = np.full(count, -1, dtype=np.int64)
+    links = flow[3 * count :] > 0
+    before = np.full(count, -1, dtype=np.int64)
+    before[graph.head[links]] = graph.tail[links]
+    tracks = 0
+    for node in np.lexsort([graph.nodes.frames]):
+        if flow[node] > 0 and before[node] >= 0:
+            numbers[node] = numbers[before[node]]
+        elif flow[node] > 0:
+            numbers[node], tracks = tracks, tracks + 1
+    return numbers

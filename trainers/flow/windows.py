@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal
 
-import lightning
 import numpy as np
 from torch.utils.data import DataLoader, Dataset
 
+from tsuiseki.datamodules.labelled_images import LabelledPart, labelled_parts
+from tsuiseki.datamodules.network_data import NetworkData
 from tsuiseki.tracking.drone.settings import DRONE_FLOW
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionRecogniser
@@ -114,14 +115,15 @@ class EveryWindow(Dataset[TrainingWindow]):
         return self.images.at(held.detections, held.tracklets)
 
 
-class AssociationData(lightning.LightningDataModule):
-    """Windows of labelled sequences.
+class AssociationData(NetworkData):
+    """Windows of labelled sequences; a step takes one.
 
     Args:
         train: sequences to learn from, or folders of them: MOTChallenge (generated clips, too), KITTI tracking,
             Okutama-Action, VisDrone-MOT or Drone-Action.
-        validation: likewise, to choose the checkpoint by; by default the last part of every training sequence.
-        held_back: that part, a share of the frames.
+        val: likewise, to choose the checkpoint by; by default the last part of every training sequence.
+        val_share: that part, a share of the frames.
+        batches: steps of an epoch.
         frames: first and last frame to learn from, 1-based and both included.
         detections: ``given`` takes det/det.txt of each sequence; ``simulated`` draws faulty ones from the labels.
         detector: exported detector, or the name of a shipped one, to use in place of both.
@@ -133,37 +135,43 @@ class AssociationData(lightning.LightningDataModule):
             which takes the camera's motion from the images.
         action: exported action streams, which say what people do; only ``drone`` has a cost for it.
         seconds: length of a window.
-        windows: steps of an epoch.
         seed: of windows and of simulated detections.
+
+    Raises:
+        RequestError: a folder is missing, or arguments are out of bounds or do not belong together.
     """
+
+    kind = "association"
 
     def __init__(
         self,
-        train: list[Path],
-        validation: list[Path] | None = None,
-        held_back: float = 0.2,
+        train: Sequence[Path | str] | Path | str,
+        val: Sequence[Path | str] | Path | str | None = None,
+        val_share: float = 0.2,
+        batches: int = 40,
         frames: tuple[int, int] | None = None,
         detections: Literal["given", "simulated"] = "given",
-        detector: Path | None = None,
+        detector: Path | str | None = None,
         score_threshold: float = 0.3,
         heads: bool = False,
-        appearance: Path | None = None,
+        appearance: Path | str | None = None,
         frame_rate: float = OTHER_RATE,
         tracker: TrackerName = "people",
         action: list[Path] | None = None,
         seconds: float = 2.0,
-        windows: int = 40,
         seed: int = 0,
     ) -> None:
         super().__init__()
-        if min(seconds, frame_rate) <= 0 or windows < 1 or not 0 < held_back < 1 or not 0 <= score_threshold <= 1:
+        if min(seconds, frame_rate) <= 0 or batches < 1 or not 0 < val_share < 1 or not 0 <= score_threshold <= 1:
             raise RequestError(
-                "expected seconds and frame_rate above 0, windows from 1, held_back in (0, 1) and score_threshold from "
+                "expected seconds and frame_rate above 0, batches from 1, val_share in (0, 1) and score_threshold from "
                 "0 to 1"
             )
         if heads and detector is None:
             raise RequestError("expected --data.detector ONNX with --data.heads, for its heads to learn; got none")
-        self.train, self.validation, self.held_back, self.frames = train, validation, held_back, frames
+        self.train = [Path(part.folder) for part in labelled_parts(train, "train", LabelledPart)]
+        self.val = None if val is None else [Path(part.folder) for part in labelled_parts(val, "val", LabelledPart)]
+        self.val_share, self.frames = val_share, frames
         if action and tracker != "drone":
             raise RequestError("expected --data.tracker drone with --data.action, for people have no cost of actions")
         self.detections, self.detector, self.appearance = detections, detector, appearance
@@ -171,7 +179,7 @@ class AssociationData(lightning.LightningDataModule):
         self.tracker, self.settings, self.action = tracker, FLOWS[tracker], action or []
         self.score_threshold, self.heads = score_threshold, heads
         self.images = WindowImages()
-        self.seconds, self.windows, self.seed = seconds, windows, seed
+        self.seconds, self.batches, self.seed = seconds, batches, seed
         self.learnt: list[Graphs] = []
         self.held: list[Graphs] = []
 
@@ -201,25 +209,32 @@ class AssociationData(lightning.LightningDataModule):
             return [acting(described(video, appearance), recognise) for video in videos]
 
         videos = detected(self.train, self.frames)
-        if self.validation is None:
-            held = [part_of(video, 1 - self.held_back, 1.0) for video in videos]
-            videos = [part_of(video, 0.0, 1 - self.held_back) for video in videos]
+        if self.val is None:
+            held = [part_of(video, 1 - self.val_share, 1.0) for video in videos]
+            videos = [part_of(video, 0.0, 1 - self.val_share) for video in videos]
         else:
-            held = detected(self.validation, None)
+            held = detected(self.val, None)
         self.learnt = graphs_of(videos, self.settings)
         self.held = graphs_of(held, self.settings, check=False)
 
     def train_dataloader(self) -> DataLoader[TrainingWindow]:
         """Windows at random places, others in every epoch."""
-        data = RandomWindows(self.learnt, self.seconds, self.windows, self._seed, self.images)
+        data = RandomWindows(self.learnt, self.seconds, self.batches, self._seed, self.images)
         return DataLoader(data, batch_size=None, collate_fn=None)
 
     def _seed(self) -> tuple[int, int]:
-        return self.seed, 0 if self.trainer is None else self.trainer.current_epoch
+        # Devices share the windows of an epoch out among them.
+        return self.seed, 0 if self.trainer is None else self.epoch_seed()[1]
 
     def val_dataloader(self) -> DataLoader[TrainingWindow]:
         """All windows of what was held back."""
         return DataLoader(EveryWindow(self.held, self.seconds, self.images), batch_size=None)
+
+    def test_dataloader(self) -> DataLoader[TrainingWindow]:
+        return self.val_dataloader()
+
+    def predict_dataloader(self) -> DataLoader[TrainingWindow]:
+        return self.val_dataloader()
 
 
 def graphs_of(

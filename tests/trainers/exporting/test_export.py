@@ -25,7 +25,8 @@ from tsuiseki.tracking.preprocessing import fit_image
 from tsuiseki.trainers.detector import Detector, detections
 from tsuiseki.trainers.exporting import export
 from tsuiseki.trainers.exporting.export import ModelFile, export_onnx
-from tsuiseki.trainers.exporting.export_networks import OUTPUTS, RawHeads, blend_weights, export_detector
+from tsuiseki.trainers.exporting.export_networks import blend_weights, export_detector
+from tsuiseki.trainers.exporting.written_networks import OUTPUTS, RawHeads
 
 CARD = ModelCard("appearance", "tiny", input_height=8, input_width=8, feature_length=6)
 EXAMPLE = torch.zeros(2, 3, 8, 8)

@@ -20,7 +20,7 @@ from tsuiseki.tracking.people.contract import run_tracker
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.tracker_choice import people_affinity, people_tracker
 from tsuiseki.tracking.types import Detections, Track
-from tsuiseki.trainers.exporting.export_costs import TOLERANCE, export_association
+from tsuiseki.trainers.exporting.written_costs import TOLERANCE, export_association
 
 pytestmark = pytest.mark.slow
 

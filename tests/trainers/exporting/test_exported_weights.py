@@ -13,8 +13,8 @@ from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.detector_network import detector_card, take_over
 from tsuiseki.trainers.exporting.export import export_onnx
-from tsuiseki.trainers.exporting.export_networks import RawHeads
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, layout_of, restore_normalisations
+from tsuiseki.trainers.exporting.written_networks import RawHeads
 
 SIZE = (64, 96)
 ANCHORS = [[(9.0, 22.0)], [(25.0, 64.0)], [(52.0, 132.0)]]
@@ -61,7 +61,7 @@ def test_other_files_are_refused(tmp_path):
     with pytest.raises(RequestError, match="expected a detector"):
         layout_of(shipped("appearance_people"))
     (tmp_path / "no.onnx").write_bytes(b"no")
-    with pytest.raises(RequestError, match="expected a detector of `tsuiseki export detector`"):
+    with pytest.raises(RequestError, match="expected a network of `tsuiseki export`"):
         layout_of(tmp_path / "no.onnx")
-    with pytest.raises(RequestError, match="expected a detector of `tsuiseki export detector`"):
+    with pytest.raises(RequestError, match="expected a network of `tsuiseki export`"):
         exported_weights(tmp_path / "no.onnx")

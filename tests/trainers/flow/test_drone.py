@@ -17,7 +17,7 @@ from tsuiseki.tracking.drone.settings import DRONE_FLOW
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.association import Association
-from tsuiseki.trainers.exporting.export_costs import export_association
+from tsuiseki.trainers.exporting.written_costs import export_association
 from tsuiseki.trainers.flow.videos import between, detected_videos, filmed
 from tsuiseki.trainers.flow.windows import AssociationData
 
@@ -35,7 +35,7 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_what_people_do_is_a_feature_of_links_and_joins(clip: Path) -> None:
     graphs = []
     for action in (None, [shipped(ACTION)]):
-        data = AssociationData([clip], held_back=0.1, detections="simulated", tracker="drone", action=action)
+        data = AssociationData([clip], val_share=0.1, detections="simulated", tracker="drone", action=action)
         data.setup("fit")
         graphs.append(data.learnt[0])
     without, acting = graphs

@@ -80,7 +80,7 @@ def test_detections_of_no_track_are_averaged_with_nothing() -> None:
 def test_the_distances_are_those_of_the_tracker(street: Path, siamese: tuple[Path, Path], which: int) -> None:
     """The windows of the first network: inside a window that is the whole video, nothing is cut off."""
     checkpoint, exported = siamese[which], siamese[1]
-    data = AssociationData([street], appearance=exported, seconds=10.0, held_back=0.01)
+    data = AssociationData([street], appearance=exported, seconds=10.0, val_share=0.01)
     data.setup("fit")
     module = Association(appearance=AppearanceLearning(checkpoint))
     batch = EveryWindow(data.learnt, 10.0, data.images)[0]
@@ -140,7 +140,7 @@ def test_one_without_the_other_is_refused(street: Path, siamese: tuple[Path, Pat
 def test_trains_and_exports_both(street: Path, siamese: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = [f"--data.train=[{street}]", f"--data.appearance={siamese[1]}", f"--model.appearance.file={siamese[0]}",
-             "--data.windows=2", "--data.seconds=1", "--trainer.max_epochs=1", "--trainer.accelerator=cpu",
+             "--data.batches=2", "--data.seconds=1", "--trainer.max_epochs=1", "--trainer.accelerator=cpu",
              "--trainer.num_sanity_val_steps=0", "--model.optimisation.warmup_steps=1", "--model.loss.epsilon=3",
              f"--out={out}"]  # fmt: skip
     fit_association(words)

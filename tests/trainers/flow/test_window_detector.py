@@ -74,7 +74,7 @@ def detector(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
 
 def data_of(street: Path, exported: Path) -> AssociationData:
     data = AssociationData(
-        [street], detector=exported, score_threshold=0.0, heads=True, held_back=0.1, seconds=1.0, windows=2
+        [street], detector=exported, score_threshold=0.0, heads=True, val_share=0.1, seconds=1.0, batches=2
     )
     data.setup("fit")
     return data
@@ -221,8 +221,8 @@ def test_what_does_not_go_together_is_refused(
 def test_trains_and_exports(street: Path, detector: tuple[Path, Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = [f"--data.train=[{street}]", f"--data.detector={detector[1]}", f"--model.detector.file={detector[1]}",
-             "--data.heads=true", "--data.score_threshold=0", "--data.windows=2", "--data.seconds=1",
-             "--data.held_back=0.2", "--trainer.accelerator=cpu", "--trainer.num_sanity_val_steps=0",
+             "--data.heads=true", "--data.score_threshold=0", "--data.batches=2", "--data.seconds=1",
+             "--data.val_share=0.2", "--trainer.accelerator=cpu", "--trainer.num_sanity_val_steps=0",
              "--model.optimisation.warmup_steps=1", "--model.detector.rate=1", "--model.loss.epsilon=3",
              f"--out={out}"]  # fmt: skip
     fit_association([*words, "--trainer.max_epochs=1"])

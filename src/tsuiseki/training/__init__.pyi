@@ -1,0 +1,10 @@
+"""Names for training, each loaded when it is first used; lazy-loader and type checkers read this list."""
+
+from .action import Action as Action
+from .action import ActionData as ActionData
+from .appearance import Appearance as Appearance
+from .appearance import AppearanceData as AppearanceData
+from .association import Association as Association
+from .association import AssociationData as AssociationData
+from .detector import DetectionData as DetectionData
+from .detector import Detector as Detector

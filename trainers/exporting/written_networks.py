@@ -1,0 +1,132 @@
+"""Networks of pictures as ONNX files, from the network itself and its card."""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+import torch
+from torch import Tensor, nn
+
+from tsuiseki.models.action import ActionNetwork, FusedProbability, StreamProbability
+from tsuiseki.models.detector import AnchorDetector, OneClass
+from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.action import ActionInput, StreamName
+from tsuiseki.tracking.features.exported import Detector
+from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.tracking.output import check_output_file
+from tsuiseki.trainers.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
+from tsuiseki.trainers.exporting.export import ModelFile, ModelFiles, export_onnx
+
+OUTPUTS = ("logits", "offsets", "anchors")
+
+
+class RawHeads(nn.Module):
+    """A detector with its anchors as a third output, as the exported file has it.
+
+    Args:
+        detector: of one class where scores are calibrated.
+        calibration: scale and shift of the logit of its score.
+    """
+
+    def __init__(self, detector: AnchorDetector | OneClass, calibration: tuple[float, float] = (1.0, 0.0)) -> None:
+        super().__init__()
+        self.detector = detector
+        self.calibration = calibration
+
+    def forward(self, images: Tensor) -> tuple[Tensor, Tensor, Tensor]:
+        """``(B, 3, H, W)`` to logits ``(B, A, C + 1)``, offsets ``(B, A, 4)`` and anchors ``(A, 4)``."""
+        logits, offsets = self.detector(images)
+        scale, shift = self.calibration
+        if self.calibration != (1.0, 0.0):
+            logits = logits * scale + torch.tensor([0.0, shift])
+        return logits, offsets, self.detector.anchors
+
+
+def model_file(out: str | Path, training_data: str = "", float16: bool = False, overwrite: bool = False) -> ModelFile:
+    """The file that a module is exported to."""
+    return ModelFile(out=Path(out), training_data=training_data, float16=float16, overwrite=overwrite)
+
+
+def copied(network: nn.Module) -> nn.Module:
+    """A copy of ``network`` for inference, on the CPU and in the layout that the exporter takes."""
+    return copy.deepcopy(network).cpu().float().eval().to(memory_format=torch.contiguous_format)
+
+
+def write_heads(
+    network: AnchorDetector | OneClass, card: ModelCard, output: ModelFile, calibrate: Path | None = None
+) -> float:
+    """Write a detector, its scores calibrated on labelled pictures where there are some.
+
+    Returns:
+        The largest relative difference to torch.
+    """
+    network = copied(network)  # type: ignore[assignment]
+    example = torch.zeros(2, 3, card.input_height, card.input_width)
+    calibration = (1.0, 0.0)
+    if calibrate is not None:
+        if len(card.class_names) > 1:
+            raise RequestError(f"`calibrate`: expected a detector of one class, got {', '.join(card.class_names)}")
+        check_output_file(output.out, output.overwrite)
+        with tempfile.TemporaryDirectory() as folder:
+            raw = Path(folder) / "raw.onnx"
+            export_onnx(RawHeads(network), card, raw, example, OUTPUTS)
+            calibration = fit_calibration(*matched_scores(Detector(raw, LOWEST_SCORE), calibrate))
+        card = dataclasses.replace(card, settings={**card.settings, "score_calibration": list(calibration)})
+    heads = RawHeads(network, calibration)
+    return export_onnx(heads, card, output.out, example, OUTPUTS, output.float16, output.overwrite)
+
+
+def write_appearance(network: nn.Module, card: ModelCard, output: ModelFile) -> float:
+    """Write an appearance network; the largest relative difference to torch."""
+    card = dataclasses.replace(card, training_data=output.training_data)
+    example = torch.zeros(2, 3, card.input_height, card.input_width)
+    return export_onnx(copied(network), card, output.out, example, ("features",), output.float16, output.overwrite)
+
+
+def write_streams(
+    network: ActionNetwork,
+    inputs: Mapping[StreamName, ActionInput],
+    card_of: Callable[[StreamName], ModelCard],
+    fused: bool,
+    output: ModelFiles,
+) -> dict[Path, float]:
+    """Write the streams of an action network, a file each.
+
+    Args:
+        network: of all streams.
+        inputs: what each stream takes.
+        card_of: what the file of a stream says about itself.
+        fused: the streams were trained jointly, and get one file more, which takes the crops of all.
+        output: ``action.onnx`` becomes ``action_rgb_local.onnx`` and so on, and ``action_fused.onnx``.
+
+    Returns:
+        Of each file the largest relative difference to torch.
+    """
+    groups: dict[str, tuple[StreamName, ...]] = {name: (name,) for name in inputs}
+    groups |= {"fused": tuple(inputs)} if fused else {}
+    paths = {name: output.out.with_name(f"{output.out.stem}_{name}.onnx") for name in groups}
+    for path in paths.values():
+        check_output_file(path, output.overwrite)
+    network = copied(network)  # type: ignore[assignment]
+    written = {}
+    for group, streams in groups.items():
+        stream, path = streams[0], paths[group]
+        card = dataclasses.replace(card_of(stream), training_data=output.training_data)
+        if group == "fused":
+            # The inputs are called as the streams, and each has settings of its own.
+            card = dataclasses.replace(card, settings={"streams": [card_of(name).settings for name in streams]})
+        side = card.input_height
+        examples: dict[str, Tensor] = {name: torch.zeros(2, inputs[name].channels, side, side) for name in streams}
+        # Flow is nearly nothing nearly everywhere; noise as strong as in colours would saturate every sigmoid.
+        spread: Sequence[float] = [0.1 if inputs[name].is_flow else 1.0 for name in streams]
+        exported: nn.Module = FusedProbability(network)
+        if group != "fused":
+            examples = {"images": examples[stream]}
+            exported = StreamProbability(network.streams[stream])  # type: ignore[arg-type]
+        how = output.float16, output.overwrite, spread
+        written[path] = export_onnx(exported, card, path, examples, ("probability",), *how)
+    return written
