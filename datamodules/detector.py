@@ -163,7 +163,7 @@ class EpochSampler(DistributedSampler[int]):
 
 
 class PredictedImages(Dataset[ImageArray]):
-    """Images as they are."""
+    """Decoded images in their own size, without labels."""
 
     def __init__(self, videos: list[TrainingImages]) -> None:
         self.items = [(video, index) for video in videos for index in range(len(video))]

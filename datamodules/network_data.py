@@ -56,9 +56,9 @@ class NetworkData(lightning.LightningDataModule):
         if isinstance(card, ModelCard):
             for name, value in self.asked.items():
                 if getattr(card, name) != value:
-                    argument = NAMES.get(name, name)
+                    own = getattr(card, name)
                     raise RequestError(
-                        f"`{argument}`: expected data with that of the module, {getattr(card, name)}, got {value}; leave "
+                        f"`{NAMES.get(name, name)}`: expected data with that of the module, {own}, got {value}; leave "
                         "it out"
                     )
             return card

@@ -67,12 +67,17 @@ def working(folder: Path) -> dict[str, dict[str, Any]]:
         "track_single": SINGLE,
         "track_sphere": {"sources": [IMAGES, IMAGES], "cameras": missing, "radius": 0.1},
         "track_sphere_points": {"files": [missing], "cameras": missing},
+        **{
+            f"train_{name}": {"train": missing, "out": out}
+            for name in ("action", "appearance", "association", "detector")
+        },
         "with_page": {"result": tsuiseki.Result([TRACK])},
         "write_tracks": {"path": folder / "tracks.txt", "tracks": [TRACK]},
     }
 
 
-PUBLIC = {name: getattr(tsuiseki, name) for name in tsuiseki.__all__ if name != "__version__"}
+# `training` is a module of names of its own.
+PUBLIC = {name: getattr(tsuiseki, name) for name in tsuiseki.__all__ if name not in ("__version__", "training")}
 SETTINGS = {kind for kind in PUBLIC.values() if hasattr(kind, "__pydantic_validator__")}
 
 

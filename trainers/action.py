@@ -42,6 +42,7 @@ RARE_LIMIT = 5.0
 _NORM_EXAMPLES = 64
 
 
+# What a network is built of without a start.
 USUAL: dict[str, Any] = {"trunk": "resnet18", "streams": STREAMS, "actions": OKUTAMA_ACTIONS, "size": 64, "flow": "dis"}
 
 

@@ -155,6 +155,7 @@ class Appearance(NetworkModule):
         return {"rank1": retrieval.rank1, "map": retrieval.mean_average_precision}
 
 
+# What a network is built of without a start.
 USUAL = {"trunk": "mobilenet_v3_small", "feature_length": 128, "height": 128, "width": 64}
 
 

@@ -27,7 +27,6 @@ from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.trainers.detector_network import (
     Architecture,
     Normalisation,
-    Resize,
     SoftTeacher,
     Teacher,
     begin_branch,
@@ -101,7 +100,6 @@ class Detector(NetworkModule):
         weights: begin with torchvision's ``imagenet`` trunk, its ``coco`` detector, or null for scratch.
         height: of the input, pixels; by default 384.
         width: of the input, pixels; by default 512.
-        resize: how images are fitted into the input; by default ``letterbox``.
         normalisation: of the channels; null is what the starting weights were trained with.
         anchors: of ``people``: for strides 8, 16, 32 and maybe 64 the ``[width, height]`` of its anchors in input
             pixels; `tsuiseki.models.anchors.propose_anchors` fits them to labels. Of ``branched``: those of ``start``
@@ -130,7 +128,6 @@ class Detector(NetworkModule):
         weights: Literal["imagenet", "coco"] | None = None,
         height: int | None = None,
         width: int | None = None,
-        resize: Resize | None = None,
         normalisation: Normalisation | None = None,
         anchors: list[list[tuple[float, float]]] | None = None,
         channels: int | None = None,
@@ -147,7 +144,6 @@ class Detector(NetworkModule):
         asked |= {
             "height": height,
             "width": width,
-            "resize": resize,
             "normalisation": normalisation,
             "classes": classes,
         }

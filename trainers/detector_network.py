@@ -259,7 +259,6 @@ USUAL: dict[str, Any] = {
     "channels": 96,
     "height": 384,
     "width": 512,
-    "resize": "letterbox",
     "normalisation": "imagenet",
     "classes": [PEOPLE],
 }
@@ -286,7 +285,7 @@ def detector_parts(
         raise RequestError("expected one of `start` and `weights`, got both")
     layout, card, _ = _described(path, people=False)
     norms = [name for name, values in _NORMALISATIONS.items() if values == (card.mean, card.std)]
-    held = {**layout, "height": card.input_height, "width": card.input_width, "resize": card.resize}
+    held = {**layout, "height": card.input_height, "width": card.input_width}
     held |= {"normalisation": next(iter(norms), None), "classes": list(card.class_names)}
     fixed = ["normalisation"]
     if asked["architecture"] == "branched":
@@ -305,12 +304,17 @@ def built(parts: dict[str, Any], weights: Literal["imagenet", "coco"] | None) ->
     return build_detector(parts["architecture"], parts["trunk"], weights, size, *how)
 
 
+def resize_of(architecture: str) -> Resize:
+    """How images are fitted into the input: those of a fixed square shape are stretched, as their authors do."""
+    return "stretch" if architecture in FIXED_SIDES else "letterbox"
+
+
 def card_of(parts: dict[str, Any]) -> ModelCard:
     """What the exported detector of `detector_parts` will say about itself."""
     kind = parts["architecture"]
     name = f"{kind}-{parts['trunk']}" if kind in ("people", "branched") else kind
     size = parts["height"], parts["width"]
-    return detector_card(name, size, parts["resize"], parts["normalisation"], parts["classes"])
+    return detector_card(name, size, resize_of(kind), parts["normalisation"], parts["classes"])
 
 
 def _described(path: Path, people: bool = True) -> tuple[dict[str, Any], ModelCard, tuple[float, float]]:
@@ -321,9 +325,9 @@ def _described(path: Path, people: bool = True) -> tuple[dict[str, Any], ModelCa
         parts = {"trunk": layout.trunk, "anchors": layout.anchors, "channels": layout.channels}
         return {"architecture": "people", **parts}, layout.card, (float(scale), float(shift))
     parameters = read_checkpoint(path, "hyper_parameters")
-    if not parameters.keys() >= {*_LAYOUT, "height", "width", "resize", "normalisation"}:
+    if not parameters.keys() >= {*_LAYOUT, "height", "width", "normalisation"}:
         raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector`, got one of another network")
     size = parameters["height"], parameters["width"]
     classes = parameters.get("classes") or [PEOPLE]
-    card = detector_card("", size, parameters["resize"], parameters["normalisation"], classes)
+    card = detector_card("", size, resize_of(parameters["architecture"]), parameters["normalisation"], classes)
     return {name: parameters[name] for name in _LAYOUT}, card, (1.0, 0.0)

@@ -30,7 +30,6 @@ EXPECTED_WARNINGS = (
     # An epoch without a batch is refused.
     ".*Total length of .* across ranks is zero.*",
     ".*WeightAveraging callback, but loading a checkpoint outside.*",
-    ".*args parameter is intended to run from within Python.*",
 )
 
 

@@ -98,6 +98,11 @@ class TaskCLI(LightningCLI):
         parser.add_argument("--out", type=str, default="", help="folder for checkpoints and logs")
         parser.add_argument("--overwrite", type=bool, default=False, help="replace a training in the folder")
 
+    def parse_arguments(self, parser: LightningArgumentParser, args: object) -> None:
+        """As LightningCLI does, whatever else stands on the command line."""
+        assert isinstance(args, list)
+        self.config = parser.parse_args(args)
+
     def _parse_ckpt_path(self) -> None:
         # A training goes on as it is asked to; its checkpoint does not hold what it started from. To score one, the
         # checkpoint says all of its network.
