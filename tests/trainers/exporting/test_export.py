@@ -237,7 +237,11 @@ def test_coco_weights_become_a_person_detector(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("content", "message"),
-    [(None, "found none"), (b"no checkpoint", "expected a checkpoint of `tsuiseki train`, got something else"), ({"a": 1}, "Detector")],
+    [
+        (None, "found none"),
+        (b"no checkpoint", "expected a checkpoint of `tsuiseki train`, got something else"),
+        ({"a": 1}, "Detector"),
+    ],
 )
 def test_what_is_no_checkpoint(tmp_path: Path, content: object, message: str) -> None:
     checkpoint = tmp_path / "x.ckpt"
