@@ -91,11 +91,11 @@ class TaskCLI(LightningCLI):
     @property
     def out(self) -> Path:
         """The folder of results."""
-        return Path(self.options.out)
+        return Path(self.options.out or "")
 
     def add_arguments_to_parser(self, parser: LightningArgumentParser) -> None:
         """The arguments that are not Lightning's."""
-        parser.add_argument("--out", type=str, default="", help="folder for checkpoints and logs")
+        parser.add_argument("--out", type=str | None, default=None, help="folder for checkpoints and logs")
         parser.add_argument("--overwrite", type=bool, default=False, help="replace a training in the folder")
 
     def parse_arguments(self, parser: LightningArgumentParser, args: object) -> None:
@@ -119,9 +119,14 @@ class TaskCLI(LightningCLI):
             raise RequestError(f"expected a checkpoint at {checkpoint}, found none; give last.ckpt of a training")
         if checkpoint is not None:
             check_checkpoint(Path(checkpoint))
-        if not options.out and command == "fit":
+        if options.out is None and command == "fit":
             raise RequestError("expected --out DIR, the folder for checkpoints and logs")
-        if self.out.exists() and not self.out.is_dir():
+        if options.out is not None and not options.out.strip():
+            raise RequestError("expected --out to be a folder, got an empty name")
+        if "weights_only" in options:
+            # Of what others made, nothing but tensors and plain values is unpickled.
+            options.weights_only = True
+        if options.out and self.out.exists() and not self.out.is_dir():
             raise RequestError(f"expected --out to be a folder, but {self.out} is a file")
         occupied = command == "fit" and (self.out / "checkpoints").exists()
         if occupied and checkpoint is None and not options.overwrite:

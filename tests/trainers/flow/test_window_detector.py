@@ -213,7 +213,7 @@ def test_what_does_not_go_together_is_refused(
         frames_of(replace(batch.detections, origin=None), Detector(anchors=ANCHORS, **SIZE).card)
     with pytest.raises(RequestError, match="expected a checkpoint at"):
         detector_of(tmp_path / "none.ckpt")
-    with pytest.raises(RequestError, match="expected an exported network at .*none.onnx, found none"):
+    with pytest.raises(RequestError, match=r"expected an exported network at .*none.onnx, found none"):
         detector_of(tmp_path / "none.onnx")
     assert detector_of(Path("street"))[1]["trunk"] == "mobilenet_v3_small"
 
