@@ -35,7 +35,7 @@ def check_checkpoint(path: Path) -> None:
 def in_one_line(error: Exception) -> RequestError | None:
     """What a training refused in a process that prepares images, or of a checkpoint; None where it is neither."""
     text = str(error)
-    if isinstance(error, RequestError) and "\n" in text:
+    if isinstance(error, RequestError) and "RequestError: " in text:
         # Torch puts the trace of the process before the message.
         return RequestError(text.rpartition("RequestError: ")[2].strip())
     if text.startswith(FOREIGN_WEIGHTS):
