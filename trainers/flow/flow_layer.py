@@ -181,6 +181,8 @@ class FlowLayer(nn.Module):
         """The loss, for the summary of a model."""
         return repr(self.loss)
 
+    # The solver is no graph of torch: a compiled network runs up to here, and goes on behind it.
+    @torch.compiler.disable  # type: ignore[untyped-decorator]
     def forward(
         self,
         windows: FlowWindows,
