@@ -8,3 +8,6 @@ from .association import Association as Association
 from .association import AssociationData as AssociationData
 from .detector import DetectionData as DetectionData
 from .detector import Detector as Detector
+from .flow import FlowLayer as FlowLayer
+from .flow import FlowLoss as FlowLoss
+from .flow import FlowWindows as FlowWindows
