@@ -106,9 +106,10 @@ class FlowLoss:
     pairs: int = 1
 
     def __post_init__(self) -> None:
-        if self.name not in get_args(FlowLossName) or self.epsilon <= 0 or self.pairs < 1:
+        whole = isinstance(self.pairs, int) and self.pairs >= 1
+        if self.name not in get_args(FlowLossName) or not 0 < self.epsilon < np.inf or not whole:
             names = ", ".join(get_args(FlowLossName))
-            raise RequestError(f"expected the loss {names}, epsilon above 0 and pairs from 1")
+            raise RequestError(f"expected the loss {names}, epsilon above 0 and a number of pairs from 1, got {self}")
 
     def minima(self, costs: FloatArray, arcs: Arcs, rng: np.random.Generator) -> Minima:
         """The loss at ``(3 N + P,)`` costs, its gradient and the smoothed flow there, from minima at other costs.

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import itertools
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
 from tests.trainers.flow.flows import all_flows
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import FloatArray, IntArray
 from tsuiseki.trainers.flow.flow_loss import (
     Arcs,
@@ -179,6 +181,15 @@ def test_a_window_without_detections_costs_nothing() -> None:
         value = loss(costs, arcs, np.random.default_rng(0))
         value.backward()
         assert float(value) == 0
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"name": "l2"}, {"epsilon": 0.0}, {"epsilon": np.nan}, {"epsilon": np.inf}, {"pairs": 0}, {"pairs": 1.5}]
+)
+def test_a_loss_that_cannot_be_is_refused(wrong: dict[str, Any]) -> None:
+    ((name, value),) = wrong.items()
+    with pytest.raises(RequestError, match=rf"epsilon above 0 and a number of pairs from 1, got .*{name}='?{value}"):
+        FlowLoss(**wrong)
 
 
 def distance(flow: dict[str, list[int]]) -> float:
