@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 from typing import Any, Literal
-from warnings import warn
 
 import numpy as np
 import torch
@@ -13,13 +12,13 @@ from torch import Tensor
 from tsuiseki.datamodules.appearance import APART, AppearanceBatch
 from tsuiseki.models.appearance import AppearanceNetwork, contrastive_loss, softmax_contrastive_loss, triplet_loss
 from tsuiseki.models.backbones import TrunkName
-from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.evaluation.reidentification import evaluate_retrieval
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.trainers.exporting.exported_weights import opened_onnx, unfold
 from tsuiseki.trainers.exporting.written_networks import model_file, write_appearance
+from tsuiseki.trainers.metrics.reidentification import ReIdentification
 from tsuiseki.trainers.network_module import (
     NetworkModule,
     Optimisation,
@@ -140,19 +139,12 @@ class Appearance(NetworkModule):
 
     def scores(self, rows: list[tuple[np.ndarray, ...]]) -> dict[str, float]:
         """Rank-1 and mean average precision of the queries against the gallery."""
-        described, ids, frames, query = (np.stack(x) for x in zip(*rows, strict=True))
-        features = described.astype(np.float64)
-        distances = 1 - features[query] @ features[~query].T
-        # Views a moment apart look the same to anything; finding those says nothing.
-        near = np.abs(frames[query][:, None] - frames[~query][None]) < APART
-        junk = near & (ids[query][:, None] == ids[~query][None])
-        answered = (ids[query][:, None] == ids[~query][None]) & ~junk
-        if not answered.any():
-            line = "nobody is seen again in the batches that were validated: no score; validate more of them"
-            warn(line, InputWarning, stacklevel=2)
-            return {}
-        retrieval = evaluate_retrieval(distances, ids[query], ids[~query], junk)
-        return {"rank1": retrieval.rank1, "map": retrieval.mean_average_precision}
+        features, ids, frames, query = (np.stack(x) for x in zip(*rows, strict=True))
+        # The rows are those of all devices.
+        metric = ReIdentification(apart=APART, sync_on_compute=False)
+        metric.update(features, ids, query, frames=frames)
+        scores = metric.compute()
+        return {name: scores[name].item() for name in ("rank1", "map") if not scores[name].isnan()}
 
 
 # What a network is built of without a start.

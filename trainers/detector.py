@@ -18,7 +18,6 @@ from tsuiseki.models.anchors import decode
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.models.detector import BranchedDetector
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.detection import evaluate_classes
 from tsuiseki.tracking.geometry import clip_boxes
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.preprocessing import fit_image
@@ -37,6 +36,7 @@ from tsuiseki.trainers.detector_network import (
 )
 from tsuiseki.trainers.exporting.exported_weights import restore_normalisations
 from tsuiseki.trainers.exporting.written_networks import model_file, write_heads
+from tsuiseki.trainers.metrics.detections import AveragePrecision
 from tsuiseki.trainers.network_module import (
     NetworkModule,
     Optimisation,
@@ -270,17 +270,12 @@ class Detector(NetworkModule):
 
     def scores(self, rows: list[tuple[FloatArray, IntArray, Detections]]) -> dict[str, float]:
         """AP50 and F1, their means over the classes, and AP50 of each of several."""
-        names = self.card.class_names
         boxes, labels, detected = zip(*rows, strict=True)
-        by_class = evaluate_classes(boxes, labels, detected, names)
-        means = [(of_class.average_precision, of_class.best_f1) for of_class in by_class.values()]
-        precision, f1 = np.mean(means, axis=0).tolist()
-        apart = (
-            {f"ap50_{name}": of_class.average_precision for name, of_class in by_class.items()}
-            if len(names) > 1
-            else {}
-        )
-        return {"ap50": precision, "f1": f1, **apart}
+        truth = [{"boxes": b, "labels": k, "ignored": k == losses.IGNORED} for b, k in zip(boxes, labels, strict=True)]
+        # The rows are those of all devices.
+        metric = AveragePrecision(class_names=self.card.class_names, sync_on_compute=False)
+        metric.update(detected, truth)
+        return {name.replace("f1_50", "f1"): value.item() for name, value in metric.compute().items()}
 
     def parameter_groups(self) -> list[dict[str, Any]]:
         """What learns, and how fast."""

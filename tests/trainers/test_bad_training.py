@@ -188,7 +188,7 @@ def test_few_batches_in_which_nobody_is_seen_again_give_no_score(
 ) -> None:
     module, data = Appearance(height=32, width=16), AppearanceData(street, val_share=0.3)
     monkeypatch.setattr("tsuiseki.trainers.appearance.APART", 1000)
-    with pytest.warns(InputWarning, match="nobody is seen again in the batches that were validated: no score"):
+    with pytest.warns(InputWarning, match="expected a person who is in a query and again in the gallery, got none"):
         (scores,) = trainer(tmp_path, limit_val_batches=1).validate(module, data, verbose=False)
     assert scores == {}
 

@@ -67,7 +67,8 @@ class ReIdentification(EvaluationMetric):
         if rows.ndim != 2:
             raise RequestError(f"`features`: expected shape (N, D), got {rows.shape}")
         lengths = np.sqrt(np.square(rows).sum(axis=1))
-        if not np.all(np.abs(lengths - 1) < SLACK):
+        # What has no direction stays zero when it is normalised.
+        if not np.all((np.abs(lengths - 1) < SLACK) | (lengths == 0)):
             raise RequestError(
                 f"`features`: expected unit length, got {lengths.min():.3g} to {lengths.max():.3g}; "
                 "`torch.nn.functional.normalize` gives it"
@@ -97,7 +98,9 @@ class ReIdentification(EvaluationMetric):
         near = np.abs(frames[query][:, None] - frames[~query][None]) < self.apart
         junk = (same & (same_camera | near)) | (ids[~query] == -1)
         if not (same & ~junk).any():
-            return self.unscored(("rank1", "rank5", "rank10", "map"), "a person who is in a query and in the gallery")
+            return self.unscored(
+                ("rank1", "rank5", "rank10", "map"), "a person who is in a query and again in the gallery"
+            )
         distances = 1 - features[query] @ features[~query].T
         scores = evaluate_retrieval(distances, ids[query], ids[~query], junk)
         return self.scored(

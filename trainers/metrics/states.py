@@ -82,9 +82,8 @@ class EvaluationMetric(Metric):
 
     def unscored(self, names: tuple[str, ...], missing: str) -> dict[str, Tensor]:
         """NaN by name, and a warning that says what is missing."""
-        warnings.warn(
-            f"{type(self).__name__}: expected {missing}, got none; its scores are NaN", InputWarning, stacklevel=3
-        )
+        line = f"{type(self).__name__}: expected {missing}, got none: its scores are NaN; update it with more"
+        warnings.warn(line, InputWarning, stacklevel=3)
         return self.scored(dict.fromkeys(names, float("nan")))
 
 

@@ -11,3 +11,8 @@ from .detector import Detector as Detector
 from .flow import FlowLayer as FlowLayer
 from .flow import FlowLoss as FlowLoss
 from .flow import FlowWindows as FlowWindows
+from .metrics import CLEAR as CLEAR
+from .metrics import HOTA as HOTA
+from .metrics import IDF1 as IDF1
+from .metrics import AveragePrecision as AveragePrecision
+from .metrics import ReIdentification as ReIdentification

@@ -56,8 +56,15 @@ def test_nobody_who_is_seen_again_is_nan_with_a_warning() -> None:
     for ids, cameras in (([1, 2], None), ([1, 1], [0, 0])):
         metric = ReIdentification()
         metric.update(torch.eye(2), ids, [True, False], cameras)
-        with pytest.warns(InputWarning, match="expected a person who is in a query and in the gallery"):
+        with pytest.warns(InputWarning, match="expected a person who is in a query and again in the gallery"):
             assert metric.compute()["map"].isnan()
+
+
+def test_features_without_a_direction_are_as_unlike_as_right_angles() -> None:
+    metric = ReIdentification()
+    metric.update(torch.zeros(2, 2), [1, 2], True)
+    metric.update(torch.eye(2), [1, 2], False)
+    assert metric.compute() == {"rank1": 0, "rank5": 1, "rank10": 1, "map": 0.5}
 
 
 def test_features_in_half_precision_are_of_unit_length() -> None:

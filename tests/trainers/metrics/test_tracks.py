@@ -169,7 +169,7 @@ def test_frames_of_a_list_are_all_scored_also_where_few_have_labels() -> None:
 def test_nothing_labelled_is_nan_with_a_warning(kind: type[Metric]) -> None:
     metric = kind()
     metric.update([frame([[0, 0, 10, 20]], [1])], [frame([], [])])
-    with pytest.warns(InputWarning, match="expected labelled boxes .* its scores are NaN"):
+    with pytest.warns(InputWarning, match="expected labelled boxes .* its scores are NaN; update it with more"):
         assert all(value.isnan() for value in metric.compute().values())
 
 

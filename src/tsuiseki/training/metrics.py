@@ -1,0 +1,7 @@
+"""Scores as `torchmetrics.Metric`, of tracks, detections and appearance."""
+
+from tsuiseki.trainers.metrics.detections import AveragePrecision as AveragePrecision
+from tsuiseki.trainers.metrics.reidentification import ReIdentification as ReIdentification
+from tsuiseki.trainers.metrics.tracks import CLEAR as CLEAR
+from tsuiseki.trainers.metrics.tracks import HOTA as HOTA
+from tsuiseki.trainers.metrics.tracks import IDF1 as IDF1
