@@ -277,13 +277,21 @@ class Association(NetworkModule):
         """
         del batch_index
         if not len(batch.detections):
-            return None
+            return self._nothing()
         rng = np.random.default_rng([self.seed, self.global_step])
         objective, others = self.losses(batch, self.loss, rng)
         self.log(
             "train/objective", objective, on_step=False, on_epoch=True, prog_bar=True, batch_size=1, sync_dist=True
         )
-        return finite(objective + others, batch.detections.name)
+        loss = finite(objective + others, batch.detections.name)
+        nothing = self._nothing()
+        return loss if nothing is None else loss + nothing
+
+    def _nothing(self) -> Tensor | None:
+        """Zero, of which all that learns is part: devices that learn together wait for each other's gradients."""
+        if not torch.distributed.is_initialized():
+            return None
+        return 0.0 * torch.stack([weights.sum() for weights in self.parameters() if weights.requires_grad]).sum()
 
     def losses(self, batch: TrainingWindow, loss: FlowLoss, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         """The loss of the flow of a window with detections, a detection; and all others, by their weights."""

@@ -22,10 +22,13 @@ from lightning.pytorch.callbacks import (
 )
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
+import tsuiseki
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features import exported
+from tsuiseki.tracking.features.action import STREAMS
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.video.image_folder import read_image
+from tsuiseki.trainers.fit import fit_detector
 from tsuiseki.training import (
     Action,
     ActionData,
@@ -250,8 +253,8 @@ def test_a_network_is_compiled(street: Path, tmp_path: Path) -> None:
 
 SCRIPT = """
 import sys, lightning, torch
-sys.path.insert(0, {tests!r})
-from trainers.test_lightning import NETWORKS, trainer
+sys.path.insert(0, {root!r})
+from tests.trainers.test_lightning import NETWORKS, trainer
 from pathlib import Path
 network = NETWORKS[{name!r}]
 training = trainer(Path({out!r}), devices=2, strategy="ddp", logger=False)
@@ -259,7 +262,8 @@ module = network.module()
 training.fit(module, network.data(Path({street!r}), Path({clips!r})))
 weights = sum(float(p.double().abs().sum()) for p in module.parameters())
 (scores,) = training.validate(module, network.data(Path({street!r}), Path({clips!r})), verbose=False)
-print("rank", training.global_rank, training.global_step, weights, sorted(scores.items()), flush=True)
+result = f"{{training.global_step}} {{weights}} {{sorted(scores.items())}}"
+Path({out!r}, f"rank-{{training.global_rank}}.txt").write_text(result)
 """
 
 
@@ -268,14 +272,13 @@ print("rank", training.global_rank, training.global_step, weights, sorted(scores
 def test_two_processes_learn_the_same_weights(name: str, street: Path, acting_clips: Path, tmp_path: Path) -> None:
     script = tmp_path / "ddp.py"
     places = {"street": str(street), "clips": str(acting_clips), "out": str(tmp_path)}
-    script.write_text(SCRIPT.format(tests=str(Path(__file__).parents[1]), name=name, **places))
+    script.write_text(SCRIPT.format(root=str(Path(__file__).parents[2]), name=name, **places))
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, timeout=200, check=False)
     assert done.returncode == 0, done.stderr[-2000:]
-    ranks = sorted(line.split(" ", 2)[1:] for line in done.stdout.splitlines() if line.startswith("rank"))
-    assert [rank for rank, _ in ranks] == ["0", "1"]
+    first, second = (path.read_text() for path in sorted(tmp_path.glob("rank-*.txt")))
     # Four batches over two devices.
-    assert ranks[0][1] == ranks[1][1]
-    assert ranks[0][1].startswith("2 ")
+    assert first.startswith("2 ")
+    assert first == second
 
 
 @pytest.mark.slow
@@ -288,3 +291,52 @@ def test_predictions_are_those_of_the_exported_detector(street: Path, tmp_path: 
     for mine, theirs in zip(predicted, exported.Detector(tmp_path / "detector.onnx").detect(images), strict=True):
         np.testing.assert_allclose(mine.boxes, theirs.boxes, atol=1e-3)
         np.testing.assert_allclose(mine.scores, theirs.scores, atol=1e-4)
+
+
+@pytest.mark.slow
+def test_python_learns_what_the_command_learns(street: Path, tmp_path: Path) -> None:
+    """The same weights, bit for bit, from ``start="people"`` and from ``--data`` with that start."""
+    words = [
+        "--model.start=people",
+        "--model.height=64",
+        "--model.width=128",
+        "--data.batch_size=2",
+        "--data.batches=3",
+    ]
+    words += ["--trainer.max_epochs=1", "--trainer.accelerator=cpu", "--data.workers=0"]
+    last = fit_detector(["--data", str(street), f"--out={tmp_path / 'out'}", *words])
+    assert last is not None
+    assert exported.Detector(tmp_path / "out" / "detector.onnx").input_size == (64, 128)
+    lightning.seed_everything(0, verbose=False)
+    module = Detector(start="people", height=64, width=128)
+    data = DetectionData(street, val_share=0.1, batch_size=2, batches=3, workers=0)
+    averaged = EMAWeightAveraging(decay=0.98)
+    trainer(tmp_path, averaged, gradient_clip_val=5.0, num_sanity_val_steps=0).fit(module, data)
+    weights = torch.load(last, weights_only=True)["state_dict"]
+    assert all(torch.equal(value, weights[name]) for name, value in module.state_dict().items())
+
+
+@pytest.mark.slow
+def test_one_call_gives_an_exported_file(street: Path, acting_clips: Path, tmp_path: Path) -> None:
+    appearance = tsuiseki.train_appearance(street, tmp_path / "a", epochs=1, batches=1)
+    assert exported.Appearance(appearance).model.card.feature_length == 128
+    association = tsuiseki.train_association(street, tmp_path / "b", epochs=1, batches=2)
+    assert association == tmp_path / "b" / "association.onnx"
+    assert association.is_file()
+    streams = tsuiseki.train_action(acting_clips / "train", tmp_path / "c", epochs=1, batches=1)
+    assert [path.name for path in streams] == [f"action_{name}.onnx" for name in STREAMS]
+    with pytest.raises(RequestError, match="already holds a training"):
+        tsuiseki.train_association(street, tmp_path / "b")
+
+
+def test_nobody_is_rendered_who_was_not_asked_for(
+    street: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("tsuiseki.datamodules.appearance.render_people", lambda *_: pytest.fail("people are rendered"))
+    data = AppearanceData(street, val_share=0.3, height=32, width=16)
+    data.prepare_data()
+    data.setup("fit")
+    assert len(np.unique(data.train_crops.ids)) == 4
+    assert len(np.unique(data.validation_crops.ids)) == 2
+    assert list(tmp_path.iterdir()) == []
