@@ -18,7 +18,9 @@ def expected_files() -> set[str]:
     """The files of the repository that must be in the wheel, by their path there."""
     suffixes = {".py", ".onnx", ".json", ".yaml", ".html", ".css", ".j2", ".js", ".svg"}
     found = (path for folder in FOLDERS for path in (REPOSITORY / folder).rglob("*") if path.suffix in suffixes)
-    top = {f"tsuiseki/{path.name}" for path in (REPOSITORY / "src/tsuiseki").iterdir() if path.is_file()}
+    source = REPOSITORY / "src"
+    own = [path for pattern in ("*", "training/*") for path in (source / "tsuiseki").glob(pattern) if path.is_file()]
+    top = {path.relative_to(source).as_posix() for path in own}
     return top | {f"tsuiseki/{path.relative_to(REPOSITORY).as_posix()}" for path in found if path.is_file()}
 
 

@@ -89,9 +89,9 @@ class ModelCard:
         return json.dumps(dataclasses.asdict(self), sort_keys=True)
 
     @classmethod
-    def from_json(cls, text: str) -> ModelCard:
-        """The card in ``text``; raises ValueError where it is none."""
-        values = json_of(text, METADATA_KEY, "a model card")
+    def from_json(cls, text: str, where: str = METADATA_KEY) -> ModelCard:
+        """The card in ``text``, which messages look for in ``where``; raises ValueError where it is none."""
+        values = json_of(text, where, "a model card")
         if not isinstance(values, dict) or {"kind", "name", "format_version"} - values.keys():
             raise ValueError("no model card")
         if values["format_version"] > FORMAT_VERSION:
@@ -346,7 +346,9 @@ class OnnxModel:
                 f"{self.path} is ONNX but carries no tsuiseki metadata; export it with `tsuiseki export {kind}`"
             )
         try:
-            card = ModelCard.from_json(metadata[METADATA_KEY])
+            card = ModelCard.from_json(metadata[METADATA_KEY], str(self.path))
+        except RequestError:
+            raise
         except (ValueError, TypeError) as error:
             raise RequestError(
                 f"{self.path}: expected metadata of format version up to {FORMAT_VERSION}, got {error}; "

@@ -159,7 +159,7 @@ def test_wrong_requests_are_refused_in_one_line(clip, tmp_path, capsys, words, m
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{", "got something else"),
+        ("{", "got no JSON"),
         ("[]", "got something else"),
         ('{"format": "tsuiseki-motion-1"}', "tsuiseki-body-1"),
         ('{"format": "tsuiseki-body-1", "name": "x"}', "broken body file"),

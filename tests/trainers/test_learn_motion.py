@@ -194,5 +194,5 @@ def test_no_file_and_no_json_are_refused(tmp_path):
     with pytest.raises(RequestError, match="found no"):
         read_motion(tmp_path / "none.json", "goldfish", 4)
     (tmp_path / "text.json").write_text("not json")
-    with pytest.raises(RequestError, match="got something else"):
+    with pytest.raises(RequestError, match="got no JSON"):
         read_motion(tmp_path / "text.json", "goldfish", 4)

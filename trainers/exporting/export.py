@@ -159,7 +159,7 @@ def load_module(kind: type[Module], checkpoint: Path, size: tuple[int, int] | No
     """
     # What the training started from is overwritten here; without it nothing is downloaded.
     changes = BEGINNINGS if size is None else {**BEGINNINGS, "height": size[0], "width": size[1]}
-    return kind.load_from_checkpoint(checkpoint, map_location="cpu", **changes).eval()
+    return kind.load_from_checkpoint(checkpoint, map_location="cpu", weights_only=True, **changes).eval()
 
 
 def check_parity(

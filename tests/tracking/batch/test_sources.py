@@ -73,7 +73,7 @@ def test_wrong_manifests_name_the_row(videos: Path, tmp_path: Path, rows: str, w
     [
         (["none/*.mp4"], "no file fits this pattern"),
         (["none.mp4"], "there is no such file or folder"),
-        ([""], "got nothing"),
+        ([""], "expected a value, got an empty one"),
         (["nosuch://there/x.mp4"], "nothing here reads nosuch://"),
         (["s3://bucket/x.mp4"], "nothing here reads s3://"),
         (["{0}/web.webm", "{0}/web.webm"], "would both be called web"),

@@ -59,7 +59,7 @@ def test_the_video_tells_the_size_that_a_text_does_not(result: Result[Track], tm
     coco = json.loads(convert(text, "coco", tmp_path / "a.json", video=images).read_text())
     assert [image["file_name"] for image in coco["images"]] == [f"f{frame:03d}.png" for frame in range(6)]
     assert coco["videos"][0]["width"] == 160
-    with pytest.raises(RequestError, match="expected frames of 640x480, as tracked, got 160x120"):
+    with pytest.raises(RequestError, match="expected frames of 640x480 pixels as in the result, got 160x120"):
         convert(result, "coco", tmp_path / "b.json", video=images)
 
 

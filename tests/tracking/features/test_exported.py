@@ -166,7 +166,7 @@ def test_wrong_files_are_refused_in_one_line(tmp_path):
         "not a readable ONNX": tmp_path / "text.onnx",
         "no tsuiseki metadata": fake_detector(tmp_path / "bare.onnx", card_text=None),
         "format version 2": fake_detector(tmp_path / "new.onnx", card_text=newer),
-        "got JSONDecodeError|got Expecting": fake_detector(tmp_path / "odd.onnx", card_text="{"),
+        "odd.onnx: expected a model card, got no JSON": fake_detector(tmp_path / "odd.onnx", card_text="{"),
         "kind 'detector', got 'appearance'": fake_appearance(tmp_path / "a.onnx"),
     }
     for message, path in cases.items():

@@ -181,7 +181,7 @@ def test_detections_are_written_as_they_are_read(room, tmp_path, capsys):
             "expected boxes of the 4 images of camera1, got some of other",
         ),
         (lambda rows: [rows[0] | {"score": 7}], "expected scores from 0 to 1, got 7"),
-        (lambda rows: [rows[0] | {"bbox": [1, 2, 3]}], "expected cx, cy"),
+        (lambda rows: [rows[0] | {"bbox": [1, 2, 3]}], "1 without cx, cy, w, h and degrees"),
         (lambda rows: [rows[0] | {"bbox": [900, 9, 9, 9, 0]}], "frame 1: expected boxes in images of 320x240, got one"),
         (lambda rows: {"a": rows}, "expected a JSON list of detections"),
     ],
