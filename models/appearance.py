@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from tsuiseki.models.backbones import TrunkName, build_trunk
+from tsuiseki.models.contract import NetworkCard
 
 # Horizontal stripes that a map is averaged over, top to bottom.
 STRIPES = 4
@@ -21,6 +22,8 @@ STRIPES = 4
 
 class AppearanceNetwork(nn.Module):
     """Crops of people in, unit-length features out: two crops of one person lie close, those of two people apart.
+
+    An `AppearanceTrunk`.
 
     Every stage of the trunk is averaged over horizontal stripes, so that the colour of a jacket differs from that of
     the trousers, then projected and normalised. The early stages carry the colours, the last one the shapes.
@@ -30,6 +33,7 @@ class AppearanceNetwork(nn.Module):
         weights: ``imagenet`` starts the trunk from torchvision's weights, null from scratch.
         feature_length: D of the features.
         dropout: share of the pooled values left out in training, in [0, 1).
+        size: height and width of the crops, pixels.
     """
 
     def __init__(
@@ -38,8 +42,10 @@ class AppearanceNetwork(nn.Module):
         weights: Literal["imagenet"] | None = None,
         feature_length: int = 128,
         dropout: float = 0.0,
+        size: tuple[int, int] = (128, 64),
     ) -> None:
         super().__init__()
+        self.card = NetworkCard(trunk, *size, resize="stretch")
         self.trunk = build_trunk(trunk, weights)
         self.feature_length = feature_length
         pooled = sum(self.trunk.channels) * STRIPES

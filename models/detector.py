@@ -14,15 +14,17 @@ from torch import Tensor, nn
 from torch.nn import functional
 from torchvision.ops import Conv2dNormActivation
 
-from tsuiseki.models.anchors import AnchorSizes, grid_anchors
+from tsuiseki.models.anchors import VARIANCES, AnchorSizes, decode, grid_anchors
 from tsuiseki.models.backbones import Trunk
+from tsuiseki.models.contract import NetworkCard
+from tsuiseki.models.losses import DetectionLoss, complete_iou, overlap_focal
 
 # Chance of a person at an anchor that an untrained detector claims: without it the negatives swamp the first steps.
 _PRIOR = 0.02
 
 
 class AnchorDetector(nn.Module):
-    """Feature maps, and on each a class head and a box head.
+    """Feature maps, and on each a class head and a box head; a `DetectorNetwork`.
 
     Args:
         features: images to a list of maps, in the order of the heads.
@@ -31,6 +33,10 @@ class AnchorDetector(nn.Module):
         anchors: ``(A, 4)`` centre x, centre y, width, height in input pixels; map, row, column, anchor.
         classes: without the background.
         size: height and width of the input.
+
+    Attributes:
+        card: by default of people, in letterboxed pictures.
+        criterion: what `loss` sums up.
     """
 
     anchors: Tensor
@@ -50,7 +56,19 @@ class AnchorDetector(nn.Module):
         self.box_heads = nn.ModuleList(box_heads)
         self.classes = classes
         self.size = size
+        names = ("person",) if classes == 1 else tuple(f"class {n + 1}" for n in range(classes))
+        self.card = NetworkCard("anchors", *size, names, settings={"variances": list(VARIANCES)})
+        self.criterion = DetectionLoss(overlap_focal, complete_iou, box_weight=2.0)
         self.register_buffer("anchors", anchors, persistent=False)
+
+    def decode(self, outputs: tuple[Tensor, Tensor]) -> tuple[Tensor, Tensor]:
+        """Boxes ``(B, A, 4)`` in input pixels and scores ``(B, A, classes)`` of the raw heads; see `decode_heads`."""
+        return decode_heads(*outputs, self.anchors)
+
+    def loss(self, outputs: tuple[Tensor, Tensor], boxes: Tensor, labels: Tensor) -> dict[str, Tensor]:
+        """Class loss and box loss; see `DetectionLoss`."""
+        class_loss, box_loss = self.criterion(*outputs, self.anchors, boxes, labels)
+        return {"class_loss": class_loss, "box_loss": box_loss}
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
         """Raw heads of normalised images.
@@ -68,6 +86,20 @@ class AnchorDetector(nn.Module):
         logits = [_rows(head(x), self.classes + 1) for head, x in zip(self.class_heads, maps, strict=True)]
         offsets = [_rows(head(x), 4) for head, x in zip(self.box_heads, maps, strict=True)]
         return torch.cat(logits, dim=1), torch.cat(offsets, dim=1)
+
+
+def decode_heads(logits: Tensor, offsets: Tensor, anchors: Tensor) -> tuple[Tensor, Tensor]:
+    """Boxes and scores of raw heads.
+
+    Args:
+        logits: ``(B, A, C + 1)``, background first.
+        offsets: ``(B, A, 4)`` in the box code.
+        anchors: ``(A, 4)`` centre form.
+
+    Returns:
+        boxes ``(B, A, 4)`` in input pixels, and scores ``(B, A, C)`` in [0, 1].
+    """
+    return decode(offsets.float(), anchors), logits.float().softmax(dim=-1)[..., 1:]
 
 
 class OneClass(nn.Module):

@@ -7,16 +7,15 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from tsuiseki.datamodules.appearance import APART, AppearanceBatch
 from tsuiseki.models.appearance import AppearanceNetwork, contrastive_loss, softmax_contrastive_loss, triplet_loss
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import shipped_or_file
-from tsuiseki.trainers.exporting.exported_weights import opened_onnx, unfold
+from tsuiseki.trainers.exporting.exported_weights import Normalisation, opened_onnx, unfold
 from tsuiseki.trainers.exporting.written_networks import model_file, write_appearance
 from tsuiseki.trainers.metrics.reidentification import ReIdentification
 from tsuiseki.trainers.network_module import (
@@ -27,6 +26,7 @@ from tsuiseki.trainers.network_module import (
     plain_hyperparameters,
     read_checkpoint,
 )
+from tsuiseki.trainers.own_network import appearance_card, refuse_parts, try_appearance
 from tsuiseki.trainers.start import begin_network, completed
 
 LossName = Literal["softmax", "triplet", "contrastive"]
@@ -54,9 +54,11 @@ class Appearance(NetworkModule):
         margin: of ``triplet`` and ``contrastive``; the temperature of ``softmax``.
         learning_rate: at the end of the warm-up.
         optimisation: how weights are moved.
+        network: any `AppearanceTrunk`, which decides trunk, feature length, dropout and size.
 
     Raises:
-        RequestError: an argument contradicts the ``start``, or there is no such trunk.
+        RequestError: an argument contradicts the ``start`` or the ``network``, there is no such trunk, or the
+            ``network`` is no `AppearanceTrunk`.
     """
 
     kind = "appearance"
@@ -74,31 +76,43 @@ class Appearance(NetworkModule):
         margin: float = 0.1,
         learning_rate: float = 2e-3,
         optimisation: Optimisation = Optimisation(),  # noqa: B008
+        network: nn.Module | None = None,
     ) -> None:
         super().__init__()
+        # A checkpoint holds plain values alone, so of a network that a command builds how, and no other.
+        own, network = network, None
         self.save_hyperparameters()
         asked = {"trunk": trunk, "feature_length": feature_length, "height": height, "width": width}
-        file = None if start is None else shipped_or_file("appearance", start)
-        parts = completed(
-            asked, USUAL, None if file is None else parts_of(file), file, fixed=("trunk", "feature_length")
-        )
-        self.hparams.update(parts)
+        self._folded: list[Normalisation] = []
+        if own is None:
+            self._build(asked, weights, dropout, None if start is None else shipped_or_file("appearance", start))
+            self.card = appearance_card(self.network, self.network.feature_length)
+        else:
+            refuse_parts({"start": start, "weights": weights, **asked, "dropout": dropout}, {"dropout": 0.0})
+            self.bring(own)
+            self.card = try_appearance(own)
         plain_hyperparameters(self)
-        if start is not None and weights is not None:
-            raise RequestError("expected one of `start` and `weights`, got both")
-        length = parts["feature_length"]
-        try:
-            self.network = AppearanceNetwork(parts["trunk"], weights, length, dropout=dropout)
-        except (ValueError, ConnectionError) as error:
-            raise RequestError(str(error)) from error
-        self._folded = [] if file is None else begin_network(self.network, file, "appearance")
-        size = {"input_height": parts["height"], "input_width": parts["width"]}
-        self.card = ModelCard(kind="appearance", name=parts["trunk"], feature_length=length, **size)
         self.loss, self.margin = LOSSES[loss], margin
         self.learning_rate, self.optimisation = learning_rate, optimisation
         # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
         self.network.to(memory_format=torch.channels_last)
-        self.example_input_array = torch.zeros(1, parts["height"], parts["width"], 3, dtype=torch.uint8)
+        self.example_input_array = torch.zeros(1, self.card.input_height, self.card.input_width, 3, dtype=torch.uint8)
+
+    def _build(
+        self, asked: dict[str, Any], weights: Literal["imagenet"] | None, dropout: float, file: Path | None
+    ) -> None:
+        """The network that is asked for, with the weights of the ``file``."""
+        if file is not None and weights is not None:
+            raise RequestError("expected one of `start` and `weights`, got both")
+        held = None if file is None else parts_of(file)
+        parts = completed(asked, USUAL, held, file, fixed=("trunk", "feature_length"))
+        self.hparams.update(parts)
+        length, size = parts["feature_length"], (parts["height"], parts["width"])
+        try:
+            self.network = AppearanceNetwork(parts["trunk"], weights, length, dropout, size)
+        except (ValueError, ConnectionError) as error:
+            raise RequestError(str(error)) from error
+        self._folded = [] if file is None else begin_network(self.network, file, "appearance")
 
     def on_fit_start(self) -> None:
         """Weights of an exported file get their normalisations back; a training that goes on has all it needs."""
@@ -159,7 +173,7 @@ def parts_of(path: Path) -> dict[str, Any]:
     """
     if path.suffix != ".onnx":
         held = read_checkpoint(path, "hyper_parameters")
-        if not held.keys() >= USUAL.keys():
+        if not held.keys() >= USUAL.keys() or held["trunk"] is None:
             raise RequestError(
                 f"{path}: expected a checkpoint of `tsuiseki train appearance`, got one of another network"
             )

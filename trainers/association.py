@@ -15,6 +15,7 @@ from lightning.pytorch.cli import instantiate_module
 from torch import Tensor
 
 from tsuiseki.models.association import AssociationNetwork
+from tsuiseki.models.detector import AnchorDetector
 from tsuiseki.tracking.association.learnt_costs import FeatureNames
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
@@ -68,13 +69,15 @@ def detector_of(path: Path) -> tuple[Detector, dict[str, Any]]:
     path = shipped_or_file("detector", path)
     if path.suffix != ".onnx":
         detector, made_of = load_module(Detector, path), _made_of(Detector, path)
+        if not isinstance(detector.network, AnchorDetector):
+            raise RequestError(f"{path}: expected a detector with heads at anchors, got {detector.card.name}")
         if len(detector.card.class_names) > 1:
             raise RequestError(
                 f"{path}: expected a detector of people alone, got {', '.join(detector.card.class_names)}"
             )
         return heads_only(detector), {**made_of, **BEGINNINGS}
     # It is of people alone.
-    made_of = {**layout_of(path).arguments, "loss": "quality", "box_weight": 2.0}
+    made_of = {**layout_of(path).arguments, "loss": "quality"}
     detector = Detector(**made_of, start=path)
     return heads_only(detector), made_of
 

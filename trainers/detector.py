@@ -1,9 +1,10 @@
-"""Fitting detectors of the SSD family to labelled boxes."""
+"""Fitting detectors to labelled boxes: those of the SSD family, and any `DetectorNetwork`."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any, Literal
 
@@ -14,7 +15,6 @@ from torchvision.ops import batched_nms
 
 from tsuiseki.datamodules.detector import DetectionBatch, DetectionData
 from tsuiseki.models import losses
-from tsuiseki.models.anchors import decode
 from tsuiseki.models.backbones import TrunkName
 from tsuiseki.models.detector import BranchedDetector
 from tsuiseki.tracking.errors import RequestError
@@ -31,11 +31,10 @@ from tsuiseki.trainers.detector_network import (
     begin_branch,
     begin_network,
     built,
-    card_of,
     detector_parts,
 )
 from tsuiseki.trainers.exporting.exported_weights import restore_normalisations
-from tsuiseki.trainers.exporting.written_networks import model_file, write_heads
+from tsuiseki.trainers.exporting.written_networks import model_file, write_detector
 from tsuiseki.trainers.metrics.detections import AveragePrecision
 from tsuiseki.trainers.network_module import (
     NetworkModule,
@@ -44,6 +43,7 @@ from tsuiseki.trainers.network_module import (
     normalised,
     plain_hyperparameters,
 )
+from tsuiseki.trainers.own_network import card_of_network, refuse_parts, try_detector
 
 DetectionLossName = Literal["multibox", "quality"]
 # What scores and boxes learn by.
@@ -58,6 +58,8 @@ _NORM_EXAMPLES = 32
 
 
 _BRANCHED = "a branched detector needs model.start and a model.optimisation.features_rate of 1"
+# Arguments that a network of one's own decides itself, where nobody gives them.
+_OTHERS = {"loss": "quality", "teacher": Teacher(), "optimisation.features_rate": 1.0, "optimisation.box_weight": 2.0}
 # Scores that are reported, as of an exported detector.
 SCORE_THRESHOLD = 0.3
 
@@ -69,10 +71,12 @@ class DetectorOptimisation(Optimisation):
     Attributes:
         features_rate: learning rate of all but the heads, as a share of the learning rate; a small one keeps what the
             starting weights know of other places.
+        box_weight: of the box loss against the class loss; 2 suits complete IoU.
     """
 
     warmup_steps: int = 50
     features_rate: float = 1.0
+    box_weight: float = 2.0
 
 
 class PredictedDetections(Detections):
@@ -107,13 +111,14 @@ class Detector(NetworkModule):
         channels: of the top-down path of ``people``, or of the branch; by default 96.
         loss: ``multibox`` (smooth L1 on boxes, scores by hard negatives) or ``quality`` (complete IoU, scores that are
             to be the overlap).
-        box_weight: of the box loss against the class loss; 2 suits complete IoU.
         teacher: another detector, from whose scores and boxes the network learns beside the labels.
         learning_rate: at the end of the warm-up.
         optimisation: how weights are moved.
+        network: any `DetectorNetwork`, which decides all else but ``learning_rate`` and ``optimisation``.
 
     Raises:
-        RequestError: an argument contradicts the ``start``, its weights do not fit, or parts do not fit together.
+        RequestError: an argument contradicts the ``start`` or the ``network``, weights or parts do not fit together, or
+            the ``network`` is no `DetectorNetwork`.
     """
 
     kind = "detector"
@@ -132,14 +137,15 @@ class Detector(NetworkModule):
         anchors: list[list[tuple[float, float]]] | None = None,
         channels: int | None = None,
         loss: DetectionLossName = "quality",
-        box_weight: float = 2.0,
         teacher: Teacher = Teacher(),  # noqa: B008
         learning_rate: float = 1e-3,
         optimisation: DetectorOptimisation = DetectorOptimisation(),
+        network: nn.Module | None = None,
     ) -> None:
         super().__init__()
+        # A checkpoint holds plain values alone, so of a network that a command builds how, and no other.
+        own, network = network, None
         self.save_hyperparameters()
-        file = None if start is None else shipped_or_file("detector", start)
         asked: dict[str, Any] = {"architecture": architecture, "trunk": trunk, "anchors": anchors, "channels": channels}
         asked |= {
             "height": height,
@@ -147,18 +153,18 @@ class Detector(NetworkModule):
             "normalisation": normalisation,
             "classes": classes,
         }
-        parts = detector_parts(asked, weights, file)
-        # A checkpoint is loaded without its starting weights, which must not change its parts.
-        self.hparams.update(parts)
+        self._foreign_norms = False
+        if own is None:
+            self._build(asked, weights, None if start is None else shipped_or_file("detector", start))
+            self.network.criterion = losses.DetectionLoss(*LOSSES[loss], box_weight=optimisation.box_weight)
+            self.card = card_of_network(self.network, "detector")
+        else:
+            others: dict[str, Any] = {"loss": loss, "teacher": teacher}
+            others |= {f"optimisation.{name}": getattr(optimisation, name) for name in ("features_rate", "box_weight")}
+            refuse_parts({"start": start, "weights": weights, **asked, **others}, _OTHERS)
+            self.bring(own)
+            self.card = try_detector(own)
         plain_hyperparameters(self)
-        self.network = built(parts, weights)
-        self._foreign_norms = file is not None and file.suffix == ".onnx"
-        if file is not None and isinstance(self.network, BranchedDetector):
-            begin_branch(self.network, file, parts["anchors"])
-        elif file is not None:
-            begin_network(self.network, file)
-        self.card = card_of(parts)
-        self.loss = losses.DetectionLoss(*LOSSES[loss], box_weight=box_weight)
         if teacher.file is not None and len(self.card.class_names) > 1:
             raise RequestError("expected one class with a `teacher`, which knows people alone")
         self.teacher = None if teacher.file is None else SoftTeacher(teacher.file, self.network, self.card)
@@ -168,10 +174,21 @@ class Detector(NetworkModule):
         self.network.to(memory_format=torch.channels_last)
         self.example_input_array = torch.zeros(1, self.card.input_height, self.card.input_width, 3, dtype=torch.uint8)
 
-    def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
-        """Raw heads of ``(B, H, W, 3)`` uint8 images; see `AnchorDetector.forward`."""
-        logits, offsets = self.network(normalised(images, self.card, self.dtype))
-        return logits, offsets
+    def _build(self, asked: dict[str, Any], weights: Literal["imagenet", "coco"] | None, file: Path | None) -> None:
+        """The network of `detector_parts`, with the weights of the ``file``."""
+        parts = detector_parts(asked, weights, file)
+        # A checkpoint is loaded without its starting weights, which must not change its parts.
+        self.hparams.update(parts)
+        self.network = built(parts, weights)
+        self._foreign_norms = file is not None and file.suffix == ".onnx"
+        if file is not None and isinstance(self.network, BranchedDetector):
+            begin_branch(self.network, file, parts["anchors"])
+        elif file is not None:
+            begin_network(self.network, file)
+
+    def forward(self, images: Tensor) -> Any:
+        """Outputs for ``(B, H, W, 3)`` uint8 images; see `DetectorNetwork.forward`."""
+        return self.network(normalised(images, self.card, self.dtype))
 
     @torch.no_grad()
     def detect(self, images: Sequence[ImageArray], score_threshold: float = SCORE_THRESHOLD) -> list[Detections]:
@@ -185,9 +202,9 @@ class Detector(NetworkModule):
             return []
         fitted, scales = zip(*(fit_image(image, self.card) for image in images), strict=True)
         batch = torch.from_numpy(np.stack(fitted)).to(self.device)
-        logits, offsets = self(batch)
         names = dict(enumerate(self.card.class_names, start=1))
-        of_input = detections(logits, offsets, self.network.anchors, self.card)
+        decoded = self.network.decode(self(batch))
+        of_input = detections(decoded[0], decoded[1], self.card)
         result = list[Detections]()
         for detected, scale, image in zip(of_input, scales, images, strict=True):
             boxes = clip_boxes(detected.boxes / np.tile(scale, 2), image.shape[1], image.shape[0])
@@ -222,7 +239,7 @@ class Detector(NetworkModule):
             RunError: the file does not give what torch gives.
         """
         card = replace(self.card, training_data=training_data)
-        return write_heads(self.network, card, model_file(out, training_data, float16, overwrite))
+        return write_detector(self.network, card, model_file(out, training_data, float16, overwrite))
 
     def on_fit_start(self) -> None:
         """Weights of an exported file get their normalisations back; a training that goes on has all it needs."""
@@ -247,23 +264,23 @@ class Detector(NetworkModule):
     def training_step(self, batch: DetectionBatch, batch_index: int) -> Tensor:
         del batch_index
         images = normalised(batch.images, self.card, self.dtype)
-        logits, offsets = self.network(images)
-        class_loss, box_loss = self.loss(logits, offsets, self.network.anchors, batch.boxes, batch.labels)
-        terms = {"train/class_loss": class_loss, "train/box_loss": box_loss}
-        total: Tensor = class_loss + box_loss
+        outputs = self.network(images)
+        terms = dict(self.network.loss(outputs, batch.boxes, batch.labels))
         if self.teacher is not None:
+            logits, offsets = outputs
             soft = losses.distillation_loss(logits, offsets, self.network.anchors, self.teacher.targets(images))
-            terms["train/teacher_loss"] = self.teacher_weight * (soft[0] + self.loss.box_weight * soft[1])
-            total = total + terms["train/teacher_loss"]
-        self.log_dict(terms, on_step=False, on_epoch=True, sync_dist=True)
+            terms["teacher_loss"] = self.teacher_weight * (soft[0] + self.network.criterion.box_weight * soft[1])
+        logged = {f"train/{name}": value for name, value in terms.items()}
+        self.log_dict(logged, on_step=False, on_epoch=True, sync_dist=True)
+        total: Tensor = reduce(torch.add, terms.values())
         return total
 
     def validation_step(self, batch: DetectionBatch, batch_index: int) -> None:
         """Keep the detections of a batch, and its labels."""
         del batch_index
-        logits, offsets = self(batch.images)
+        decoded = self.network.decode(self(batch.images))
         truth = zip(batch.boxes.double().cpu().numpy(), batch.labels.cpu().numpy(), strict=True)
-        batch_detections = detections(logits, offsets, self.network.anchors, self.card)
+        batch_detections = detections(decoded[0], decoded[1], self.card)
         for (boxes, labels), detected in zip(truth, batch_detections, strict=True):
             real = labels != losses.PADDING
             self.validated.append((boxes[real], labels[real], detected))
@@ -290,20 +307,18 @@ class Detector(NetworkModule):
         )
 
 
-def detections(logits: Tensor, offsets: Tensor, anchors: Tensor, card: ModelCard) -> list[Detections]:
+def detections(boxes: Tensor, scores: Tensor, card: ModelCard) -> list[Detections]:
     """The best boxes of each image after suppression at IoU 0.5, in input pixels, cut off at its border.
 
     Args:
-        logits: ``(B, A, C + 1)``.
-        offsets: ``(B, A, 4)``.
-        anchors: ``(A, 4)`` centre form.
+        boxes: ``(B, N, 4)`` x1, y1, x2, y2 in input pixels.
+        scores: ``(B, N, C)`` in [0, 1].
         card: says the size of the input.
     """
-    count = logits.shape[-1] - 1
-    scores, place = logits.float().softmax(dim=-1)[..., 1:].flatten(1).topk(min(_CANDIDATES, len(anchors)), dim=1)
+    images, each, count = scores.shape
+    scores, place = scores.float().flatten(1).topk(min(_CANDIDATES, each), dim=1)
     which, kind = place // count, place % count + 1
-    chosen = torch.gather(offsets.float(), 1, which[..., None].expand(-1, -1, 4))
-    boxes = decode(chosen, anchors[which])
+    boxes = torch.gather(boxes.float(), 1, which[..., None].expand(-1, -1, 4))
     limit = torch.tensor([card.input_width, card.input_height] * 2, device=boxes.device)
     boxes = torch.minimum(boxes.clamp(min=0), limit)
     image = torch.arange(len(boxes), device=boxes.device)[:, None].expand_as(scores)
@@ -311,5 +326,5 @@ def detections(logits: Tensor, offsets: Tensor, anchors: Tensor, card: ModelCard
     flat = [x[real] for x in (boxes, scores, image, kind)]
     order = batched_nms(flat[0], flat[1], flat[2] * count + flat[3], 0.5)
     corners, score, owner, kinds = (x[order].double().cpu().numpy() for x in flat)
-    of_image = [owner == n for n in range(len(logits))]
+    of_image = [owner == n for n in range(images)]
     return [Detections(corners[mine], score[mine], classes=kinds[mine].astype(np.int64)) for mine in of_image]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,6 +12,7 @@ from torch import Tensor
 
 from tsuiseki.models.anchors import VARIANCES
 from tsuiseki.models.backbones import TrunkName, build_trunk
+from tsuiseki.models.contract import NetworkCard
 from tsuiseki.models.detector import AnchorDetector, BranchedDetector, branched_detector, people_detector
 from tsuiseki.models.losses import SoftTargets, soft_targets
 from tsuiseki.models.ssd import coco_start, ssd300, ssd512, ssdlite320
@@ -301,7 +302,10 @@ def detector_parts(
 def built(parts: dict[str, Any], weights: Literal["imagenet", "coco"] | None) -> AnchorDetector:
     """The network of `detector_parts`, see `build_detector`."""
     size, how = (parts["height"], parts["width"]), (parts["anchors"], parts["channels"], len(parts["classes"]))
-    return build_detector(parts["architecture"], parts["trunk"], weights, size, *how)
+    network = build_detector(parts["architecture"], parts["trunk"], weights, size, *how)
+    card = card_of(parts)
+    network.card = NetworkCard(**{field.name: getattr(card, field.name) for field in fields(NetworkCard)})
+    return network
 
 
 def resize_of(architecture: str) -> Resize:
@@ -325,7 +329,7 @@ def _described(path: Path, people: bool = True) -> tuple[dict[str, Any], ModelCa
         parts = {"trunk": layout.trunk, "anchors": layout.anchors, "channels": layout.channels}
         return {"architecture": "people", **parts}, layout.card, (float(scale), float(shift))
     parameters = read_checkpoint(path, "hyper_parameters")
-    if not parameters.keys() >= {*_LAYOUT, "height", "width", "normalisation"}:
+    if not parameters.keys() >= {*_LAYOUT, "height", "width", "normalisation"} or parameters["architecture"] is None:
         raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector`, got one of another network")
     size = parameters["height"], parameters["width"]
     classes = parameters.get("classes") or [PEOPLE]

@@ -15,6 +15,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.yolo import ABOUT
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.fine_tune import Recipe, compared, complete_options
+from tsuiseki.trainers.own_network import NETWORK_OPTIONS, check_class, importable_here
 from tsuiseki.trainers.refusals import one_line
 from tsuiseki.trainers.task_cli import ACTION, APPEARANCE, ASSOCIATION, CONFIG, DETECTOR, Task, TaskCLI
 
@@ -58,14 +59,15 @@ def fit(task: Task, arguments: Sequence[str], complete: Callable[[Namespace], No
     if words[:1] not in [[name] for name in TaskCLI.subcommands()]:
         words.insert(0, "fit")
     if folder is not None:
-        recipe = [] if has_config(words) else [f"--config={task.name}_fine_tune"]
+        recipe = [] if has_config(words) else [f"--config={task.name}_{'own' if has_network(words) else 'fine_tune'}"]
         words = [words[0], *recipe, *words[1:], f"--data.train={folder}"]
-    with warnings.catch_warnings():
+    with warnings.catch_warnings(), importable_here():
         for message in EXPECTED_WARNINGS:
             warnings.filterwarnings("ignore", message=message)
         # Lightning calls jsonargparse by names that newer versions discourage.
         warnings.filterwarnings("ignore", category=DeprecationWarning, module="lightning.pytorch.cli")
         logging.getLogger("lightning.pytorch").setLevel(logging.WARNING)
+        check_class(words)
         try:
             return TaskCLI(task, words, complete).best
         except (ArgumentError, MisconfigurationException, ModuleNotFoundError, ValueError) as error:
@@ -79,6 +81,7 @@ def fit_detector(arguments: Sequence[str]) -> Path | None:
 
     With ``--data FOLDER`` it learns from the shipped detector on nine tenths of each video. Its last epoch is exported
     as ``detector.onnx``, and scored on the last tenth, which chooses nothing, so that its scores tell what to expect.
+    Of a ``--model.network``, which starts from nothing, the best epoch on the last tenth is exported.
 
     Returns:
         The best checkpoint, or the last with ``--data``; None where there is none.
@@ -89,6 +92,8 @@ def fit_detector(arguments: Sequence[str]) -> Path | None:
     folder, words = folder_of(arguments)
     if folder is None or has_config(words):
         return fit(DETECTOR, arguments)
+    if has_network(words):
+        return _exported(DETECTOR, arguments)
     recipe: list[Recipe] = []
     best = fit(DETECTOR, arguments, lambda options: recipe.append(complete_options(options, folder)))
     if best is None:
@@ -159,6 +164,11 @@ def fit_association(arguments: Sequence[str]) -> Path | None:
 def has_config(words: Sequence[str]) -> bool:
     """Whether a file of options is among the words."""
     return any(word.partition("=")[0] in CONFIG for word in words)
+
+
+def has_network(words: Sequence[str]) -> bool:
+    """Whether a network of the user is among the words."""
+    return any(word.partition("=")[0] in NETWORK_OPTIONS for word in words)
 
 
 def folder_of(arguments: Sequence[str]) -> tuple[Path | None, list[str]]:

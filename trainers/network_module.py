@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, ClassVar, Literal, Self, TypeVar
 
 import torch
-from jsonargparse import ArgumentError
+from jsonargparse import ArgumentError, Namespace
 from lightning import LightningModule, Trainer
 from lightning.pytorch.utilities.types import OptimizerLRSchedulerConfig
 from torch import Tensor, nn
@@ -127,6 +127,8 @@ def plain_hyperparameters(module: LightningModule) -> None:
 def _plain(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return {name: _plain(part) for name, part in dataclasses.asdict(value).items()}
+    if isinstance(value, dict | Namespace):
+        return {name: _plain(part) for name, part in (vars(value) if isinstance(value, Namespace) else value).items()}
     return str(value) if isinstance(value, Path) else value
 
 
@@ -134,6 +136,8 @@ def _plain(value: Any) -> Any:
 BEGINNINGS: dict[str, Any] = {"weights": None, "start": None, "teacher": {}}
 # Where a checkpoint says of which class its module is.
 NETWORK = "network"
+# Where it says of which class the network is that a user built in Python; a command's is among the hyperparameters.
+BROUGHT = "brought"
 # Scores that the progress bar shows.
 _ON_BAR = ("ap50", "rank1", "map", "agreement", "mota", "switches")
 
@@ -159,6 +163,11 @@ class NetworkModule(LightningModule):
     def __init__(self) -> None:
         super().__init__()
         self.validated: list[Any] = []
+        self._brought = ""
+
+    def bring(self, network: nn.Module) -> None:
+        """Let a ``network`` of the user learn, which is in no folder of ours."""
+        self.network, self._brought = network, f"{type(network).__module__}.{type(network).__qualname__}"
 
     def scores(self, rows: list[Any]) -> dict[str, float]:
         """The scores by their names, of what validation steps have kept on all devices."""
@@ -191,6 +200,8 @@ class NetworkModule(LightningModule):
         beginnings = {name: value for name, value in BEGINNINGS.items() if name in self.hparams}
         checkpoint["hyper_parameters"] = {**checkpoint["hyper_parameters"], **beginnings}
         checkpoint[NETWORK] = type(self).__name__
+        if self._brought and self.hparams["network"] is None:
+            checkpoint[BROUGHT] = self._brought
 
     def on_load_checkpoint(self, checkpoint: dict[str, Any]) -> None:
         """Refuse the checkpoint of another network.
@@ -215,7 +226,13 @@ class NetworkModule(LightningModule):
             RequestError: the file is missing, no checkpoint, or of another module.
         """
         if isinstance(checkpoint_path, str | Path):
-            _check_kind(_loaded(Path(checkpoint_path), "meta"), cls, checkpoint_path)
+            held = _loaded(Path(checkpoint_path), "meta")
+            _check_kind(held, cls, checkpoint_path)
+            if BROUGHT in held and kwargs.get("network") is None:
+                raise RequestError(
+                    f"{checkpoint_path}: expected `network`, a {held[BROUGHT]} as it was trained; "
+                    f"{cls.__name__}.load_from_checkpoint(FILE, network=…) takes it"
+                )
         try:
             return super().load_from_checkpoint(checkpoint_path, *args, **{"weights_only": True, **kwargs})
         except RequestError:

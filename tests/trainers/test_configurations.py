@@ -29,7 +29,7 @@ def test_a_configuration_is_read_by_its_command(path: Path, tmp_path: Path, monk
         assert request_of(["train", command, *words]).settings["out"] == str(out)
         return
     # The data of a fine tuning is named by its caller.
-    words += ["--data.train=[]"] if path.stem.endswith("fine_tune") else []
+    words += ["--data.train=[]"] if path.stem.endswith(("fine_tune", "_own")) else []
     monkeypatch.setattr(TaskCLI, "instantiate_classes", lambda _: None)
     assert TaskCLI(TASKS[command], words, run=False).out == out
 

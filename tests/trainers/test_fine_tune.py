@@ -18,7 +18,6 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.cli.config import named_config
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features import exported
-from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.trainers import fit
 from tsuiseki.trainers.detector import Detector, detections
@@ -107,13 +106,9 @@ def test_every_class_starts_as_people(tmp_path: Path) -> None:
         torch.testing.assert_close(wide[:, added::2], people[..., [0, 1, 1]])
         torch.testing.assert_close(codes[:, added::2], one(images)[1])
     assert three.card.class_names == ("person", "car", "dog")
-    found = detections(torch.tensor([0.0, 1, 5, 1]).expand(1, len(three.network.anchors), 4), *_heads(three))
+    logits = torch.tensor([0.0, 1, 5, 1]).expand(1, len(three.network.anchors), 4)
+    found = detections(*three.network.decode((logits, torch.zeros(1, len(three.network.anchors), 4))), three.card)
     assert set(found[0].classes.tolist()) == {2}
-
-
-def _heads(model: Detector) -> tuple[torch.Tensor, torch.Tensor, ModelCard]:
-    anchors = model.network.anchors
-    return torch.zeros(1, len(anchors), 4), anchors, model.card
 
 
 def test_parts_of_a_video_share_no_picture(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from lightning.pytorch.loggers import CSVLogger
 
 from tsuiseki.datamodules.detector import DetectionData
 from tsuiseki.datamodules.training_images import TrainingSource
+from tsuiseki.models.detector import decode_heads
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.weights import shipped
@@ -330,7 +331,7 @@ def test_detections_are_decoded_suppressed_and_cut_off() -> None:
     card = detector_card("test", (64, 64), "letterbox", "imagenet")
     anchors = torch.tensor([[10.0, 20.0, 12.0, 28.0], [11.0, 20.0, 12.0, 28.0], [60.0, 40.0, 20.0, 28.0]])
     logits = torch.tensor([[[0.0, 2.0], [0.0, 1.0], [0.0, -1.0]]])
-    found = detections(logits, torch.zeros(1, 3, 4), anchors, card)[0]
+    found = detections(*decode_heads(logits, torch.zeros(1, 3, 4), anchors), card)[0]
     assert found.boxes.tolist() == [[4.0, 6.0, 16.0, 34.0], [50.0, 26.0, 64.0, 54.0]]
     assert found.scores.tolist() == pytest.approx([1 / (1 + np.exp(-2)), 1 / (1 + np.e)])
 

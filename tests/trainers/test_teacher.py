@@ -64,7 +64,7 @@ def test_the_lesson_is_added_to_that_of_the_labels():
     for weight in (None, 0.0, 1.0, 2.0):
         lightning.seed_everything(0, verbose=False)
         taught = {} if weight is None else {"teacher": Teacher(TEACHER, weight)}
-        losses.append(loss_of(student(loss="quality", box_weight=2.0, **taught)))
+        losses.append(loss_of(student(loss="quality", **taught)))
     assert losses[1] == pytest.approx(losses[0], rel=1e-6)
     assert losses[2] > losses[1]
     assert losses[3] - losses[2] == pytest.approx(losses[2] - losses[1], rel=1e-4)

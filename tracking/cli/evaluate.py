@@ -204,9 +204,9 @@ def _exported(result: Path, out: Path) -> Path:
     """``result``; of a checkpoint the network that ``out`` then holds."""
     if result.suffix != ".ckpt":
         return result
-    from tsuiseki.trainers.exporting.export_networks import write_detector
+    from tsuiseki.trainers.exporting.export_networks import write_checkpoint
 
-    write_detector(result, out)
+    write_checkpoint(result, out)
     return out
 
 

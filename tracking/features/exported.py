@@ -82,7 +82,7 @@ class Describe(Protocol):
 
 
 class Detector:
-    """A person detector of the SSD family, exported to ONNX with raw heads.
+    """A detector exported to ONNX: of the SSD family with raw heads, any other with boxes and scores.
 
     Args:
         path: the ONNX file.
@@ -115,10 +115,12 @@ class Detector:
             raise RequestError(f"expected a threshold in [0, 1], got {score_threshold}")
         self.score_threshold = score_threshold
         card = self.model.card
-        if self.model.output_names != ["logits", "offsets", "anchors"] or "variances" not in card.settings:
+        self._decoded = self.model.output_names == ["boxes", "scores"]
+        heads = self.model.output_names == ["logits", "offsets", "anchors"] and "variances" in card.settings
+        if not (heads or self._decoded):
             raise RequestError(
-                f"{path}: expected outputs logits, offsets and anchors, got {', '.join(self.model.output_names)}; "
-                "export the detector again"
+                f"{path}: expected outputs logits, offsets and anchors, or boxes and scores, got "
+                f"{', '.join(self.model.output_names)}; export the detector again"
             )
         names = dict(enumerate(card.class_names, start=1))
         self.across = classes is None or classes.across
@@ -147,7 +149,7 @@ class Detector:
         return [detections for detections, _ in self.detect_at_anchors(images)]
 
     def detect_at_anchors(self, images: Sequence[ImageArray]) -> list[tuple[Detections, IntArray]]:
-        """As `detect`, with the ``(N,)`` anchors that the detections of each image come from."""
+        """As `detect`, with the ``(N,)`` anchors, or rows of boxes, that the detections of each image come from."""
         if not check_images(images):
             return []
         card = self.model.card
@@ -155,35 +157,51 @@ class Detector:
         detections = []
         for batch in (images[start : start + count] for start in range(0, len(images), count)):
             inputs, scales = zip(*(fit_image(image, card) for image in batch), strict=True)
-            logits, offsets, anchors = self.model.run(normalise(inputs, card))
-            detections += [
-                self._decode(logits[n], offsets[n], anchors, scales[n], batch[n].shape[:2]) for n in range(len(batch))
-            ]
+            outputs = self.model.run(normalise(inputs, card))
+            for n, image in enumerate(batch):
+                read = self._scored(outputs[1][n]) if self._decoded else self._softmax(outputs[0][n])
+                detections.append(self._chosen(read, outputs, n, scales[n], image.shape[:2]))
         return detections
 
-    def _decode(
-        self,
-        logits: NDArray[np.float32],
-        offsets: NDArray[np.float32],
-        anchors: NDArray[np.float32],
-        scale: tuple[float, float],
-        size: tuple[int, int],
-    ) -> tuple[Detections, IntArray]:
+    def _scored(self, scores: NDArray[np.float32]) -> tuple[IntArray, NDArray[Any]]:
+        """As `_softmax`, of ``(N, C)`` scores in [0, 1]."""
+        candidates = np.flatnonzero(scores.max(axis=1) >= self.score_threshold)
+        return candidates, self._of_classes(scores[candidates], 1)
+
+    def _softmax(self, logits: NDArray[np.float32]) -> tuple[IntArray, NDArray[Any]]:
+        """Rows of ``(A, C + 1)`` logits that may be reported, and their scores of the classes that are detected."""
         # No softmax exceeds that of its class and the background alone, so few anchors need the whole of it.
         threshold = np.clip(self.score_threshold, 1e-9, 1 - 1e-9)
         margin = logits[:, 1:].max(axis=1) - logits[:, 0]
         candidates = np.flatnonzero(margin >= np.log(threshold / (1 - threshold)))
         exponentials = np.exp(logits[candidates] - logits[candidates].max(axis=1, keepdims=True))
-        numbers = np.array([*self.wanted], dtype=np.int64)
-        softmax = exponentials[:, numbers] if len(numbers) else exponentials[:, self._usual].max(axis=1, keepdims=True)
-        softmax = softmax / exponentials.sum(axis=1, keepdims=True)
-        rows, columns = np.nonzero(softmax >= self.score_threshold)
-        candidates, scores = candidates[rows], softmax[rows, columns]
+        return candidates, self._of_classes(exponentials, 0) / exponentials.sum(axis=1, keepdims=True)
+
+    def _of_classes(self, values: NDArray[Any], first: int) -> NDArray[Any]:
+        """Columns of the classes that are detected, or the largest of all; ``first`` is the number of column 0."""
+        numbers = [number - first for number in (self.wanted or self._usual)]
+        return values[:, numbers] if self.wanted else values[:, numbers].max(axis=1, keepdims=True)
+
+    def _chosen(
+        self,
+        read: tuple[IntArray, NDArray[Any]],
+        outputs: Sequence[NDArray[np.float32]],
+        image: int,
+        scale: tuple[float, float],
+        size: tuple[int, int],
+    ) -> tuple[Detections, IntArray]:
+        """What is reported of the rows and scores that are ``read`` of an image, and the rows that it comes from."""
+        candidates, of_classes = read
+        rows, columns = np.nonzero(of_classes >= self.score_threshold)
+        candidates, scores = candidates[rows], of_classes[rows, columns]
         if len(candidates) > MOST_CANDIDATES:
             best = np.argsort(-scores, kind="stable")[:MOST_CANDIDATES]
             candidates, scores, columns = candidates[best], scores[best], columns[best]
-        variances = self.model.card.settings["variances"]
-        boxes = decode_boxes(offsets[candidates], anchors[candidates], variances) / np.tile(scale, 2)
+        if self._decoded:
+            boxes = outputs[0][image][candidates].astype(np.float64) / np.tile(scale, 2)
+        else:
+            offsets, anchors, variances = outputs[1][image], outputs[2], self.model.card.settings["variances"]
+            boxes = decode_boxes(offsets[candidates], anchors[candidates], variances) / np.tile(scale, 2)
         boxes = clip_boxes(boxes, size[1], size[0])
         visible = ((boxes[:, 2:] - boxes[:, :2]) >= 1).all(axis=1)  # clipping may leave less than a pixel
         boxes, scores, columns = boxes[visible], scores[visible], columns[visible]
@@ -192,6 +210,7 @@ class Detector:
         share = self.model.card.settings.get("straddling")
         if share is not None:
             chosen = chosen[~straddling(compared[chosen], scores[chosen], share)]
+        numbers = np.array([*self.wanted], dtype=np.int64)
         classes = numbers[columns[chosen]] if len(numbers) else None
         return Detections(boxes[chosen], scores[chosen], classes=classes, names=self.wanted), candidates[visible][
             chosen

@@ -84,7 +84,6 @@ def fine_tune(
         **layout.arguments,
         start=start,
         loss="quality",
-        box_weight=2.0,
         learning_rate=LEARNING_RATE / 2 ** (round_ - 1),
         optimisation=DetectorOptimisation(
             warmup_steps=min(20, settings.steps // 4),
@@ -210,8 +209,8 @@ class TorchDetector:
         """From `LOWEST_SCORE` on."""
         card = self.module.card
         fitted, scales = zip(*(fit_image(image, card) for image in images), strict=True)
-        logits, offsets = self.module(torch.from_numpy(np.stack(fitted)))
-        batch = detections(logits, offsets, self.module.network.anchors, card)
+        places, scores = self.module.network.decode(self.module(torch.from_numpy(np.stack(fitted))))
+        batch = detections(places, scores, card)
         result = []
         for detected, scale, image in zip(batch, scales, images, strict=True):
             boxes = clip_boxes(detected.boxes / np.tile(scale, 2), image.shape[1], image.shape[0])

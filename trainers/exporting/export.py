@@ -26,6 +26,7 @@ from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.output import output_file
 from tsuiseki.tracking.runs.options import OutputFile
 from tsuiseki.trainers.network_module import BEGINNINGS, NetworkModule
+from tsuiseki.trainers.own_network import importable_here
 
 # Largest difference to torch, relative to the largest value of an output: float32 sums in another order differ by a few
 # 1e-6 a layer.
@@ -159,7 +160,8 @@ def load_module(kind: type[Module], checkpoint: Path, size: tuple[int, int] | No
     """
     # What the training started from is overwritten here; without it nothing is downloaded.
     changes = BEGINNINGS if size is None else {**BEGINNINGS, "height": size[0], "width": size[1]}
-    return kind.load_from_checkpoint(checkpoint, map_location="cpu", weights_only=True, **changes).eval()
+    with importable_here():
+        return kind.load_from_checkpoint(checkpoint, map_location="cpu", weights_only=True, **changes).eval()
 
 
 def check_parity(

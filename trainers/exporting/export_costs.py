@@ -11,7 +11,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.association import PLANNED, PLANNED_STEPS, Association
 from tsuiseki.trainers.exporting.export import ModelFile, load_module
 from tsuiseki.trainers.exporting.written_costs import export_association
-from tsuiseki.trainers.exporting.written_networks import write_appearance, write_heads
+from tsuiseki.trainers.exporting.written_networks import write_appearance, write_detector
 
 
 def export_trained(
@@ -60,7 +60,7 @@ def export_trained(
             raise RequestError(f"{checkpoint}: expected a detector, but the training had no --model.detector.file")
         # Their scores are as they come, not calibrated again.
         card = replace(module.detector.card, training_data=training_data)
-        write_heads(module.detector.network, card, ModelFile(out=detector, overwrite=overwrite))
+        write_detector(module.detector.network, card, ModelFile(out=detector, overwrite=overwrite))
         print(f"{detector}: the detector")
     worst = export_association(network, out, training_data, overwrite=overwrite)
     print(f"{out}: no cost differs from torch's by more than {worst:.1g}")

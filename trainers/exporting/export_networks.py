@@ -23,7 +23,7 @@ from tsuiseki.trainers.detector import Detector
 from tsuiseki.trainers.detector_network import COCO_NORMALISATIONS, FIXED_SIDES, detector_card, take_over
 from tsuiseki.trainers.exporting.export import ModelFile, ModelFiles, export_onnx, load_module
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
-from tsuiseki.trainers.exporting.written_networks import OUTPUTS, RawHeads, write_appearance, write_heads
+from tsuiseki.trainers.exporting.written_networks import OUTPUTS, RawHeads, write_appearance, write_detector
 
 
 def export_detector(
@@ -72,15 +72,15 @@ def export_detector(
     if blend is not None:
         blend_weights(network, card, blend)
     card = dataclasses.replace(card, training_data=output.training_data or card.training_data)
-    difference = write_heads(network, card, output, calibrate)
+    difference = write_detector(network, card, output, calibrate)
     output.report(output.out, difference)
     return difference
 
 
-def write_detector(checkpoint: Path, out: Path) -> None:
+def write_checkpoint(checkpoint: Path, out: Path) -> None:
     """Write the detector of a training as ONNX; errors are those of `export_detector`."""
     network, card = _trained(checkpoint, None)
-    write_heads(network, card, ModelFile(out=out))
+    write_detector(network, card, ModelFile(out=out))
 
 
 def _trained(checkpoint: Path, size: tuple[int, int] | None) -> tuple[AnchorDetector | OneClass, ModelCard]:
@@ -112,6 +112,8 @@ def blend_weights(network: AnchorDetector | OneClass, card: ModelCard, path: Pat
 
     Exported weights have the normalisations folded into them, so both are in the same form.
     """
+    if not isinstance(network, AnchorDetector | OneClass):
+        raise RequestError(f"`blend`: expected a detector with heads at anchors in `checkpoint`, got {card.name}")
     with tempfile.TemporaryDirectory() as folder:
         checkpoint_file = Path(folder) / "own.onnx"
         export_onnx(

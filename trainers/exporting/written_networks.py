@@ -7,6 +7,7 @@ import dataclasses
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import Tensor, nn
@@ -22,6 +23,10 @@ from tsuiseki.trainers.detector_labels import LOWEST_SCORE, fit_calibration, mat
 from tsuiseki.trainers.exporting.export import ModelFile, ModelFiles, export_onnx
 
 OUTPUTS = ("logits", "offsets", "anchors")
+# Those of a network that decodes its boxes itself.
+DECODED = ("boxes", "scores")
+# Closest that a score comes to 0 and 1 where it is calibrated: its logit stays finite in float32.
+_SMALLEST_SCORE = 1e-6
 
 
 class RawHeads(nn.Module):
@@ -46,6 +51,29 @@ class RawHeads(nn.Module):
         return logits, offsets, self.detector.anchors
 
 
+class Decoded(nn.Module):
+    """A `DetectorNetwork` of one's own with its boxes decoded, as the exported file has it.
+
+    Args:
+        network: of one class where scores are calibrated.
+        calibration: scale and shift of the logit of its score.
+    """
+
+    def __init__(self, network: nn.Module, calibration: tuple[float, float] = (1.0, 0.0)) -> None:
+        super().__init__()
+        self.network: Any = network
+        self.calibration = calibration
+
+    def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
+        """``(B, 3, H, W)`` to boxes ``(B, N, 4)``, input pixels, and scores ``(B, N, C)`` in [0, 1]."""
+        boxes, scores = self.network.decode(self.network(images))
+        scale, shift = self.calibration
+        if self.calibration != (1.0, 0.0):
+            margin = scores.clamp(_SMALLEST_SCORE, 1 - _SMALLEST_SCORE)
+            scores = ((margin / (1 - margin)).log() * scale + shift).sigmoid()
+        return boxes, scores
+
+
 def model_file(out: str | Path, training_data: str = "", float16: bool = False, overwrite: bool = False) -> ModelFile:
     """The file that a module is exported to."""
     return ModelFile(out=Path(out), training_data=training_data, float16=float16, overwrite=overwrite)
@@ -56,28 +84,30 @@ def copied(network: nn.Module) -> nn.Module:
     return copy.deepcopy(network).cpu().float().eval().to(memory_format=torch.contiguous_format)
 
 
-def write_heads(
-    network: AnchorDetector | OneClass, card: ModelCard, output: ModelFile, calibrate: Path | None = None
-) -> float:
-    """Write a detector, its scores calibrated on labelled pictures where there are some.
+def write_detector(network: nn.Module, card: ModelCard, output: ModelFile, calibrate: Path | None = None) -> float:
+    """Write a detector of anchors with its raw heads, or any `DetectorNetwork` with boxes and scores.
+
+    Scores are calibrated on labelled pictures where there are some.
 
     Returns:
         The largest relative difference to torch.
     """
-    network = copied(network)  # type: ignore[assignment]
+    contiguous: Any = copied(network)
     example = torch.zeros(2, 3, card.input_height, card.input_width)
     calibration = (1.0, 0.0)
+    of_anchors = isinstance(network, AnchorDetector | OneClass)
+    form, outputs = (RawHeads, OUTPUTS) if of_anchors else (Decoded, DECODED)
     if calibrate is not None:
         if len(card.class_names) > 1:
             raise RequestError(f"`calibrate`: expected a detector of one class, got {', '.join(card.class_names)}")
         check_output_file(output.out, output.overwrite)
         with tempfile.TemporaryDirectory() as folder:
             raw = Path(folder) / "raw.onnx"
-            export_onnx(RawHeads(network), card, raw, example, OUTPUTS)
+            export_onnx(form(contiguous), card, raw, example, outputs)
             calibration = fit_calibration(*matched_scores(Detector(raw, LOWEST_SCORE), calibrate))
         card = dataclasses.replace(card, settings={**card.settings, "score_calibration": list(calibration)})
-    heads = RawHeads(network, calibration)
-    return export_onnx(heads, card, output.out, example, OUTPUTS, output.float16, output.overwrite)
+    exported = form(contiguous, calibration)
+    return export_onnx(exported, card, output.out, example, outputs, output.float16, output.overwrite)
 
 
 def write_appearance(network: nn.Module, card: ModelCard, output: ModelFile) -> float:

@@ -243,6 +243,6 @@ def rescored(rows: Tensor, logits: Tensor, graph: Graph) -> tuple[Tensor, Tensor
 def own_loss(detector: Detector, outputs: tuple[Tensor, Tensor], frames: WindowFrames) -> Tensor:
     """The loss that the detector is trained by apart, on the images of a window."""
     boxes, labels = (part.to(detector.device) for part in frames.batch[1:])
-    class_loss, box_loss = detector.loss(*outputs, detector.network.anchors, boxes, labels)
-    total: Tensor = class_loss + box_loss
+    terms = detector.network.loss(outputs, boxes, labels)
+    total: Tensor = terms["class_loss"] + terms["box_loss"]
     return total

@@ -6,6 +6,9 @@ from .appearance import Appearance as Appearance
 from .appearance import AppearanceData as AppearanceData
 from .association import Association as Association
 from .association import AssociationData as AssociationData
+from .contract import AppearanceTrunk as AppearanceTrunk
+from .contract import DetectorNetwork as DetectorNetwork
+from .contract import NetworkCard as NetworkCard
 from .detector import DetectionData as DetectionData
 from .detector import Detector as Detector
 from .flow import FlowLayer as FlowLayer

@@ -139,7 +139,7 @@ def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -
     image = np.asarray(cv2.resize(rng.integers(0, 256, (9, 12, 3), dtype=np.uint8), (120, 90)), dtype=np.uint8)
     fitted, scale = fit_image(image, detector.model.card)
     with torch.no_grad():
-        expected = detections(*module(torch.from_numpy(fitted[None])), module.network.anchors, module.card)[0]
+        expected = detections(*module.network.decode(module(torch.from_numpy(fitted[None]))), module.card)[0]
     found = detector.detect([image])[0]
     inside = found.boxes * np.tile(scale, 2)
     # Boxes are cut off at the image's border here, and at the input's there.
