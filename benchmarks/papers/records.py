@@ -25,7 +25,6 @@ REPOSITORY = Path(__file__).resolve().parents[2]
 DOCS = REPOSITORY / "docs"
 RECORDS = DOCS / "results" / "tables"
 MARK = re.compile(r"^<!-- table ([\w-]+): ([^\n]+) -->\n(.*?)^<!-- end of table -->$", re.MULTILINE | re.DOTALL)
-EARLIER = "*These numbers were copied from an earlier run of the command.*"
 
 
 def record(words: Sequence[str], options: Mapping[str, Any], tables: Sequence[Table], notes: Sequence[str]) -> str:
@@ -94,7 +93,7 @@ def _block(mark: re.Match[str]) -> str:
     seeds = {key: value for key, value in content["options"].items() if "seed" in key or key == "runs"}
     inputs = "; ".join([content["command"], *(f"{key} {value}" for key, value in seeds.items()), digest(table)])
     lines = [f"<!-- table {name}: {title} -->", f"<!-- {inputs} -->", "", table.markdown(), ""]
-    return "\n".join([*lines, *([EARLIER, ""] if content.get("earlier") else []), "<!-- end of table -->"])
+    return "\n".join([*lines, "<!-- end of table -->"])
 
 
 def refresh_pages() -> list[Path]:

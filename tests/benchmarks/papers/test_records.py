@@ -49,6 +49,7 @@ def test_a_data_file_is_on_a_page_and_as_its_command_wrote_it(name: str) -> None
     for title in content["tables"]:
         records.recorded_table(name, title)
     assert content["command"].startswith("python -m benchmarks.papers ")
+    assert {"python", "numpy"} <= content["versions"].keys(), "the command writes its versions with `--record`"
 
 
 def test_a_table_gets_into_its_page_with_where_it_is_from(folder: Path) -> None:
@@ -58,14 +59,6 @@ def test_a_table_gets_into_its_page_with_where_it_is_from(folder: Path) -> None:
     inputs = f"python -m benchmarks.papers none --peer PYTHON; seeds 3; {records.digest(TABLE)}"
     assert f"<!-- table none: Table 1 -->\n<!-- {inputs} -->\n\n| what | here |\n" in text
     assert "| row | 1.0 |\n| row \\| two | 2.0 |\n\n<!-- end of table -->\n\nWords." in text
-    assert records.EARLIER not in text
-
-
-def test_an_earlier_run_is_said_to_be_one(folder: Path) -> None:
-    content = json.loads((folder / "none.json").read_text())
-    (folder / "none.json").write_text(records.as_text({**content, "earlier": True}))
-    records.refresh_pages()
-    assert records.EARLIER in (folder / "page.md").read_text()
 
 
 def test_rows_that_were_changed_by_hand_are_refused(folder: Path) -> None:
