@@ -210,7 +210,7 @@ MODELS: dict[str, tuple[Callable[[Path], object], str]] = {
     "newer version": (newer_version, f"format version up to {FORMAT_VERSION}, got format version {FORMAT_VERSION + 1}"),
     "other outputs": (
         lambda path: save_detector(path, ModelCard("detector", "small").to_json()),
-        "expected outputs logits, offsets and anchors, got logits",
+        "expected outputs logits, offsets and anchors, or boxes and scores, got logits",
     ),
 }
 
