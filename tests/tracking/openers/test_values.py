@@ -123,5 +123,12 @@ def test_nothing_in_the_package_or_the_papers_unpickles():
         ["grep", "-rnE", r"torch\.load\(|np\.load\(|load_from_checkpoint\(", *folders, "--include=*.py"],
         cwd=REPOSITORY, capture_output=True, text=True, check=False,
     ).stdout.splitlines()  # fmt: skip
-    bounded = ("weights_only=True", '"weights_only": True', "allow_pickle=False", "mmap_mode", "def load_from", "(FILE, ")
+    bounded = (
+        "weights_only=True",
+        '"weights_only": True',
+        "allow_pickle=False",
+        "mmap_mode",
+        "def load_from",
+        "(FILE, ",
+    )
     assert [line for line in loads if not any(word in line for word in bounded)] == []
