@@ -15,6 +15,7 @@ from tsuiseki.tracking.evaluation.detection import evaluate_classes
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.label_checks import PEOPLE, same_class
 from tsuiseki.tracking.formats.labelled import open_labelled
+from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.trainers.detector_labels import LOWEST_SCORE, anchor_choice
@@ -95,7 +96,7 @@ def compared(files: dict[str, Path], held_out: Sequence[LabelledFrame], classes:
     values: dict[str, tuple[float, float]] = {}
     apart: dict[str, str] = {}
     for name, file in files.items():
-        class_names = Detector(file).model.card.class_names
+        class_names = OnnxModel(file, "detector").card.class_names
         places = [
             next((k for k, kind in enumerate(classes, start=1) if same_class(kind, name_in_file)), 0)
             for name_in_file in class_names

@@ -7,7 +7,6 @@ import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-import torch
 from jsonargparse import ArgumentError, Namespace
 from lightning.fabric.utilities.exceptions import MisconfigurationException
 
@@ -15,6 +14,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.yolo import ABOUT
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.fine_tune import Recipe, compared, complete_options
+from tsuiseki.trainers.network_module import load_checkpoint
 from tsuiseki.trainers.own_network import NETWORK_OPTIONS, check_class, importable_here
 from tsuiseki.trainers.refusals import one_line
 from tsuiseki.trainers.task_cli import ACTION, APPEARANCE, ASSOCIATION, CONFIG, DETECTOR, Task, TaskCLI
@@ -144,7 +144,7 @@ def fit_association(arguments: Sequence[str]) -> Path | None:
     if best is None:
         return None
     out = best.parent.parent
-    held = torch.load(best, map_location="cpu", weights_only=True)
+    held = load_checkpoint(best)
     appearance, detector = (
         out / f"{name}.onnx" if held.get(part) is not None else None
         for name, part in (("appearance", "siamese"), ("detector", "detector"))

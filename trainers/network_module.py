@@ -21,8 +21,9 @@ from torch import Tensor, nn
 from torch.optim import SGD, AdamW, Optimizer
 from torch.optim.lr_scheduler import LambdaLR
 
-from tsuiseki.tracking.errors import Interrupted, RequestError, lacks_memory, signal_of
+from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.onnx import ModelCard
+from tsuiseki.trainers.refusals import checkpoint_content
 
 T = TypeVar("T")
 
@@ -97,21 +98,17 @@ def read_checkpoint(path: Path, part: Literal["hyper_parameters", "state_dict"])
     Raises:
         RequestError: it is missing, or no checkpoint of a network.
     """
-    held = _loaded(path, "cpu").get(part)
+    held = load_checkpoint(path).get(part)
     if not isinstance(held, dict):
         raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train`, found no {part} in it")
     return dict(held)
 
 
-def _loaded(path: Path, device: str) -> dict[str, Any]:
+def load_checkpoint(path: Path, device: str = "cpu") -> dict[str, Any]:
+    """A checkpoint with its tensors on a device; raises RequestError where it is missing, or none of a network."""
     if not path.is_file():
         raise RequestError(f"expected a checkpoint at {path}, found none; a training writes last.ckpt and best.ckpt")
-    try:
-        held = torch.load(path, map_location=device, weights_only=True)
-    except Exception as error:  # torch reads bytes as orders, so that a foreign file may end in any error
-        if lacks_memory(error):
-            raise
-        raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train`, got something else") from error
+    held = checkpoint_content(path, device, "`tsuiseki train`")
     if not isinstance(held, dict):
         raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train`, got something else")
     return held
@@ -226,7 +223,7 @@ class NetworkModule(LightningModule):
             RequestError: the file is missing, no checkpoint, or of another module.
         """
         if isinstance(checkpoint_path, str | Path):
-            held = _loaded(Path(checkpoint_path), "meta")
+            held = load_checkpoint(Path(checkpoint_path), "meta")
             _check_kind(held, cls, checkpoint_path)
             if BROUGHT in held and kwargs.get("network") is None:
                 raise RequestError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -15,18 +16,23 @@ CHECKPOINT_PARTS = {"state_dict", "optimizer_states", "lr_schedulers", "loops", 
 FOREIGN_WEIGHTS = ("Error(s) in loading state_dict", "loaded state dict")
 
 
-def check_checkpoint(path: Path) -> None:
-    """Refuse a file that is no checkpoint of a training; nothing but tensors and plain values is unpickled.
+def checkpoint_content(path: Path, device: str, of: str) -> Any:
+    """What a checkpoint ``of`` a training holds, on a device; nothing but tensors and plain values is unpickled.
 
     Raises:
         RequestError: it is none.
     """
     try:
-        held = torch.load(path, map_location="meta", weights_only=True)
+        return torch.load(path, map_location=device, weights_only=True)
     except Exception as error:  # torch reads bytes as orders, so that a foreign file may end in any error
         if lacks_memory(error):
             raise
-        raise RequestError(f"{path}: expected a checkpoint of a training, got something else") from error
+        raise RequestError(f"{path}: expected a checkpoint of {of}, got something else") from error
+
+
+def check_checkpoint(path: Path) -> None:
+    """Refuse a file that is no checkpoint of a training; raises RequestError."""
+    held = checkpoint_content(path, "meta", "a training")
     missing = sorted(CHECKPOINT_PARTS - set(held)) if isinstance(held, dict) else ["parts of a training"]
     if missing:
         raise RequestError(f"{path}: expected a checkpoint of a training, found no {missing[0]} in it")

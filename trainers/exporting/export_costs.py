@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import torch
-
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.trainers.association import PLANNED, PLANNED_STEPS, Association
 from tsuiseki.trainers.exporting.export import ModelFile, load_module
 from tsuiseki.trainers.exporting.written_costs import export_association
 from tsuiseki.trainers.exporting.written_networks import write_appearance, write_detector
+from tsuiseki.trainers.network_module import load_checkpoint
 
 
 def export_trained(
@@ -71,7 +70,7 @@ def _check_ended(checkpoint: Path, unfinished: bool) -> None:
     """Refuse a training that has had fewer epochs, and steps, than it was to have; or tell of it."""
     last = checkpoint.with_name("last.ckpt")
     path = last if last.is_file() else checkpoint
-    held = torch.load(path, map_location="cpu", weights_only=True)
+    held = load_checkpoint(path)
     done, epochs, steps = held["epoch"] + 1, held.get(PLANNED, -1), held.get(PLANNED_STEPS, -1)
     if done >= epochs or 0 < steps <= held["global_step"]:
         return
