@@ -17,10 +17,9 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 import pytest
 
-from tests.tracking.runs.test_run import FRAMES, at_call, commands, lines_of, record_of
+from tests.tracking.runs.test_run import at_call, commands, lines_of, record_of, square_on_noise
 from tsuiseki.tracking.bodies.tracker import DeformableTracker
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.people.flow import FlowTracker
@@ -34,14 +33,7 @@ SCENE = "size: [640, 480]\nlines:\n- {name: gate, from: [300, 0], to: [300, 480]
 
 @pytest.fixture
 def clip(tmp_path: Path) -> Path:
-    folder = tmp_path / "clip"
-    folder.mkdir()
-    rng = np.random.default_rng(0)
-    for number in range(FRAMES):
-        image = rng.integers(90, 130, (96, 128, 3)).astype(np.uint8)
-        image[30:50, 20 + 3 * number : 40 + 3 * number] = (0, 0, 230)
-        cv2.imwrite(str(folder / f"{number:03d}.png"), image)
-    return folder
+    return square_on_noise(tmp_path / "clip")
 
 
 @contextmanager

@@ -29,10 +29,8 @@ from tsuiseki.tracking.video.webm import VideoWriter
 FRAMES = 10
 
 
-@pytest.fixture(scope="module")
-def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A red square that moves over noise."""
-    folder = tmp_path_factory.mktemp("run") / "clip"
+def square_on_noise(folder: Path) -> Path:
+    """Write the images of a red square that moves over noise."""
     folder.mkdir()
     rng = np.random.default_rng(0)
     for number in range(FRAMES):
@@ -40,6 +38,11 @@ def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
         image[30:50, 20 + 3 * number : 40 + 3 * number] = (0, 0, 230)
         cv2.imwrite(str(folder / f"{number:03d}.png"), image)
     return folder
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return square_on_noise(tmp_path_factory.mktemp("run") / "clip")
 
 
 def commands(clip: Path, streams: Path) -> dict[str, tuple[list[str], str]]:
