@@ -12,7 +12,6 @@ from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.devices import Device
-from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.fields import Threads
 from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.runs.progress import progress
@@ -98,10 +97,9 @@ def _street(frames: int, seed: int) -> StreetClip:
 def _write_clip(path: Path, output: SeededOutput, frames: int) -> int:
     """Write the street's pictures into a video."""
     from tsuiseki.tracking.output import output_file
-    from tsuiseki.tracking.video.webm import ENCODERS, VideoWriter
+    from tsuiseki.tracking.video.webm import VideoWriter, check_ending
 
-    if path.suffix.lower() not in ENCODERS:
-        raise RequestError(f"`clip`: expected the name of a video ending in {' or '.join(ENCODERS)}, got {path}")
+    check_ending(path, "clip")
     with output_file(path, output.overwrite) as work:
         street = _street(frames, output.seed)
         with VideoWriter(work, FRAME_RATE) as writer:

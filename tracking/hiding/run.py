@@ -28,6 +28,7 @@ from tsuiseki.tracking.runs.progress import progress as watched
 from tsuiseki.tracking.types import BoolArray, Detections, Frame, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.source import Source, file_of, open_source
+from tsuiseki.tracking.video.webm import check_ending
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
 TracksLike: TypeAlias = str | Path | Result[Any] | Sequence[Track]
@@ -39,8 +40,8 @@ SURE = 0.3
 LINKS = SortSettings(min_hits=1, start_score=0.0, boxes="detected")
 # Why a place is held, by `Places.held`.
 REASONS = {-1: "before the track", 1: "after the track", 2: "in a gap of the track"}
-# Endings of videos that are written, and of the list of doubtful places beside one.
-VIDEOS, DOUBTS = (".webm", ".mp4"), ".doubtful.csv"
+# Ending of the list of doubtful places beside a video.
+DOUBTS = ".doubtful.csv"
 
 
 @dataclass(frozen=True)
@@ -234,8 +235,7 @@ def hide(
 
 def _checked_out(out: Path, video: Path, overwrite: bool) -> Path:
     """The list of doubtful places beside the video ``out``; both can be written."""
-    if out.suffix.lower() not in VIDEOS:
-        raise RequestError(f"`out`: expected a name that ends in {' or '.join(VIDEOS)}, got {out}")
+    check_ending(out, "out")
     if out.exists() and (file := file_of(video)) is not None and out.samefile(file):
         raise RequestError(f"`out`: expected another file than the video, got {out}")
     doubts = out.with_suffix(DOUBTS)

@@ -44,6 +44,7 @@ from tsuiseki.tracking.formats.result_folder import (
 )
 from tsuiseki.tracking.formats.single import write_boxes
 from tsuiseki.tracking.formats.track_tables import table_of, write_table
+from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import RUN_FILE, check_writable, hold, record_text, replaced_files
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.review.questions import Question, Questioner
@@ -372,7 +373,7 @@ class Session:
 
     def _record(self) -> dict[str, Any]:
         path = self.folder / RUN_FILE
-        return cast(dict[str, Any], json.loads(path.read_text(encoding="utf-8"))) if path.is_file() else {}
+        return cast(dict[str, Any], read_json(path, "the record of a run")) if path.is_file() else {}
 
     def _write_record(self, work: Path, log: CorrectionLog, tracks: Sequence[Track], names: Mapping[int, str]) -> None:
         record = self._record()

@@ -12,7 +12,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from tsuiseki.tracking.errors import RunError
+from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.types import ImageArray
 
 
@@ -51,6 +51,13 @@ DENOMINATOR = 1001
 LIMITED_RANGE = 1
 # The number in ITU-T H.273 of the matrix of BT.601.
 BT601_MATRIX = 6
+
+
+def check_ending(path: Path, option: str = "") -> None:
+    """Refuse the name of a video that cannot be written; raises RequestError, which names the ``option``."""
+    if path.suffix.lower() not in ENCODERS:
+        place = option and f"`{option}`: "
+        raise RequestError(f"{place}expected a name that ends in {' or '.join(ENCODERS)}, got {path}")
 
 
 class VideoWriter:

@@ -48,7 +48,7 @@ def test_the_clip_alone_is_a_video_as_large_as_the_street(tmp_path: Path, capsys
     assert [frame.image.shape for frame in frames] == [(540, 960, 3)] * 3
     assert main(["demo", "--clip", str(clip)]) == 2
     assert main(["demo", "--clip", str(tmp_path / "street.avi")]) == 2
-    assert "ending in .webm or .mp4" in capsys.readouterr().err
+    assert "expected a name that ends in .webm or .mp4" in capsys.readouterr().err
     assert sorted(tmp_path.iterdir()) == [clip]
 
 
