@@ -178,7 +178,9 @@ def command_and_options(line: str) -> tuple[tuple[str, ...], list[str]]:
     command: list[str] = []
     while words and len(command) < 2 and re.fullmatch(r"[a-z][a-z-]*", words[0]):
         command.append(words.pop(0))
-    options = [re.split(r"[=,]", word)[0] for word in words if re.match(r"--[a-z]", word)]
+    # A class that an option names has arguments of its own.
+    named = [re.split(r"[=,]|\.class_path|\.init_args", word)[0] for word in words]
+    options = [word for word in named if re.match(r"--[a-z]", word)]
     return tuple(command), [option.replace("_", "-") for option in options]
 
 

@@ -14,6 +14,8 @@ from tsuiseki.tracking.errors import RequestError
 
 # Bytes of all arrays together, which a few packed bytes may stand for: 100 million boxes.
 MOST_BYTES = 2**32
+# Characters of a reader's reason, which may quote 65,535 bytes of a name.
+LONGEST_REASON = 200
 
 
 def read_arrays(path: Path, what: str, content: BinaryIO | None = None) -> dict[str, NDArray[Any]]:
@@ -37,7 +39,8 @@ def read_arrays(path: Path, what: str, content: BinaryIO | None = None) -> dict[
         raise
     # The readers of archives and of headers raise whatever the bytes lead them to, syntax errors included.
     except Exception as error:
-        raise RequestError(f"{path}: expected {what}, got something else ({error})") from error
+        reason = str(error)[:LONGEST_REASON]
+        raise RequestError(f"{path}: expected {what}, got something else ({reason})") from error
 
 
 def _array(file: ZipFile, member: ZipInfo) -> NDArray[Any]:

@@ -150,6 +150,15 @@ def test_an_array_that_is_not_what_it_says_is_refused_in_a_line(content: bytes, 
         read_arrays(tmp_path / "a.npz", "things")
 
 
+def test_an_archive_whose_header_has_a_long_other_name_is_refused_in_a_short_line(tmp_path: Path):
+    content = bytearray(archive(tmp_path / "a.npz", a=np.zeros(5000)).read_bytes())
+    content[26:28] = (200).to_bytes(2, "little")  # length of the name in the member's own header
+    (tmp_path / "a.npz").write_bytes(content)
+    with pytest.raises(RequestError, match="File name in directory") as refused:
+        read_arrays(tmp_path / "a.npz", "things")
+    assert len(str(refused.value)) < 400 + len(str(tmp_path))
+
+
 def test_pickled_objects_in_an_archive_are_not_loaded(tmp_path: Path):
     class Harm:
         def __reduce__(self) -> Any:
