@@ -13,6 +13,8 @@ from tsuiseki.tracking.errors import InputWarning, RequestError
 if TYPE_CHECKING:
     from onnxruntime import InferenceSession
 
+    from tsuiseki.tracking.openvino_session import OpenvinoSession
+
 Device = Literal["auto", "cpu", "cuda"]
 CPU, CUDA = "CPUExecutionProvider", "CUDAExecutionProvider"
 RECIPE = "see docs/how-to/use-a-gpu.md"
@@ -57,6 +59,6 @@ def opened_on(device: Device, create: Callable[[list[str]], InferenceSession]) -
     return session
 
 
-def device_of(session: InferenceSession) -> str:
+def device_of(session: InferenceSession | OpenvinoSession) -> str:
     """``cuda`` or ``cpu``: what a session runs on."""
     return "cuda" if session.get_providers()[0] == CUDA else "cpu"

@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from tsuiseki.tracking.devices import Device, device_of, opened_on
 from tsuiseki.tracking.errors import RequestError, a_path, lacks_memory
 from tsuiseki.tracking.openers.json_files import json_of
+from tsuiseki.tracking.openvino_session import FORMATS, OpenvinoSession
 
 if TYPE_CHECKING:
     import onnxruntime
@@ -125,11 +126,13 @@ def cores_of(threads: int, option: str = "threads") -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def open_session(path: str | Path, threads: int = 0, device: Device = "cpu") -> onnxruntime.InferenceSession:
-    """The ONNX file at ``path``, ready to run.
+def open_session(
+    path: str | Path, threads: int = 0, device: Device = "cpu"
+) -> onnxruntime.InferenceSession | OpenvinoSession:
+    """The network at ``path``, ready to run.
 
     Args:
-        path: the file.
+        path: an ONNX file, or one in a format that OpenVINO reads, see `OpenvinoSession`.
         threads: CPU threads of a call; 0 takes all cores.
         device: what to run on, see `opened_on`.
 
@@ -140,6 +143,10 @@ def open_session(path: str | Path, threads: int = 0, device: Device = "cpu") -> 
     import onnxruntime
 
     path = a_path(path)
+    if path.suffix.lower() in FORMATS:
+        if device == "cuda":
+            raise RequestError(f"`device`: expected auto or cpu, for {path} runs on the CPU only, got cuda")
+        return OpenvinoSession(path, cores_of(threads))
     if not path.is_file():
         raise RequestError(f"expected an ONNX file at {path}, found none; check the path, or export one")
     weights = weight_files(path)
@@ -205,7 +212,7 @@ def weight_files(path: Path) -> list[Path]:
 
 
 def run_session(
-    session: onnxruntime.InferenceSession,
+    session: onnxruntime.InferenceSession | OpenvinoSession,
     path: Path,
     inputs: Mapping[str, NDArray[Any]],
     outputs: Sequence[str] | None = None,
@@ -240,7 +247,8 @@ def run_session(
             ) from error
         if lacks_memory(error):
             raise MemoryError(f"{path} needs more") from error
-        raise RequestError(f"{path}: the network refuses its input; onnxruntime says: {_reason(error)}") from error
+        runtime = "OpenVINO" if isinstance(session, OpenvinoSession) else "onnxruntime"
+        raise RequestError(f"{path}: the network refuses its input; {runtime} says: {_reason(error)}") from error
     finally:
         bound.cancel()
     return arrays
@@ -252,7 +260,9 @@ def _reason(error: Exception) -> str:
     return words.rpartition(" failed:")[2][:160]
 
 
-def image_input(session: onnxruntime.InferenceSession, path: Path, *, floats: bool = False) -> WantedInput:
+def image_input(
+    session: onnxruntime.InferenceSession | OpenvinoSession, path: Path, *, floats: bool = False
+) -> WantedInput:
     """The picture that a network of others takes; ``floats`` refuses bytes, ``path`` is for messages.
 
     Raises:
@@ -284,7 +294,7 @@ def _shown(shape: Sequence[object]) -> str:
     return "x".join(str(x) for x in shape)
 
 
-def byte_image_input(session: onnxruntime.InferenceSession, path: Path) -> WantedInput:
+def byte_image_input(session: onnxruntime.InferenceSession | OpenvinoSession, path: Path) -> WantedInput:
     """The picture ``(N, H, W, 3)`` uint8 that a network takes which normalises it itself.
 
     Raises:

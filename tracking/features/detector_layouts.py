@@ -14,6 +14,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from tsuiseki.tracking.features.anchored_layouts import blazepose_boxes, ssd_boxes
 from tsuiseki.tracking.features.foreign_options import (
     BYTES_MEAN,
     BYTES_STD,
@@ -175,6 +176,13 @@ def _tensorflow(outputs: Outputs, size: Size) -> Rows:
     return boxes.astype(np.float64)[:, [1, 0, 3, 2]] * _sides(size), scores, labels
 
 
+def _openvino(outputs: Outputs, size: Size) -> Rows:
+    """Picture, class, score, corners as shares; a picture below 0 ends the rows."""
+    rows = outputs[0].reshape(-1, 7).astype(np.float64)
+    rows = rows[: int(np.argmax(rows[:, 0] < 0)) if (rows[:, 0] < 0).any() else None]
+    return rows[:, 3:] * _sides(size), rows[:, 2], rows[:, 1]
+
+
 def grid(size: Size, count: int) -> tuple[FloatArray, FloatArray]:
     """Columns and rows ``(N, 2)`` of the cells of all strides, and the strides ``(N, 1)``, finest first."""
     strides = next((s for s in (*STRIDE_SETS, ONE_STRIDE) if cell_count(size, s) == count), None)
@@ -226,6 +234,7 @@ _YOLO = ImageInput()
 _YOLOX = ImageInput(colour="BGR", pixels="bytes")
 _PLAIN = ImageInput("stretch")
 _NANODET = ImageInput("stretch", "BGR", "bytes", BYTES_MEAN, BYTES_STD)
+_SYMMETRIC = ImageInput("stretch", mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
 _Row = partial(DetectorLayout, values=lambda outputs: outputs[0][:, 4:])
 _Pair = partial(DetectorLayout, values=lambda outputs: paired(outputs)[1], outputs=2, paired=True)
 _OBJECT = "(1, N, 5+C), "
@@ -292,6 +301,22 @@ LAYOUTS: Mapping[LayoutName, DetectorLayout] = {
         _fastestdet,
         lambda o: np.delete(fastestdet_rows(o[0]), slice(1, 5), axis=1),
         objectness=1,
+    ),
+    "ssd": _Pair(
+        "(1, N, 4) codes y before x beside N anchors, (1, N, C) classes", _SYMMETRIC, lambda o, s: ssd_boxes(o[0], *s)
+    ),
+    "blazepose": DetectorLayout(
+        "(1, N, 12) codes of a face and four points, (1, N, 1) scores",
+        replace(_SYMMETRIC, resize="letterbox", fill=0),
+        lambda o, size: blazepose_boxes(o[0], *size),
+        lambda o: o[1],
+        outputs=2,
+        paired=True,
+    ),
+    "openvino": DetectorLayout(
+        "(1, 1, N, 7) picture, class, score, corners as shares",
+        ImageInput("stretch", "BGR", "bytes"),
+        rows=_openvino,
     ),
     "obb": DetectorLayout(
         "(1, 5+C, N), angles last", _YOLO, lambda o, _: o[0].T[:, [0, 1, 2, 3, -1]], lambda o: o[0][4:-1].T

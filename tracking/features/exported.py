@@ -347,7 +347,9 @@ def as_describer(
             which needs none.
     """
     if isinstance(source, str | Path):
-        path = shipped_or_file("appearance", source)
+        entry, path = find_model(str(source), "appearance"), shipped_or_file("appearance", source)
+        if entry is not None and options is None:
+            options = AppearanceOptions(**entry.options)
         try:
             appearance = Appearance(path, threads, device)
         except MissingCardError:

@@ -36,6 +36,9 @@ LayoutName = Literal[
     "nanodet",
     "nanodet-g",
     "fastestdet",
+    "ssd",
+    "blazepose",
+    "openvino",
     "obb",
     "obb-suppressed",
 ]

