@@ -26,7 +26,7 @@ def get(name: str, *, yes: bool = False) -> int:
         yes: do not ask.
     """
     from tsuiseki.tracking.runs.progress import progress
-    from tsuiseki.tracking.weights.catalogue import model_named
+    from tsuiseki.tracking.weights.catalogue import OPTIONS, model_named
     from tsuiseki.tracking.weights.download import download
 
     entry = model_named(name)
@@ -46,5 +46,5 @@ def get(name: str, *, yes: bool = False) -> int:
     download(entry, progress)
     note = "" if verified else "; this sum is not verified: compare it with the project's"
     print(f"{entry.file}, sha256 {entry.record()['sha256']}{note}")
-    print(f"Use it by --{entry.kind} {name}.")
+    print(f"Use it by {OPTIONS[entry.kind]} {name}.")
     return 0

@@ -42,6 +42,7 @@ def follow_single(
     box: Sequence[float] | ArrayLike | None = None,
     method: SingleMethod | SingleTracker = "combined",
     *,
+    network: Sequence[str | Path] = (),
     preset: SinglePreset = "robust",
     frames: str | None = None,
     seed: int = 0,
@@ -56,6 +57,7 @@ def follow_single(
         method: ``combined`` is a correlation filter with colours and sizes that particles help when the target is
             hidden; ``kcf`` is a plain filter, and faster; ``kcf-particle`` is the thesis's way of joining filter and
             particles; or a tracker of one target.
+        network: ONNX files of a tracker, for the method ``siamese``.
         preset: constants of the last two: ``robust`` is ours; ``thesis``, ``paper`` (both ``kcf`` only) and
             ``printed`` (``kcf-particle`` only: to the letter) are the published ones.
         frames: these only, counted from 1 with both ends, such as ``"301-400"``.
@@ -69,7 +71,7 @@ def follow_single(
         RunError: the video breaks off, or changes its size.
     """
     opened, first_box = _opened(source, box, frames)
-    return follow_target(opened.frames(), first_box, _tracker(method, preset, seed), StageTimes())
+    return follow_target(opened.frames(), first_box, _tracker(method, network, preset, seed), StageTimes())
 
 
 def track_single(
@@ -77,6 +79,7 @@ def track_single(
     box: Sequence[float] | ArrayLike | None = None,
     method: SingleMethod | SingleTracker = "combined",
     *,
+    network: Sequence[str | Path] = (),
     preset: SinglePreset = "robust",
     frames: str | None = None,
     seed: int = 0,
@@ -89,17 +92,19 @@ def track_single(
     opened, first_box = _opened(source, box, frames)
     if opened.endless:
         raise RequestError(f"{opened.name} does not end by itself; give frames, or use follow_single")
-    tracker, times = _tracker(method, preset, seed), StageTimes()
+    tracker, times = _tracker(method, network, preset, seed), StageTimes()
     followed = follow_target(opened.frames(), first_box, tracker, times)
     name = method if isinstance(method, str) else type(method).__name__
     return single_result(opened, followed, times, {"method": name, "source": named(source), "seed": seed})
 
 
-def _tracker(method: SingleMethod | SingleTracker, preset: SinglePreset, seed: int) -> SingleTracker:
+def _tracker(
+    method: SingleMethod | SingleTracker, network: Sequence[str | Path], preset: SinglePreset, seed: int
+) -> SingleTracker:
     if not isinstance(method, str):
         return method
     with refused():
-        return SingleChoice(method=method, preset=preset).tracker(seed)
+        return SingleChoice(method=method, network=tuple(map(Path, network)), preset=preset).tracker(seed)
 
 
 def _opened(

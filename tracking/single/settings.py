@@ -14,19 +14,22 @@ from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.features.objectness import read_objectness
-from tsuiseki.tracking.fields import Options
+from tsuiseki.tracking.fields import Commas, Options
 from tsuiseki.tracking.single import kcf, kcf_particle
 from tsuiseki.tracking.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.single.gradient import MeanShift, MedianFlow, Mil
 from tsuiseki.tracking.single.matching import ColourParticle, HistogramMatching, TemplateMatching
 from tsuiseki.tracking.single.mosse import Mosse
 from tsuiseki.tracking.single.regularised import RegularisedSettings, RegularisedTracker
+from tsuiseki.tracking.single.siamese import open_network
+from tsuiseki.tracking.single.siamese_loop import SiameseLoop
 from tsuiseki.tracking.single.tracker import SingleTracker
 from tsuiseki.tracking.single.witness import UPRIGHT, Recognised
 from tsuiseki.tracking.weights import shipped
 
 SingleMethod = Literal[
     "combined",
+    "siamese",
     "regularised",
     "kcf-particle",
     "kcf",
@@ -72,8 +75,10 @@ class SingleChoice(Options):
 
     Attributes:
         method: how to follow. combined is a correlation filter with colours and sizes that particles challenge where it
-            is in doubt; regularised is that filter alone; kcf is a plain filter, and faster; kcf-particle joins kcf and
-            particles as the thesis does; the others are simpler and are there to compare with.
+            is in doubt; siamese is the plain loop about a `network`; regularised is the filter of combined alone; kcf
+            is a plain filter, and faster; kcf-particle joins kcf and particles as the thesis does; the others are
+            simpler and are there to compare with.
+        network: ONNX files of a tracker: NanoTrack's backbone and head, VitTrack's one file, or both of this toolkit's.
         preset: constants of kcf and kcf-particle. robust is ours; thesis, paper (both kcf only) and printed
             (kcf-particle only: the thesis to the letter) are the published ones.
         scale: whether combined, regularised, kcf and kcf-particle also try other sizes; by default the first two
@@ -84,6 +89,7 @@ class SingleChoice(Options):
     """
 
     method: SingleMethod = "combined"
+    network: Commas[tuple[Path, ...]] = ()
     preset: SinglePreset = "robust"
     scale: bool | None = None
     recognise: bool = False
@@ -94,6 +100,9 @@ class SingleChoice(Options):
         taker = {"paper": "kcf", "printed": "kcf-particle", "thesis": "kcf"}.get(preset, method)
         if method != taker:
             raise RequestError(f"`preset` {preset}: expected with the method {taker}, got {method}")
+        if bool(self.network) != (method == "siamese"):
+            got = f"{method} with {len(self.network)} files"
+            raise RequestError(f"`network`: expected files with `method` siamese, and with no other, got {got}")
         if self.objectness is not None and method != "kcf-particle":
             raise RequestError(f"`objectness`: expected with `method` kcf-particle only, got {method}")
         if self.scale is not None and method not in SIZED:
@@ -110,6 +119,8 @@ class SingleChoice(Options):
         regularised = RegularisedSettings(sizes=1) if self.scale is False else RegularisedSettings()
         if self.method == "combined":
             return Combined(CombinedSettings(regularised), seed)
+        if self.method == "siamese":
+            return SiameseLoop(open_network(self.network))
         if self.method == "regularised":
             return RegularisedTracker(regularised)
         if self.method == "kcf":

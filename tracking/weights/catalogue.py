@@ -34,8 +34,8 @@ class CatalogueModel:
     """A network that can be fetched.
 
     Attributes:
-        name: for ``--detector`` or ``--appearance``.
-        kind: detector or appearance.
+        name: for ``--detector``, ``--appearance`` or ``--network``.
+        kind: detector, appearance or tracker.
         version: of the project's release, or the revision of the file.
         address: of the file; of a zip archive with one ONNX file; or the package URL of an archive on npm or PyPI.
         licence: of code and weights, as the project states it.
@@ -311,7 +311,17 @@ CATALOGUE: tuple[CatalogueModel, ...] = (
         "0579683334d4b9440221606dcb461656dd0dc64143b18f48faedaced9b4f580d",
         106_878_407,
     ),
+    CatalogueModel(
+        "vittrack",
+        "tracker",
+        "2023sep",
+        f"{_ZOO}/object_tracking_vittrack/object_tracking_vittrack_2023sep.onnx",
+        "Apache-2.0",
+        "not published by the project",
+    ),
 )
+# The option that takes a model of each kind.
+OPTIONS: Mapping[str, str] = {"detector": "--detector", "appearance": "--appearance", "tracker": "--network"}
 
 
 def cache_folder() -> Path:

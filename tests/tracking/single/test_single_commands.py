@@ -102,7 +102,7 @@ def test_a_video_that_changes_its_size_is_one_line(labelled_square, tmp_path, ca
     assert not out.exists()
 
 
-@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("method", sorted({*METHODS} - {"siamese"}))
 def test_constant_images_are_refused_at_the_start_and_followed_later(labelled_square, tmp_path, capsys, method):
     folder = constant(tmp_path / "v", [(100, 140)] * 4)
     words = ["track", "single", str(folder), "--out", str(tmp_path / "o"), "--box", "20,30,30,35", "--method", method]

@@ -23,7 +23,7 @@ from tsuiseki.tracking.features.exported import as_describer, open_detector
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.openvino_session import FORMATS
 from tsuiseki.tracking.weights import catalogue, download
-from tsuiseki.tracking.weights.catalogue import CATALOGUE, CatalogueModel, file_sum
+from tsuiseki.tracking.weights.catalogue import CATALOGUE, OPTIONS, CatalogueModel, file_sum
 
 BLANK = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
 
@@ -313,7 +313,7 @@ def test_the_catalogue_says_all_of_every_model():
     assert len({each.name for each in CATALOGUE}) == len(CATALOGUE)
     for each in CATALOGUE:
         assert each.address.startswith(("https://", "pkg:npm/", "pkg:pypi/"))
-        assert each.kind in ("detector", "appearance")
+        assert each.kind in OPTIONS
         assert each.version
         assert each.licence
         assert each.data
