@@ -100,6 +100,7 @@ class Counter:
         patience: frames after which somebody who is gone is forgotten.
         counts: crossings so far by name and direction.
         occupancy: people in each zone in the last frame.
+        renumbered: who goes on under a new id from the last frame on: the earlier id by the new one.
 
     Raises:
         RequestError: the scene is wrong, or an anchor does not fit it.
@@ -121,6 +122,8 @@ class Counter:
         self._zones = [*enumerate(self._scene.zones, start=self._lines)]
         self.counts = {name: dict.fromkeys(directions, 0) for name, directions in self._ways}
         self.occupancy = dict.fromkeys((zone.name for zone in self._scene.zones), 0)
+        self.renumbered: dict[int, int] = {}
+        self._frame = -1
 
     def update(self, targets: Targets) -> list[Crossing]:
         """Count in the next frame; returns who crossed what in it.
@@ -129,6 +132,7 @@ class Counter:
             targets: of a frame, as a tracker's ``update`` gives them; those that are lost are passed over.
         """
         targets = targets.select(targets.status != "lost")
+        self._frame = targets.frame
         points, heights, _ = anchored(targets.boxes, self._scene, self.settings.anchor)
         here = np.isfinite(points).all(axis=1) & counted(points, self._scene)
         for number in targets.ids[~here].tolist():
@@ -149,6 +153,11 @@ class Counter:
         if targets.frame % 100 == 0:
             self._people = {n: k for n, k in self._people.items() if targets.frame - k.frame <= self.patience}
         return crossings
+
+    def inside(self) -> dict[str, list[int]]:
+        """Who was in each zone in the last frame: the ids, by the sides that count for entering and leaving."""
+        present = [(number, person) for number, person in self._people.items() if person.frame == self._frame]
+        return {zone.name: [n for n, person in present if person.sides[column] > 0] for column, zone in self._zones}
 
     def _places(self, points: FloatArray, heights: FloatArray) -> _Places:
         """How people at ``(N, 2)`` points stand to each line and zone."""
@@ -172,10 +181,12 @@ class Counter:
         present = set(targets.ids.tolist())
         new = [row for row, number in enumerate(targets.ids.tolist()) if number not in self._people]
         gone = [n for n, k in self._people.items() if k.frame == targets.frame - 1 and n not in present] if new else []
+        self.renumbered = {}
         if gone:
             lasts, steps = (np.array([getattr(self._people[n], name) for n in gone]) for name in ("box", "step"))
             for earlier, later in matched(nearness(lasts, steps, targets.boxes[new])):
-                self._people[int(targets.ids[new[later]])] = self._people.pop(gone[earlier])
+                number = int(targets.ids[new[later]])
+                self._people[number], self.renumbered[number] = self._people.pop(gone[earlier]), gone[earlier]
 
     def _been_inside(self, targets: Targets, places: _Places) -> dict[int, list[int]]:
         """By row the columns of zones that people left in this frame, after they were inside beyond the band."""

@@ -13,6 +13,8 @@
     zones:
     - name: shop
       corners: [[400, 100], [800, 100], [800, 500], [400, 500]]
+      stay: 60                 # optional: seconds after which an event says that somebody stays
+    events: {moves: 1, counts: 60}   # optional: seconds from an event to the next: of where a person is, and of counts
     region: [[0, 200], [1920, 200], [1920, 1080], [0, 1080]]   # optional: people outside are not counted
     ignored: []                # optional: polygons in which people are not counted
 
@@ -42,6 +44,8 @@ MOST = 1000
 # Characters of a name, so that it fits into a plot.
 LONGEST_NAME = 60
 DIRECTIONS = ("in", "out")
+# Seconds of a stay or an interval: a week.
+LONGEST_SECONDS = 604_800
 Unit = Literal["pixels", "metres"]
 
 
@@ -63,10 +67,25 @@ class SceneLine:
 
 @dataclass(frozen=True, eq=False)
 class SceneZone:
-    """A place that people enter and leave, with a unique name and corners ``(N, 2)`` in the unit of the scene."""
+    """A place that people enter and leave.
+
+    Attributes:
+        name: unique in a scene.
+        corners: ``(N, 2)`` in the unit of the scene.
+        stay: seconds after which an event says that somebody stays; None for never.
+    """
 
     name: str
     corners: FloatArray
+    stay: float | None = None
+
+
+@dataclass(frozen=True)
+class EventIntervals:
+    """Seconds from an event to the next: ``moves`` of where a person is, ``counts`` of how many there were."""
+
+    moves: float = 1.0
+    counts: float = 60.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +101,7 @@ class Scene:
         camera: over the floor; None where there is none.
         region: ``(N, 2)`` corners outside of which people are not counted; None for the whole picture.
         ignored: ``(N, 2)`` corners each, inside of which people are not counted.
+        events: how often events of a running camera come.
     """
 
     lines: Sequence[SceneLine] = ()
@@ -92,6 +112,7 @@ class Scene:
     camera: AnyCamera | None = None
     region: FloatArray | None = None
     ignored: Sequence[FloatArray] = ()
+    events: EventIntervals = EventIntervals()
 
     @property
     def has_metres(self) -> bool:
@@ -183,7 +204,7 @@ def read_scene(path: str | Path) -> Scene:
 
 def scene_of(content: Any, where: str, folder: Path) -> Scene:
     """As `read_scene`, of a mapping of YAML or JSON; ``where`` is for messages, camera files lie in ``folder``."""
-    _fields(content, ("size", "unit", "scale", "camera", "lines", "zones", "region", "ignored"), where)
+    _fields(content, ("size", "unit", "scale", "camera", "lines", "zones", "region", "ignored", "events"), where)
     unit = content.get("unit", "pixels")
     if unit not in ("pixels", "metres"):
         raise RequestError(f"{where}: unit: expected pixels or metres, got {unit!r}")
@@ -210,6 +231,7 @@ def scene_of(content: Any, where: str, folder: Path) -> Scene:
         camera,
         None if region is None else _polygon(region, f"{where}: region"),
         [_polygon(e, f"{where}: ignored {k + 1}") for k, e in enumerate(_entries(content, "ignored", where))],
+        _intervals(content.get("events", {}), f"{where}: events"),
     )
     _check_together(scene, where)
     return scene
@@ -239,7 +261,11 @@ def scene_text(scene: Scene) -> str:
         for line in scene.lines
         for start, end in (line.ends.tolist(),)
     ]
-    content["zones"] = [{"name": zone.name, "corners": zone.corners.tolist()} for zone in scene.zones]
+    content["zones"] = [
+        {"name": zone.name, "corners": zone.corners.tolist()} | ({} if zone.stay is None else {"stay": zone.stay})
+        for zone in scene.zones
+    ]
+    content |= {"events": vars(scene.events)} if scene.events != EventIntervals() else {}
     content |= {"region": scene.region.tolist()} if scene.region is not None else {}
     content |= {"ignored": [corners.tolist() for corners in scene.ignored]} if len(scene.ignored) else {}
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=100)
@@ -285,9 +311,21 @@ def _line(entry: Any, where: str) -> SceneLine:
 
 
 def _zone(entry: Any, where: str) -> SceneZone:
-    _fields(entry, ("name", "corners"), where, ("name", "corners"))
+    _fields(entry, ("name", "corners", "stay"), where, ("name", "corners"))
     name = _name(entry["name"], where)
-    return SceneZone(name, _polygon(entry["corners"], f"{where}, {name}: corners"))
+    stay = None if entry.get("stay") is None else _seconds(entry["stay"], f"{where}, {name}: stay")
+    return SceneZone(name, _polygon(entry["corners"], f"{where}, {name}: corners"), stay)
+
+
+def _intervals(entry: Any, where: str) -> EventIntervals:
+    _fields(entry, ("moves", "counts"), where)
+    return EventIntervals(**{name: _seconds(value, f"{where}: {name}") for name, value in entry.items()})
+
+
+def _seconds(value: Any, where: str) -> float:
+    if not (_is_number(value) and 0 < value <= LONGEST_SECONDS):
+        raise RequestError(f"{where}: expected seconds above 0, up to {LONGEST_SECONDS}, got {value!r}")
+    return float(value)
 
 
 def _name(value: Any, where: str) -> str:
