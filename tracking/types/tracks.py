@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -212,3 +212,14 @@ def targets_at(tracks: Iterable[Track], frame: int, number: int | None = None) -
         np.array([(track.detection[row], track.class_id) for track, row in rows], dtype=np.int64).reshape(-1, 2),
         {number: name for track, _ in rows for number, name in track.names.items()},
     )
+
+
+def targets_of_frames(tracks: Sequence[Track], frames: Iterable[int]) -> Iterator[Targets]:
+    """The targets of each of the 0-based ``frames``, out of finished tracks."""
+    numbers = np.concatenate([np.empty(0, np.int64), *(track.frames for track in tracks)])
+    order = np.argsort(numbers, kind="stable")
+    whose = np.repeat(np.arange(len(tracks)), [len(track) for track in tracks])[order]
+    numbers = numbers[order]
+    for frame in frames:
+        first, last = np.searchsorted(numbers, [frame, frame + 1])
+        yield targets_at([tracks[n] for n in whose[first:last].tolist()], frame)
