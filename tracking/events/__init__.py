@@ -1,0 +1,1 @@
+"""What happens before running cameras, as events that leave the machine."""
