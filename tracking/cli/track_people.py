@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tsuiseki.tracking.monitor.watching import Watching
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 from tsuiseki.tracking.runs.following import Video, count
 from tsuiseki.tracking.runs.options import Output
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.types import Detections, Track
     from tsuiseki.tracking.video.source import Source
 
-FINDING, LINKING = PeopleFinding(), Linking()
+FINDING, LINKING, WATCHING = PeopleFinding(), Linking(), Watching()
 
 
 def people(
@@ -30,6 +31,7 @@ def people(
     linking: Linking = LINKING,
     hide: str | None = None,
     corrections: Path | None = None,
+    watching: Watching = WATCHING,
 ) -> int:
     """Track the people in a video: each gets a number that stays.
 
@@ -41,7 +43,7 @@ def people(
         hide: hide people, heads, or all-but=3,5 in overlay and report.
         corrections: corrections.jsonl of tsuiseki review, to do again on this result.
     """
-    return track(video, output, finding, linking, hide, corrections)
+    return track(video, output, finding, linking, hide, corrections, watching)
 
 
 def track(
@@ -51,12 +53,15 @@ def track(
     linking: Linking,
     hide: str | None = None,
     corrections: Path | None = None,
+    watching: Watching = WATCHING,
     replayed: Callable[[Run, OpenedPeople], tuple[OpenedPeople, Iterator[tuple[int, Detections]]]] | None = None,
 ) -> int:
     """`people`, where ``replayed`` may give what runs instead, and each frame's number with its detections."""
     from tsuiseki.tracking.features.view_choice import report_blank, report_models
     from tsuiseki.tracking.formats.mot import detection_lines
     from tsuiseki.tracking.hiding.run import HideChoice
+    from tsuiseki.tracking.monitor.recorded import Recorded
+    from tsuiseki.tracking.people.following import answers_while_it_runs
     from tsuiseki.tracking.people.opening import open_people
     from tsuiseki.tracking.people.people_result import people_result
     from tsuiseki.tracking.report.track_bars import counted
@@ -67,17 +72,19 @@ def track(
     if corrections is not None:
         check_corrections(corrections, source)
     opened = open_people(source, finding, linking, 0)
-    with output.run() as run:
+    with watching.own_output(), output.run() as run, watching.observers(output.out, [source]) as observers:
+        watched = Recorded(source, observers, answers_while_it_runs(opened.tracker))
         run.facts |= report_models(opened.inputs.detect, opened.inputs.describe)
         if replayed is None:
-            frames = run.frames(source, record=video.overlay or choice is not None)
+            frames = watched.frames(run.frames(source, record=video.overlay or choice is not None))
             detections = opened.inputs.detections(frames, run.times)
         else:
             opened, detections = replayed(run, opened)
         numbered = run.kept("detections.txt", detections, None if finding.detections else detection_lines)
         steps = run.steps(numbered)
         settings = {"method": linking.method, "source": video.source, "hide": hide}
-        result, lines = people_result(opened, steps, run.times, settings)
+        result, lines = people_result(opened, steps, run.times, settings, watched.people)
+        watched.rest(result.tracks, result.frames["frame"])
         for line in lines:
             print(line)
         report_blank(opened.inputs.detect)

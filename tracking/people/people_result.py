@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -18,12 +18,16 @@ from tsuiseki.tracking.people.opening import OpenedPeople
 from tsuiseki.tracking.people.run_log import FirstDetections, run_trackers
 from tsuiseki.tracking.result import PageContent, Result, Writer
 from tsuiseki.tracking.stages import StageTimes
-from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types import Detections, Targets, Track
 from tsuiseki.tracking.types.class_choice import called
 
 
 def people_result(
-    opened: OpenedPeople, steps: Iterable[tuple[int, Detections]], times: StageTimes, settings: Mapping[str, Any]
+    opened: OpenedPeople,
+    steps: Iterable[tuple[int, Detections]],
+    times: StageTimes,
+    settings: Mapping[str, Any],
+    observe: Callable[[Targets], object] | None = None,
 ) -> tuple[Result[Track], list[str]]:
     """The result of a run, and what of its facts is worth a line to the user.
 
@@ -32,11 +36,12 @@ def people_result(
         steps: 0-based frame numbers and the detections there, consecutive.
         times: of the run.
         settings: of the run; those named ``method`` and ``source`` are shown on its page.
+        observe: gets what the tracker answers while it runs.
     """
     from tsuiseki.tracking.report.overlay import Overlay
 
     video, name = opened.inputs.source, settings["method"]
-    tracks_by_name, log = run_trackers(steps, {name: opened.tracker}, times, opened.inputs.inferred)
+    tracks_by_name, log = run_trackers(steps, {name: opened.tracker}, times, opened.inputs.inferred, observe)
     tracks = tracks_by_name[name]
     facts, lines = facts_of(opened, 1000 * times.seconds.get("detect", 0.0) / max(len(log.frames), 1))
     network = opened.tracker.network() if isinstance(opened.tracker, FlowTracker) else None

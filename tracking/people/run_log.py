@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
@@ -14,7 +14,7 @@ from tsuiseki.tracking.people.contract import PeopleTracker, shifted, skipped
 from tsuiseki.tracking.result import people_in
 from tsuiseki.tracking.runs.steps import reported_to
 from tsuiseki.tracking.stages import StageTimes
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Track
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Targets, Track
 
 # Detections that are kept for the report.
 KEPT = 2000
@@ -121,6 +121,7 @@ def run_trackers(
     trackers: Mapping[str, PeopleTracker],
     times: StageTimes,
     inferred: BoolArray | None = None,
+    observe: Callable[[Targets], object] | None = None,
 ) -> tuple[dict[str, list[Track]], FrameLog]:
     """Feed the same detections to every tracker.
 
@@ -129,6 +130,7 @@ def run_trackers(
         trackers: fresh ones, by name.
         times: gets the seconds of each tracker under its name.
         inferred: ``(F,)`` by frame number, where a detector was run; None for everywhere.
+        observe: gets what the trackers answer while they run, numbered as the frames are.
 
     Returns:
         The tracks of each tracker, numbered as the frames are, and what happened in each frame.
@@ -139,10 +141,9 @@ def run_trackers(
         with reported_to(frames):
             for name, tracker in trackers.items():
                 with times.measure(name):
-                    if detects:
-                        tracker.update(detections)
-                    else:
-                        skipped(tracker)
+                    targets = tracker.update(detections) if detects else skipped(tracker)
+                if observe is not None and targets is not None:
+                    observe(replace(targets, frame=targets.frame + (log.frames or [index])[0]))
             log.add(index, detections)
             if detects:
                 log.first.add(detections)
