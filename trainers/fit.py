@@ -1,4 +1,4 @@
-"""`tsuiseki train detector`, `appearance`, `action` and `association`."""
+"""`tsuiseki train detector`, `appearance`, `action`, `association` and `tracker`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from tsuiseki.trainers.fine_tune import Recipe, compared, complete_options
 from tsuiseki.trainers.network_module import load_checkpoint
 from tsuiseki.trainers.own_network import NETWORK_OPTIONS, check_class, importable_here
 from tsuiseki.trainers.refusals import one_line
-from tsuiseki.trainers.task_cli import ACTION, APPEARANCE, ASSOCIATION, CONFIG, DETECTOR, Task, TaskCLI
+from tsuiseki.trainers.task_cli import ACTION, APPEARANCE, ASSOCIATION, CONFIG, DETECTOR, TRACKER, Task, TaskCLI
 
 # What Lightning warns of, and is meant here: one loader process on a small machine, folders that a training goes on in,
 # normalisations that stay as they are, and names by which it calls other libraries.
@@ -120,6 +120,11 @@ def fit_action(arguments: Sequence[str]) -> Path | None:
     With ``--data FOLDER`` the shipped one learns on, and ``DIR`` also gets ``action_rgb_local.onnx`` and so on.
     """
     return _exported(ACTION, arguments)
+
+
+def fit_tracker(arguments: Sequence[str]) -> Path | None:
+    """Train a Siamese tracker on generated pairs as the command line ``arguments`` say; see `fit`."""
+    return fit(TRACKER, arguments)
 
 
 def _exported(task: Task, arguments: Sequence[str]) -> Path | None:

@@ -55,6 +55,7 @@ ACTION = Task("action", "trainers.action:Action", "datamodules.action:ActionData
 ASSOCIATION = Task(
     "association", "trainers.association:Association", "trainers.flow.windows:AssociationData", "val/agreement"
 )
+TRACKER = Task("tracker", "trainers.tracker:Tracker", "datamodules.tracker:TrackerData", "val/overlap")
 # Packages of Lightning's loggers whose own errors end a training.
 LOGGING = ("wandb", "mlflow", "comet_ml", "neptune")
 

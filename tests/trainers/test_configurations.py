@@ -11,10 +11,10 @@ import torch
 
 from tsuiseki.tracking.cli.request import request_of
 from tsuiseki.trainers.detector_network import FIXED_SIDES, STREET_ANCHORS, Architecture, build_detector
-from tsuiseki.trainers.task_cli import ACTION, APPEARANCE, ASSOCIATION, DETECTOR, TaskCLI
+from tsuiseki.trainers.task_cli import ACTION, APPEARANCE, ASSOCIATION, DETECTOR, TRACKER, TaskCLI
 
 # Networks by the first word of their configurations.
-TASKS = {task.name: task for task in (ACTION, APPEARANCE, ASSOCIATION, DETECTOR)}
+TASKS = {task.name: task for task in (ACTION, APPEARANCE, ASSOCIATION, DETECTOR, TRACKER)}
 CONFIGS = Path(str(resources.files("tsuiseki.configs"))).glob("*.yaml")
 # Anchors of three maps of people, and of three of a branch.
 ANCHORS = STREET_ANCHORS[:3]

@@ -38,6 +38,8 @@ from tsuiseki.training import (
     AssociationData,
     DetectionData,
     Detector,
+    Tracker,
+    TrackerData,
 )
 
 pytestmark = [
@@ -97,11 +99,18 @@ NETWORKS = {
         "map",
     ),
     "association": Network(Association, lambda street, _: AssociationData(street, batches=4, seconds=0.5), "agreement"),
+    "tracker": Network(
+        lambda: Tracker(channels=16), lambda *_: TrackerData(batch_size=2, batches=4, validation=4), "overlap"
+    ),
 }
-each_network = pytest.mark.parametrize("name", NETWORKS)
+# Pairs for the tracker are drawn at about a hundredth of a second each.
+each_network = pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=pytest.mark.slow) if name == "tracker" else name for name in NETWORKS]
+)
 # Several trainings of networks of pictures take over two seconds.
 each_network_longer = pytest.mark.parametrize(
-    "name", ["association", *(pytest.param(name, marks=pytest.mark.slow) for name in list(NETWORKS)[:3])]
+    "name",
+    [name if name == "association" else pytest.param(name, marks=pytest.mark.slow) for name in NETWORKS],
 )
 
 

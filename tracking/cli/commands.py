@@ -35,6 +35,7 @@ TRAIN = {
     "action": (".fit:fit_action", "what they do"),
     "affinity": (".affinity:fit_affinity", "whether two detections are the same person"),
     "association": (".fit:fit_association", "who follows whom, by whole tracks"),
+    "tracker": (".fit:fit_tracker", "one target, whatever it is"),
     "objectness": (".train_objectness:train_objectness", "which boxes look like an object"),
     "body": (".learn_body:train_body", "a body that bends, from silhouettes"),
     "motion": (".learn_motion:train_motion", "how a body that bends moves, from its tracks"),
@@ -43,6 +44,7 @@ EXPORT = {
     "detector": (".export_networks:export_detector", "from a checkpoint, or from torchvision's COCO weights"),
     "appearance": (".export_networks:export_appearance", "from a checkpoint"),
     "action": (".export_networks:export_action", "from a checkpoint, one file a stream"),
+    "tracker": (".export_networks:export_tracker", "from a checkpoint, a file for the template and one for the search"),
     "association": (".export_costs:export_trained", "costs of the flow, from a checkpoint"),
 }
 MODELS = {

@@ -1,4 +1,4 @@
-"""`tsuiseki export detector`, `export appearance` and `export action`: networks of pictures, as ONNX."""
+"""`tsuiseki export detector`, `appearance`, `action` and `tracker`: networks of pictures, as ONNX."""
 
 from __future__ import annotations
 
@@ -23,7 +23,14 @@ from tsuiseki.trainers.detector import Detector
 from tsuiseki.trainers.detector_network import COCO_NORMALISATIONS, FIXED_SIDES, detector_card, take_over
 from tsuiseki.trainers.exporting.export import ModelFile, ModelFiles, export_onnx, load_module
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
-from tsuiseki.trainers.exporting.written_networks import OUTPUTS, RawHeads, write_appearance, write_detector
+from tsuiseki.trainers.exporting.written_networks import (
+    OUTPUTS,
+    RawHeads,
+    write_appearance,
+    write_detector,
+    write_tracker,
+)
+from tsuiseki.trainers.tracker import Tracker
 
 
 def export_detector(
@@ -180,6 +187,27 @@ def export_action(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
         RunError: an exported file does not give what torch gives.
     """
     written = load_module(Action, checkpoint).write(output)
+    for path, difference in written.items():
+        output.report(path, difference)
+    return written
+
+
+def export_tracker(output: ModelFiles, checkpoint: Path) -> dict[Path, float]:
+    """Write a Siamese tracker as ONNX, two files, and check that they give what torch gives.
+
+    Args:
+        output.out: ONNX file to write; tracker.onnx becomes tracker_template.onnx and tracker_search.onnx.
+        checkpoint: best.ckpt of tsuiseki train tracker.
+
+    Returns:
+        Of each file that was written the largest relative difference to torch that the parity check saw.
+
+    Raises:
+        RequestError: a missing or foreign file.
+        RunError: an exported file does not give what torch gives.
+    """
+    module = load_module(Tracker, checkpoint)
+    written = write_tracker(module.network, module.card, output)
     for path, difference in written.items():
         output.report(path, difference)
     return written

@@ -195,8 +195,8 @@ def restore_normalisations(network: nn.Module, images: Tensor) -> None:
     unfold(network, [norm for norm in network.modules() if isinstance(norm, nn.BatchNorm2d)], images)
 
 
-def unfold(network: nn.Module, norms: Collection[Normalisation], images: Tensor) -> None:
-    """Give ``norms``, which do nothing but add a bias, the statistics of ``images`` ``(B, 3, H, W)``.
+def unfold(network: nn.Module, norms: Collection[Normalisation], *images: Tensor) -> None:
+    """Give ``norms``, which do nothing but add a bias, the statistics of ``images`` ``(B, 3, H, W)``, all its inputs.
 
     The outputs of the ``network`` that they are part of stay as they are.
     """
@@ -210,7 +210,7 @@ def unfold(network: nn.Module, norms: Collection[Normalisation], images: Tensor)
 
     hooks = [norm.register_forward_pre_hook(measure) for norm in norms]
     with torch.no_grad():
-        network.eval()(images)
+        network.eval()(*images)
         for hook in hooks:
             hook.remove()
         for norm, (mean, variance) in measured.items():

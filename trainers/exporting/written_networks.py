@@ -14,6 +14,7 @@ from torch import Tensor, nn
 
 from tsuiseki.models.action import ActionNetwork, FusedProbability, StreamProbability
 from tsuiseki.models.detector import AnchorDetector, OneClass
+from tsuiseki.models.tracker import TEMPLATE_SIDE, SearchPart, TemplatePart, TrackerNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionInput, StreamName
 from tsuiseki.tracking.features.exported import Detector
@@ -79,6 +80,11 @@ def model_file(out: str | Path, training_data: str = "", float16: bool = False, 
     return ModelFile(out=Path(out), training_data=training_data, float16=float16, overwrite=overwrite)
 
 
+def model_files(out: str | Path, training_data: str = "", float16: bool = False, overwrite: bool = False) -> ModelFiles:
+    """The files that a module is exported to, by the name of one."""
+    return ModelFiles(out=Path(out), training_data=training_data, float16=float16, overwrite=overwrite)
+
+
 def copied(network: nn.Module) -> nn.Module:
     """A copy of ``network`` for inference, on the CPU and in the layout that the exporter takes."""
     return copy.deepcopy(network).cpu().float().eval().to(memory_format=torch.contiguous_format)
@@ -115,6 +121,44 @@ def write_appearance(network: nn.Module, card: ModelCard, output: ModelFile) -> 
     card = dataclasses.replace(card, training_data=output.training_data)
     example = torch.zeros(2, 3, card.input_height, card.input_width)
     return export_onnx(copied(network), card, output.out, example, ("features",), output.float16, output.overwrite)
+
+
+def write_tracker(network: TrackerNetwork, card: ModelCard, output: ModelFiles) -> dict[Path, float]:
+    """Write a tracker, a file for the template and one for the search picture.
+
+    Args:
+        network: whole.
+        card: of it.
+        output: ``tracker.onnx`` becomes ``tracker_template.onnx`` and ``tracker_search.onnx``.
+
+    Returns:
+        Of each file the largest relative difference to torch.
+    """
+    paths = {part: output.out.with_name(f"{output.out.stem}_{part}.onnx") for part in ("template", "search")}
+    for path in paths.values():
+        check_output_file(path, output.overwrite)
+    contiguous: Any = copied(network)
+    template, search = (
+        torch.zeros(2, 3, TEMPLATE_SIDE, TEMPLATE_SIDE),
+        torch.zeros(2, 3, card.input_height, card.input_width),
+    )
+    with torch.no_grad():
+        features = contiguous.describe(template)
+    forms: dict[str, tuple[nn.Module, dict[str, Tensor], Sequence[str]]] = {
+        "template": (TemplatePart(contiguous), {"template": template}, ("features",)),
+        "search": (SearchPart(contiguous), {"features": features, "search": search}, ("scores", "boxes")),
+    }
+    written = {}
+    for part, (form, examples, outputs) in forms.items():
+        side = next(reversed(examples.values())).shape[-1]
+        settings = {**card.settings, "part": part}
+        own = dataclasses.replace(card, input_height=side, input_width=side, settings=settings)
+        own = dataclasses.replace(own, training_data=output.training_data)
+        # Cells of features have length 1.
+        spread = [network.channels**-0.5, 1.0][-len(examples) :]
+        how = output.float16, output.overwrite, spread
+        written[paths[part]] = export_onnx(form, own, paths[part], examples, outputs, *how)
+    return written
 
 
 def write_streams(

@@ -19,3 +19,5 @@ from .metrics import HOTA as HOTA
 from .metrics import IDF1 as IDF1
 from .metrics import AveragePrecision as AveragePrecision
 from .metrics import ReIdentification as ReIdentification
+from .tracker import Tracker as Tracker
+from .tracker import TrackerData as TrackerData
