@@ -181,6 +181,8 @@ def tracker_loss(logits: Tensor, distances: Tensor, boxes: Tensor, present: Tens
     """
     centres = cell_centres(logits.shape[-1]).to(boxes.device)
     core, inside = cells_of_targets(centres, boxes, present)
+    # Overlaps of half precision are too coarse.
+    logits, distances = logits.float(), distances.float()
     corners = corner_boxes(distances, centres).permute(0, 2, 3, 1)
     truth = boxes[:, None, None].expand_as(corners)
     quality = torch.zeros_like(logits[:, 0])
@@ -194,8 +196,8 @@ def best_boxes(heads: Heads) -> tuple[Tensor, Tensor]:
     """The box ``(B, 4)`` of the cell with the highest score, and that score ``(B,)`` in [0, 1]."""
     logits, distances = heads
     score, cell = logits.flatten(1).max(dim=1)
-    corners = corner_boxes(distances, cell_centres(logits.shape[-1]).to(logits.device)).flatten(2)
-    return corners.gather(2, cell[:, None, None].expand(-1, 4, 1))[..., 0], score.sigmoid()
+    corners = corner_boxes(distances.float(), cell_centres(logits.shape[-1]).to(logits.device)).flatten(2)
+    return corners.gather(2, cell[:, None, None].expand(-1, 4, 1))[..., 0], score.float().sigmoid()
 
 
 def _plain(inputs: int, outputs: int, stride: int = 1) -> nn.Module:

@@ -111,7 +111,7 @@ class Tracker(NetworkModule):
         """Keep overlap and score of the best box of each pair."""
         del batch_index
         boxes, score = best_boxes(self(batch.template, batch.search))
-        rows = paired_iou(boxes.float(), batch.boxes), score.float(), batch.present
+        rows = paired_iou(boxes, batch.boxes), score, batch.present
         self.validated += zip(*(values.cpu().numpy() for values in rows), strict=True)
 
     def scores(self, rows: list[tuple[np.ndarray, ...]]) -> dict[str, float]:

@@ -102,5 +102,5 @@ def test_refused_in_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str])
         Tracker(start=tmp_path / "none.onnx")
     assert main(["train", "tracker", *words(tmp_path / "out", "--data.search_side=130")]) == 2
     message = capsys.readouterr().err.strip()
-    assert "search_side" in message
+    assert "expected 16 k - 1 pixels" in message
     assert "\n" not in message
