@@ -29,8 +29,9 @@ from tsuiseki.models.contract import NetworkCard
 from tsuiseki.models.detector import separable
 from tsuiseki.models.losses import paired_iou, quality_focal
 
-# Sides of the template and of the search picture, pixels: those of SiamFC and its successors.
+# Side of the template, pixels: that of SiamFC and its successors.
 TEMPLATE_SIDE = 127
+# Side of the search picture, pixels, likewise.
 SEARCH_SIDE = 255
 # Pixels of a picture from one cell to the next.
 STRIDE = TRUNK_STRIDES[1]

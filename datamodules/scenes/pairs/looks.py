@@ -28,10 +28,16 @@ SIDE = 112
 OPAQUE = 128
 # Least opaque pixels of a thing: of fewer nothing is seen.
 _LEAST_PIXELS = 150
-# Textures, things of no class and people of an epoch: enough that a pair rarely shows what another did.
-_TEXTURES, _MADE_UP, _PEOPLE = 64, 256, 24
-# Shares of the looks that are people, and cut-outs of pictures; the others are made up.
-_PEOPLE_SHARE, _THINGS_SHARE = 0.2, 0.4
+# Textures of an epoch: enough that a pair rarely shows what another did.
+_TEXTURES = 64
+# Things of no class, likewise.
+_MADE_UP = 256
+# People, likewise.
+_PEOPLE = 24
+# Share of the looks that are people.
+_PEOPLE_SHARE = 0.2
+# Share of them that are cut-outs of pictures, where there are some; the others are made up.
+_THINGS_SHARE = 0.4
 # Share of the textures that are photographs.
 _PHOTOGRAPHS = 0.35
 # Poses of a person who walks.

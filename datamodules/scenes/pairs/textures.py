@@ -19,6 +19,7 @@ from tsuiseki.tracking.types import ImageArray
 SIDE = 320
 # Side of the coarsest noise, cells; each next octave has twice as many.
 _COARSEST = 3
+# Of the noise: the finest has cells of about a pixel.
 _OCTAVES = 7
 # Corners of a dead leaf without a smooth outline.
 _CORNERS = (3, 7)
