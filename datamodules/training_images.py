@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Literal
+from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -22,13 +22,8 @@ from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.room_pictures import panorama_picture
-from tsuiseki.datamodules.scenes.training_pictures import (
-    THINGS,
-    TOWN,
-    BoxConvention,
-    random_training_scene,
-    settings_of_scene,
-)
+from tsuiseki.datamodules.scenes.training_pictures import random_training_scene
+from tsuiseki.datamodules.scenes.training_settings import THINGS, TOWN, BoxConvention, settings_of_scene
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import PEOPLE
 from tsuiseki.tracking.formats.mot import write_ground_truth
@@ -42,6 +37,11 @@ _MEMORY = 1 << 30
 # People of whom a smaller share is visible are ignored.
 LEAST_VISIBLE = 0.25
 
+Scene: TypeAlias = Literal[
+    "street", "varied", "sparse", "aerial", "near", "crowded", "posed", "lifeless", "everyday", "overhead", "drone",
+    "ceiling",
+]  # fmt: skip
+
 
 @dataclass(frozen=True)
 class TrainingSource(LabelledPart):
@@ -53,10 +53,12 @@ class TrainingSource(LabelledPart):
         generate: fill a folder that does not exist with this many random generated pictures.
         scene: what those show: a street; streets, crowds, views from afar and empty places by day and night (varied);
             few people among many things (sparse); people among many things from above (aerial); a few people near the
-            camera (near); people all around below a fisheye camera (overhead); people who act under a drone; or people
-            in rooms, as ceiling cameras see them in unrolled pictures.
-        sprites: folder of rendered people (`tsuiseki simulate sprites`), shown in varied, sparse, aerial, near,
-            overhead and ceiling pictures.
+            camera (near); people who hide each other (crowded), who sit, lie, fall, crouch, kneel or bend (posed),
+            leaves, statues, dolls and posters without people (lifeless), or all of these (everyday); people all around
+            below a fisheye camera (overhead); people who act under a drone; or people in rooms, as ceiling cameras see
+            them in unrolled pictures.
+        sprites: folder of rendered people (`tsuiseki simulate sprites`), shown in all but street and drone pictures;
+            posed and everyday ones need some of ``--poses``.
         photographs: folder of photographs without people: ``surfaces/`` and ``views/`` for the grounds of these, cut
             out ``things/`` to stand on them.
         town: these pictures show things of towns, too: traffic lights, signs, bicycles, shop fronts and the like.
@@ -71,7 +73,7 @@ class TrainingSource(LabelledPart):
     share: float = 1.0
     fixed_camera: bool = False
     generate: int = 0
-    scene: Literal["street", "varied", "sparse", "aerial", "near", "overhead", "drone", "ceiling"] = "street"
+    scene: Scene = "street"
     sprites: str = ""
     photographs: str = ""
     town: bool = False
@@ -168,7 +170,7 @@ def check_source(source: TrainingSource) -> None:
     options += ["sprites"] if source.sprites and source.scene != "ceiling" else []
     if options and source.scene in ("street", "drone", "ceiling"):
         raise RequestError(
-            f"{where}: expected `{options[0]}` with a varied, sparse, aerial, near or overhead scene, "
+            f"{where}: expected `{options[0]}` with a scene of people before a camera, such as varied or everyday, "
             f"got {source.scene}"
         )
     if source.sun and source.scene in ("street", "ceiling"):
@@ -231,10 +233,11 @@ def _picture(source: TrainingSource, size: tuple[int, int], number: int) -> tupl
     rng = np.random.default_rng([source.seed, number])
     if source.scene == "ceiling":
         return panorama_picture(rng, *size, _stock(source.sprites, "")[0])
+    settings = settings_of_scene(source.scene, rng, size)
     settings = replace(
-        settings_of_scene(source.scene, rng, size),
-        town=TOWN if source.town else (0, 0),
-        things=THINGS if source.things else (0, 0),
+        settings,
+        town=TOWN if source.town else settings.town,
+        things=THINGS if source.things else settings.things,
         sun=source.sun,
         boxes=source.boxes,
     )

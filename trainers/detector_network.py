@@ -5,12 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypeAlias
 
+import numpy as np
 import torch
 from torch import Tensor
 
-from tsuiseki.models.anchors import VARIANCES
+from tsuiseki.models.anchors import VARIANCES, size_iou
 from tsuiseki.models.backbones import TrunkName, build_trunk
 from tsuiseki.models.contract import NetworkCard
 from tsuiseki.models.detector import AnchorDetector, BranchedDetector, branched_detector, people_detector
@@ -20,13 +21,20 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import PEOPLE
 from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.weights import shipped_or_file
-from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
+from tsuiseki.trainers.exporting.exported_weights import (
+    anchor_sizes,
+    exported_weights,
+    fold_normalisations,
+    layout_of,
+)
 from tsuiseki.trainers.network_module import read_checkpoint
 from tsuiseki.trainers.start import completed
 
 Architecture = Literal["people", "branched", "ssdlite320", "ssd300", "ssd512"]
 Resize = Literal["letterbox", "stretch"]
 Normalisation = Literal["imagenet", "symmetric", "bytes"]
+# Of each map the widths and heights of its anchors, pixels of the input.
+Anchors: TypeAlias = list[list[tuple[float, float]]]
 
 # Width and height of the input, pixels, of architectures that take no other.
 FIXED_SIDES = {"ssdlite320": 320, "ssd300": 300, "ssd512": 512}
@@ -94,7 +102,7 @@ def build_detector(
         raise RequestError(str(error)) from error
 
 
-def take_over(network: AnchorDetector, checkpoint: Path) -> list[str]:
+def take_over(network: AnchorDetector, checkpoint: Path, anchors: Anchors | None = None) -> list[str]:
     """Fill ``network`` with the tensors of a detector's ``checkpoint`` that fit; names of those that it has not got.
 
     Every class of ``network`` starts as people, where the checkpoint is of them alone.
@@ -102,6 +110,7 @@ def take_over(network: AnchorDetector, checkpoint: Path) -> list[str]:
     Args:
         network: to fill.
         checkpoint: of a training, or a detector that was exported from one (``.onnx``).
+        anchors: of the checkpoint; where the network of people has others, see `_widen_heads`.
 
     Raises:
         RequestError: the file is missing or no checkpoint.
@@ -114,6 +123,8 @@ def take_over(network: AnchorDetector, checkpoint: Path) -> list[str]:
     target = network.state_dict()
     if network.classes > 1:
         _suit_heads(weights, target, network.classes)
+    elif anchors is not None:
+        _widen_heads(weights, anchors, anchor_sizes(network.anchors.cpu().numpy()))
     fitting = {name: value for name, value in weights.items() if name in target and target[name].shape == value.shape}
     network.load_state_dict(fitting, strict=False)
     # Exported files hold no counts of batches.
@@ -123,12 +134,12 @@ def take_over(network: AnchorDetector, checkpoint: Path) -> list[str]:
 def begin_network(network: AnchorDetector, path: Path) -> None:
     """Fill ``network`` with the weights of the detector at ``path``, and see that hardly any is missing.
 
-    The network computes what the file does, where it has the file's anchors.
+    The network computes what the file does, where it has the file's anchors, and perhaps more at the same strides.
 
     Raises:
         RequestError: less than `TAKEN_OVER` of its tensors are taken over.
     """
-    missing = take_over(network, path)
+    missing = take_over(network, path, _described(path, people=False)[0]["anchors"])
     count = sum(not name.endswith("num_batches_tracked") for name in network.state_dict())
     if count - len(missing) < TAKEN_OVER * count:
         raise RequestError(
@@ -175,6 +186,30 @@ def _suit_heads(weights: dict[str, Tensor], target: dict[str, Tensor], classes: 
         order = torch.arange(len(target[name]) // 4) % count
         weights[kinds] = rows[order].flatten(0, 1)
         weights[name] = boxes.view(count, 4, *boxes.shape[1:])[order].flatten(0, 1)
+
+
+def _widen_heads(weights: dict[str, Tensor], before: Anchors, after: Anchors) -> None:
+    """Let the anchors ``after`` begin with scores and boxes that the most similar ones ``before`` have in ``weights``.
+
+    Nothing changes where a map has no more anchors than before: the other training had other ones on purpose.
+    """
+    if len(before) != len(after):
+        return
+    for level, (old, new) in enumerate(zip(before, after, strict=True)):
+        heads = [f"{kind}_heads.{level}.1" for kind in ("class", "box")]
+        if len(new) <= len(old) or not all(f"{head}.weight" in weights for head in heads):
+            continue
+        origin = size_iou(np.array(new, dtype=np.float64), np.array(old, dtype=np.float64)).argmax(axis=1)
+        ratio = torch.tensor(np.array(old)[origin] / np.array(new), dtype=torch.float32)
+        for part in ("weight", "bias"):
+            for head in heads:
+                rows = weights[f"{head}.{part}"].unflatten(0, (len(old), -1))[origin].clone()
+                if head == heads[1]:
+                    # The same box from an anchor of another size; see `encode`.
+                    rows[:, :2] *= ratio.view(len(new), 2, *[1] * (rows.ndim - 2))
+                    if part == "bias":
+                        rows[:, 2:] += ratio.log() / VARIANCES[1]
+                weights[f"{head}.{part}"] = rows.flatten(0, 1)
 
 
 def detector_card(

@@ -17,7 +17,8 @@ import numpy as np
 
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
 from tsuiseki.datamodules.scenes.figures.rendering import Sprite
-from tsuiseki.datamodules.scenes.training_pictures import random_training_scene, settings_of_scene
+from tsuiseki.datamodules.scenes.training_pictures import random_training_scene
+from tsuiseki.datamodules.scenes.training_settings import settings_of_scene
 from tsuiseki.tracking.features.exported import SizedDetect, open_detector
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import FloatArray

@@ -24,7 +24,8 @@ from typing import TypeAlias
 import numpy as np
 
 from benchmarks.detectors.accuracy import LOWEST_SCORE, labelled, recall_by_height, video_in
-from tsuiseki.datamodules.scenes.training_pictures import TrainingSettings, random_training_scene
+from tsuiseki.datamodules.scenes.training_pictures import random_training_scene
+from tsuiseki.datamodules.scenes.training_settings import TrainingSettings
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.features.exported import open_detector
 from tsuiseki.tracking.features.tiles import LARGEST_SCALE, TiledDetector, view_of

@@ -185,3 +185,24 @@ def test_configurations_that_ship_go_by_name(capsys: pytest.CaptureFixture[str])
     assert "expected a YAML file or one of action_drone, " in capsys.readouterr().err
     assert main(["train", "detector", "--config", "detector_mots"]) == 2
     assert "affinity_mot," in capsys.readouterr().err
+
+
+def test_more_anchors_begin_with_the_boxes_of_the_ones_like_them(tmp_path: Path) -> None:
+    anchors: list[list[tuple[float, float]]] = [[(12, 28), (20, 44)], [(20, 50)], [(30, 60)]]
+    layout = {"trunk": "mobilenet_v3_small", "height": 64, "width": 64, "channels": 16}
+    first = Detector(anchors=anchors, **layout)
+    for head in first.network.box_heads:
+        torch.nn.init.normal_(head[-1].bias)  # type: ignore[index]
+    torch.save({"state_dict": first.state_dict(), "hyper_parameters": dict(first.hparams)}, tmp_path / "first.ckpt")
+    wider = [[(12.0, 28.0), (20.0, 44.0), (24.0, 24.0)], [(20.0, 50.0)], [(30.0, 60.0), (60.0, 60.0), (90.0, 40.0)]]
+    more = Detector(anchors=wider, **layout, start=tmp_path / "first.ckpt")
+    images = torch.randint(0, 255, (1, 64, 64, 3), dtype=torch.uint8)
+    with torch.no_grad():
+        before, after = (d.network.decode(d.eval()(images)) for d in (first, more))
+    # (24, 24) begins as (20, 44): 8 x 8 cells of 2 anchors before, and of 3 after.
+    for kind in (0, 1):
+        old, new = before[kind][0], after[kind][0]
+        torch.testing.assert_close(
+            new[: 3 * 64].view(64, 3, -1)[:, [0, 1, 1, 2]], old[: 2 * 64].view(64, 2, -1)[:, [0, 1, 1, 1]]
+        )
+        torch.testing.assert_close(new[-4 * 3 :].view(4, 3, -1), old[-4:, None].expand(4, 3, old.shape[-1]))

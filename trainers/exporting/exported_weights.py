@@ -74,14 +74,14 @@ def layout_of(path: Path, people: bool = True) -> ExportedLayout:
     return ExportedLayout(
         trunk,
         (card.input_height, card.input_width),
-        _anchor_sizes(onnx.numpy_helper.to_array(tensors["anchors"])),
+        anchor_sizes(onnx.numpy_helper.to_array(tensors["anchors"])),
         int(lateral.dims[0]),
         card,
     )
 
 
-def _anchor_sizes(anchors: np.ndarray) -> list[list[tuple[float, float]]]:
-    """The sizes at each map, distinguished by where the first cell of a map lies."""
+def anchor_sizes(anchors: np.ndarray) -> list[list[tuple[float, float]]]:
+    """The sizes of ``(A, 4)`` anchors at each map, distinguished by where the first cell of a map lies."""
     sizes: dict[float, list[tuple[float, float]]] = {}
     shapes = set()
     for x, _, width, height in anchors.tolist():

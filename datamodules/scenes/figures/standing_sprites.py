@@ -18,7 +18,7 @@ from tsuiseki.datamodules.scenes.render.solids import Float32, Solids, Surface, 
 from tsuiseki.datamodules.scenes.render.tracing import Layer, RayCamera
 from tsuiseki.datamodules.scenes.things.street_things import clutter_around
 from tsuiseki.tracking.cameras.camera_files import AnyCamera
-from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
 # Probability that textured clothes keep their own colours; cloth without a colour of its own always gets one.
 _OWN_COLOURS = 0.3
@@ -32,11 +32,14 @@ class Standing(Thing):
     Attributes:
         sprite: seen from about as high as the scene's camera looks.
         spot: ``(2,)`` metres, on the ground.
+        base: metres over the ground of what the feet stand on.
     """
 
-    def __init__(self, sprite: Sprite, spot: FloatArray, solids: Solids, outfit: Outfit | None = None) -> None:
+    def __init__(
+        self, sprite: Sprite, spot: FloatArray, solids: Solids, outfit: Outfit | None = None, base: float = 0.0
+    ) -> None:
         super().__init__(solids, outfit)
-        self.sprite, self.spot = sprite, spot
+        self.sprite, self.spot, self.base = sprite, spot, base
 
     def trace(self, camera: RayCamera, samples: int) -> Layer | None:
         """Where the person is on a grid of ``samples`` by ``samples`` rays a pixel, with the sprite on that window.
@@ -67,7 +70,7 @@ class Standing(Thing):
         drawn_sprite = replace(
             sprite, albedo=albedo.astype(np.uint8), normal=normal.astype(np.int8), label=label.astype(np.uint8)
         )
-        middle = np.array([*self.spot, self.sprite.middle or 0.5 * self.sprite.height])
+        middle = np.array([*self.spot, self.base + (self.sprite.middle or 0.5 * self.sprite.height)])
         away = np.float32(np.linalg.norm(middle - camera.position))
         distance = np.where(drawn_sprite.label > 0, away, np.float32(np.inf)).astype(np.float32)
         if not (drawn_sprite.label > 0).any():
@@ -84,12 +87,12 @@ class Standing(Thing):
 
     def _ends(self, camera: RayCamera) -> tuple[FloatArray, FloatArray]:
         """Where feet and head of the `Sprite` are seen, ``(2, 2)`` pixels, and their depths ``(2,)``."""
-        ends = np.array([[*self.spot, self.sprite.middle]] * 2)
+        ends = np.array([[*self.spot, self.base + self.sprite.middle]] * 2)
         if self.sprite.middle:
             away = self._away(camera)
             ends[:, :2] += 0.5 * self.sprite.height * np.array([[-away[1], away[0]], [away[1], -away[0]]])
         else:
-            ends[1, 2] = self.sprite.height
+            ends[1, 2] += self.sprite.height
         return camera.project(ends)
 
     def _away(self, camera: RayCamera) -> FloatArray:
@@ -181,18 +184,25 @@ def pictured_things(
         tall = min(rows, _TALL)
         wide = max(round(columns * tall / rows * float(np.exp(rng.normal(0, 0.2)))), 2)
         small = np.asarray(cv2.resize(picture, (wide, tall), interpolation=cv2.INTER_AREA))
-        label = np.where(small[..., 3] >= OPAQUE, Worn.EXTRA, 0).astype(np.uint8)
         gain = np.exp(rng.normal(0, 0.25)) * np.exp(rng.normal(0, 0.08, 3))
-        albedo = np.where(label[..., None] > 0, np.clip(small[..., :3] * gain, 0, 255), 0).astype(np.uint8)
-        normal = np.broadcast_to(np.array(_FACING, np.int8), albedo.shape)
         height = float(np.exp(rng.uniform(np.log(_LOWEST), np.log(_HIGHEST))))
-        feet, head, sides = np.array([wide / 2, tall]), np.array([wide / 2, 0.0]), np.array([0.0, wide])
-        sprite = Sprite(albedo, normal, label, feet, head, height, 0.0, sides)
-        # A thin upright box before the camera throws the shadow.
-        away = spot - camera.position[:2]
-        across = float(np.arctan2(away[1], away[0])) - np.pi / 2
-        half = np.array([[0.5 * height * wide / tall, 0.05, 0.5 * height]])
-        board = boxes(np.array([[*spot, half[0, 2]]]), half, np.array([across]), [Surface(MIDDLE[0])])
-        return Standing(sprite, board.start[0, :2].astype(np.float64), board)
+        coloured = np.dstack([np.clip(small[..., :3] * gain, 0, 255).astype(np.uint8), small[..., 3]])
+        return flat_thing(coloured, camera, spot, height)
 
     return clutter_around(rng, camera, count, occupied, largest, upright)
+
+
+def flat_thing(picture: ImageArray, camera: AnyCamera, spot: FloatArray, height: float) -> Standing:
+    """A cut-out ``picture`` ``(h, w, 4)`` uint8 RGBA that stands at ``spot`` ``(2,)``, ``height`` metres tall."""
+    tall, wide = picture.shape[:2]
+    label = np.where(picture[..., 3] >= OPAQUE, Worn.EXTRA, 0).astype(np.uint8)
+    albedo = np.where(label[..., None] > 0, picture[..., :3], 0).astype(np.uint8)
+    normal = np.broadcast_to(np.array(_FACING, np.int8), albedo.shape)
+    feet, head, sides = np.array([wide / 2, tall]), np.array([wide / 2, 0.0]), np.array([0.0, wide])
+    sprite = Sprite(albedo, normal, label, feet, head, height, 0.0, sides)
+    # A thin upright box before the camera throws the shadow.
+    away = spot - camera.position[:2]
+    across = float(np.arctan2(away[1], away[0])) - np.pi / 2
+    half = np.array([[0.5 * height * wide / tall, 0.05, 0.5 * height]])
+    board = boxes(np.array([[*spot, half[0, 2]]]), half, np.array([across]), [Surface(MIDDLE[0])])
+    return Standing(sprite, board.start[0, :2].astype(np.float64), board)

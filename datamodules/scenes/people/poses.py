@@ -26,6 +26,13 @@ _ARMS = (
 )
 
 
+# Poses of people in ordinary places that need no equipment, the commonest several times.
+FREE = (
+    *("sitting",) * 5, *("seated on the ground",) * 2, *("lying",) * 4, *("falling",) * 3, "crouching", "crouching",
+    "kneeling", "kneeling", "bending", "bending",
+)  # fmt: skip
+
+
 def random_name(rng: np.random.Generator) -> str:
     """Drawn by how often people in view take each pose."""
     names, shares = list(_DRAWN), np.array([share for share, _ in _DRAWN.values()])

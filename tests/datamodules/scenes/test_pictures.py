@@ -15,11 +15,8 @@ from tsuiseki.datamodules.scenes.people.person import paste, render_person_sprit
 from tsuiseki.datamodules.scenes.render.composing import Sighting
 from tsuiseki.datamodules.scenes.render.degrade import Degradation, by_night, degrade, random_degradation
 from tsuiseki.datamodules.scenes.render.shading import Light, hard_sun, random_light
-from tsuiseki.datamodules.scenes.training_pictures import (
-    TrainingSettings,
-    random_training_scene,
-    settings_of_scene,
-)
+from tsuiseki.datamodules.scenes.training_pictures import random_training_scene
+from tsuiseki.datamodules.scenes.training_settings import TrainingSettings, settings_of_scene
 from tsuiseki.tracking.errors import RequestError
 
 SMALL = TrainingSettings((160, 120), people=(2, 5), person_height=(12, 70), clutter=(2, 5), samples=2)

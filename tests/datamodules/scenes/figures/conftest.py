@@ -11,6 +11,7 @@ import pytest
 
 from tsuiseki.datamodules.scenes.figures.assets import _CUBES, _TIPS, BONES, Assets
 from tsuiseki.datamodules.scenes.figures.figure import HAIRS, HATS, SHOE_PAIRS, SUITS
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.types import FloatArray
 
 # Where bones begin: forward, left, up, metres; the arms point aside and down.
@@ -132,3 +133,11 @@ def assets_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="session")
 def assets(assets_folder: Path) -> Assets:
     return Assets(assets_folder)
+
+
+@pytest.fixture(scope="session")
+def library(tmp_path_factory: pytest.TempPathFactory, assets_folder: Path) -> Path:
+    folder = tmp_path_factory.mktemp("sprites") / "library"
+    words = ["simulate", "sprites", "--assets", str(assets_folder), "--people", "3", "--views", "2", "--height", "64"]
+    assert main([*words, "--seed", "4", "--out", str(folder)]) == 0
+    return folder

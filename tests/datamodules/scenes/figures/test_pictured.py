@@ -12,11 +12,8 @@ from tsuiseki.datamodules.scenes.figures.standing_sprites import pictured_things
 from tsuiseki.datamodules.scenes.render.composing import compose, empty_picture
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.render.shading import random_light
-from tsuiseki.datamodules.scenes.training_pictures import (
-    TrainingSettings,
-    random_training_scene,
-    settings_of_scene,
-)
+from tsuiseki.datamodules.scenes.training_pictures import random_training_scene
+from tsuiseki.datamodules.scenes.training_settings import TrainingSettings, settings_of_scene
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 
 CAMERA = PinholeCamera.look_at(np.array([0.0, 0, 2.5]), np.array([0, 12.0, 0.8]), 150, 200, 150)

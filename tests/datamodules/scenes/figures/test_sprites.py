@@ -27,11 +27,8 @@ from tsuiseki.datamodules.scenes.render.degrade import random_degradation
 from tsuiseki.datamodules.scenes.render.shading import Light
 from tsuiseki.datamodules.scenes.render.solids import Surface, boxes
 from tsuiseki.datamodules.scenes.render.tracing import silhouette_box, tight
-from tsuiseki.datamodules.scenes.training_pictures import (
-    TrainingSettings,
-    random_training_scene,
-    settings_of_scene,
-)
+from tsuiseki.datamodules.scenes.training_pictures import random_training_scene
+from tsuiseki.datamodules.scenes.training_settings import TrainingSettings, settings_of_scene
 from tsuiseki.datamodules.training_images import TrainingSource
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.cli import main
@@ -57,14 +54,6 @@ def block(height: int = 40, width: int = 16) -> Sprite:
         0.2,
         np.array([0.0, float(width)]),
     )
-
-
-@pytest.fixture(scope="session")
-def library(tmp_path_factory: pytest.TempPathFactory, assets_folder: Path) -> Path:
-    folder = tmp_path_factory.mktemp("sprites") / "library"
-    words = ["simulate", "sprites", "--assets", str(assets_folder), "--people", "3", "--views", "2", "--height", "64"]
-    assert main([*words, "--seed", "4", "--out", str(folder)]) == 0
-    return folder
 
 
 def test_a_rendered_person_is_as_tall_as_asked_and_faces_the_camera(assets: Assets) -> None:

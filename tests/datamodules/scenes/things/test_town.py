@@ -10,7 +10,8 @@ from pydantic import ValidationError
 
 from tsuiseki.datamodules.scenes.things.street_things import fronts_behind, reach_of
 from tsuiseki.datamodules.scenes.things.town import THINGS, front, made, random_thing
-from tsuiseki.datamodules.scenes.training_pictures import TrainingSettings, random_training_scene
+from tsuiseki.datamodules.scenes.training_pictures import random_training_scene
+from tsuiseki.datamodules.scenes.training_settings import TrainingSettings
 
 PLACE = np.array([3.0, 12.0])
 SMALL = TrainingSettings((160, 120), people=(2, 5), person_height=(12, 70), clutter=(0, 0), samples=1)

@@ -1,0 +1,121 @@
+"""The long training of one detector of people who stand, sit, fall and lie: steps, fixed sets, and the curve.
+
+    python -m benchmarks.detectors.long_training run --until 16:50 [--options WORD ...]
+    python -m benchmarks.detectors.long_training validate FILE [FILE ...]
+    python -m benchmarks.detectors.long_training plot --out curve.png
+
+A fresh machine needs the repository, the rendered people (configs/detector_everyday.yaml and `fixed_sets` say how), and
+the real sets in ``--data``. ``run`` goes on from detector_everyday.onnx beside this file, or where there is none from
+the shipped default. A step is a run of configs/detector_everyday.yaml of another seed; ``--options`` change it. The
+number that must rise is ``score`` of `fixed_sets`; no number of its parts may fall by more than .01.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import shutil
+from collections.abc import Sequence
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from benchmarks.detectors.fixed_sets import FALSE, PARTS, scores_of
+from benchmarks.long_training import LongTraining, command, draw_curve
+from tsuiseki import configs
+from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
+
+HERE = Path(__file__).parent
+BEST, RECORD = HERE / "detector_everyday.onnx", HERE / "detector_everyday.jsonl"
+CONFIG = Path(str(configs.__path__[0])) / "detector_everyday.yaml"
+# Steps before, whose pictures a step learns from again.
+EARLIER = 2
+# What the exported file takes, as the shipped default does, pixels.
+HEIGHT, WIDTH = 480, 640
+
+
+def main() -> None:
+    """Do what the words ask for."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("what", choices=("run", "validate", "plot"))
+    parser.add_argument("files", type=Path, nargs="*")
+    parser.add_argument("--until", default="23:59", help="no step begins after this time of today, UTC")
+    parser.add_argument(
+        "--options", nargs="*", default=[], help="of `tsuiseki train detector`, such as --options=--data.batches=20"
+    )
+    parser.add_argument("--data", type=Path, default=Path("../shared/data"))
+    parser.add_argument("--sprites", type=Path, default=Path("out/cache/sprites-val"))
+    parser.add_argument("--work", type=Path, default=Path("out/train/detector_everyday"))
+    parser.add_argument("--out", type=Path, default=Path("out/detector_everyday.png"))
+    words = parser.parse_args()
+    if words.what == "validate":
+        print(table(words.files, words.data, words.sprites))
+    elif words.what == "plot":
+        draw_curve(
+            RECORD,
+            ("score", "PETS 1-300 AP75", "MOT17-13 AP50", "recall lying", "recall half to three quarters"),
+            words.out,
+        )
+    else:
+        hour, minute = map(int, words.until.split(":"))
+        training(words.data, words.sprites, words.options).run(
+            words.work, datetime.now(UTC).replace(hour=hour, minute=minute, second=0)
+        )
+
+
+def training(data: Path, sprites: Path, options: Sequence[str]) -> LongTraining:
+    """The long training, from the best file so far."""
+    if not BEST.is_file():
+        shutil.copyfile(shipped(PEOPLE_DETECTOR), BEST)
+
+    def fit(best: Sequence[Path], work: Path, number: int) -> list[Path]:
+        command([
+            "train", "detector", "--config", str(CONFIG), "--out", str(work), "--overwrite",
+            "--model.start", str(best[0]), "--data.seed", str(number), "--data.train", json.dumps(sources(number)),
+            *options,
+        ])  # fmt: skip
+        out = work / "detector.onnx"
+        command([
+            "export", "detector", "--checkpoint", str(work / "checkpoints" / "last.ckpt"), "--float16",
+            "--height", str(HEIGHT), "--width", str(WIDTH), "--calibrate", calibration(), "--out", str(out),
+            "--training-data", "rendered people",
+        ])  # fmt: skip
+        return [out]
+
+    def score(files: Sequence[Path]) -> dict[str, float]:
+        return scores_of(files[0], data, sprites)
+
+    return LongTraining([BEST], RECORD, "score", PARTS, [FALSE], fit, score)
+
+
+def sources(number: int) -> list[dict[str, Any]]:
+    """What the step of this number learns from: pictures as the configuration's, of it and of `EARLIER` steps."""
+    steps = range(max(number - EARLIER, 1), number + 1)
+    return [
+        source | {"folder": f"{source['folder']}-{step}", "seed": 1000 * source["seed"] + step}
+        for source in _data("train") for step in steps
+    ]  # fmt: skip
+
+
+def calibration() -> str:
+    """The folder of pictures that scores are calibrated on: those that the configuration validates on."""
+    return str(_data("val")[0]["folder"])
+
+
+def _data(part: str) -> list[dict[str, Any]]:
+    sources: list[dict[str, Any]] = yaml.safe_load(CONFIG.read_text())["data"][part]
+    return sources
+
+
+def table(files: Sequence[Path], data: Path, sprites: Path) -> str:
+    """A line a number, a column a file."""
+    columns = [scores_of(file, data, sprites) for file in files]
+    head = f"{'':34}" + " ".join(f"{file.stem[-16:]:>16}" for file in files)
+    rows = (f"{name:34}" + " ".join(f"{column[name]:16.3f}" for column in columns) for name in columns[0])
+    return "\n".join([head, *rows])
+
+
+if __name__ == "__main__":
+    main()
