@@ -25,7 +25,8 @@ from tsuiseki.tracking.errors import RunError
 LOSS = 0.01
 
 Scores: TypeAlias = Mapping[str, float]
-# From the best files, an empty folder to work in, and the number of the step, to the exported files of the step.
+# From the best files, a folder of the step to work in, which has what an interrupted one left, and the number of the
+# step to the exported files of the step.
 Fit: TypeAlias = Callable[[Sequence[Path], Path, int], Sequence[Path]]
 
 
@@ -80,8 +81,7 @@ class LongTraining:
             steps = read_record(self.record)
             number, begun = steps[-1].number + 1, time.process_time()
             folder = work / f"step-{number}"
-            shutil.rmtree(folder, ignore_errors=True)
-            folder.mkdir(parents=True)
+            folder.mkdir(parents=True, exist_ok=True)
             files = self.fit(self.best, folder, number)
             hours = (time.process_time() - begun) / 3600
             scores = dict(self.score(files))

@@ -6,8 +6,9 @@
 
 A fresh machine needs the repository, the rendered people (configs/detector_everyday.yaml and `fixed_sets` say how), and
 the real sets in ``--data``. ``run`` goes on from detector_everyday.onnx beside this file, or where there is none from
-the shipped default. A step is a run of configs/detector_everyday.yaml of another seed; ``--options`` change it. The
-number that must rise is ``score`` of `fixed_sets`; no number of its parts may fall by more than .01.
+the shipped default. A step is a run of configs/detector_everyday.yaml of another seed; ``--options`` change it. An
+interrupted step goes on from its last epoch. The number that must rise is ``score`` of `fixed_sets`; no number of its
+parts may fall by more than .01.
 """
 
 from __future__ import annotations
@@ -71,14 +72,16 @@ def training(data: Path, sprites: Path, options: Sequence[str]) -> LongTraining:
         shutil.copyfile(shipped(PEOPLE_DETECTOR), BEST)
 
     def fit(best: Sequence[Path], work: Path, number: int) -> list[Path]:
+        last = work / "checkpoints" / "last.ckpt"
+        go_on = ["--ckpt_path", str(last)] if last.is_file() else ["--overwrite", "true"]
         command([
-            "train", "detector", "--config", str(CONFIG), "--out", str(work), "--overwrite",
+            "train", "detector", "--config", str(CONFIG), "--out", str(work), *go_on,
             "--model.start", str(best[0]), "--data.seed", str(number), "--data.train", json.dumps(sources(number)),
             *options,
         ])  # fmt: skip
         out = work / "detector.onnx"
         command([
-            "export", "detector", "--checkpoint", str(work / "checkpoints" / "last.ckpt"), "--float16",
+            "export", "detector", "--checkpoint", str(last), "--float16",
             "--height", str(HEIGHT), "--width", str(WIDTH), "--calibrate", calibration(), "--out", str(out),
             "--training-data", "rendered people",
         ])  # fmt: skip

@@ -21,8 +21,33 @@ THINGS = (0, 12)
 BoxConvention: TypeAlias = Literal["silhouettes", "steady"]
 
 
+@settings_dataclass(frozen=True, config=SETTINGS, kw_only=True)
+class Variety:
+    """What sets a picture apart from one of people who walk along a plain street.
+
+    Attributes:
+        behind: share of the people who stand behind another one as the camera sees them, mostly hidden to a quarter or
+            three quarters.
+        screened: share of the people before whom something low or narrow stands.
+        posed: share of the rendered people who sit, lie, fall, crouch, kneel or bend; None takes the library's.
+        likenesses: (fewest, most) statues, dolls, posters and pictograms of people, which are nobody; statues and
+            posters need a library of rendered people.
+        leaves: chance of fallen leaves, heaps of them, hedges, and branches before the camera.
+        rain: chance of rain.
+        recorded: chance of a cheap recorder: few pixels, strong compression, interlaced rows, infrared, a clock.
+    """
+
+    behind: Share = 0.0
+    screened: Share = 0.0
+    posed: Share | None = None
+    likenesses: Span[NonNegativeInt] = (0, 0)
+    leaves: Share = 0.0
+    rain: Share = 0.0
+    recorded: Share = 0.0
+
+
 @settings_dataclass(frozen=True, config=SETTINGS)
-class TrainingSettings:
+class TrainingSettings(Variety):
     """What random pictures look like.
 
     Attributes:
@@ -44,15 +69,6 @@ class TrainingSettings:
         overhead: a fisheye camera looks straight down from ``camera_height``; nothing then goes by ``person_height``.
         boxes: ``silhouettes`` go round everybody, and swing with the legs; ``steady`` boxes of rendered people are as
             wide, and lie where, those of their whole walk are and do on average, as people label videos.
-        behind: share of the people who stand behind another one as the camera sees them, mostly hidden to a quarter or
-            three quarters.
-        screened: share of the people before whom something low or narrow stands.
-        posed: share of the rendered people who sit, lie, fall, crouch, kneel or bend; None takes the library's.
-        likenesses: (fewest, most) statues, dolls, posters and pictograms of people, which are nobody; statues and
-            posters need a library of rendered people.
-        leaves: chance of fallen leaves, heaps of them, hedges, and branches before the camera.
-        rain: chance of rain.
-        recorded: chance of a cheap recorder: few pixels, strong compression, interlaced rows, infrared, a clock.
     """
 
     size: tuple[Side, Side] = (640, 480)
@@ -70,13 +86,6 @@ class TrainingSettings:
     things: Span[NonNegativeInt] = (0, 0)
     overhead: bool = False
     boxes: BoxConvention = "silhouettes"
-    behind: Share = 0.0
-    screened: Share = 0.0
-    posed: Share | None = None
-    likenesses: Span[NonNegativeInt] = (0, 0)
-    leaves: Share = 0.0
-    rain: Share = 0.0
-    recorded: Share = 0.0
 
 
 # An ordinary street, which the other scenes vary.
