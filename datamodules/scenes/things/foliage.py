@@ -160,7 +160,7 @@ def random_branch(rng: np.random.Generator, camera: AnyCamera) -> Branch:
     picture = np.zeros((camera.height, camera.width, 4), np.uint8)
     left = int(rng.integers(-width // 3, camera.width - width // 2))
     twigs = leaf_picture(rng, width, height, "branch")
-    twigs = cv2.GaussianBlur(twigs, (0, 0), float(rng.uniform(0.3, 2.0)))
+    twigs = np.asarray(cv2.GaussianBlur(twigs, (0, 0), float(rng.uniform(0.3, 2.0))), dtype=np.uint8)
     low, high = max(left, 0), min(left + width, camera.width)
     picture[:height, low:high] = twigs[:, low - left : high - left]
     return Branch(picture)
