@@ -203,7 +203,8 @@ def _widen_heads(weights: dict[str, Tensor], before: Anchors, after: Anchors) ->
         ratio = torch.tensor(np.array(old)[origin] / np.array(new), dtype=torch.float32)
         for part in ("weight", "bias"):
             for head in heads:
-                rows = weights[f"{head}.{part}"].unflatten(0, (len(old), -1))[origin].clone()
+                values = weights[f"{head}.{part}"]
+                rows = values.view(len(old), -1, *values.shape[1:])[origin].clone()
                 if head == heads[1]:
                     # The same box from an anchor of another size; see `encode`.
                     rows[:, :2] *= ratio.view(len(new), 2, *[1] * (rows.ndim - 2))
