@@ -32,6 +32,7 @@ from tsuiseki.tracking.features.view_choice import devices_of, report_blank, rep
 from tsuiseki.tracking.fields import HIDDEN, Commas, refused, showing
 from tsuiseki.tracking.formats.acting_tracks import write_acting_tracks
 from tsuiseki.tracking.formats.mot import detection_lines, write_tracks
+from tsuiseki.tracking.onnx import kind_of
 from tsuiseki.tracking.people.contract import shifted
 from tsuiseki.tracking.people.given_detections import GivenDetections
 from tsuiseki.tracking.people.printed_flow import ITERATIONS, PrintedFlow
@@ -130,7 +131,11 @@ def track_drone(
 def link_costs(
     affinity: str | Path | None, preset: DronePreset, method: DroneMethod, threads: int
 ) -> CostNetwork | PrintedFlow | None:
-    """Costs learnt on whole tracks, or the flow of the preset printed, which learns its costs on pairs."""
+    """Costs learnt on whole tracks, or the flow of the preset printed, which learns its costs on pairs.
+
+    Raises:
+        RequestError: the file holds costs of the other kind, or of other features than the method has.
+    """
     if preset == "printed":
         chosen = (
             shipped("affinity_printed_drone" if method == "flow" else "affinity_printed_drone_action")
@@ -141,7 +146,14 @@ def link_costs(
         if method != "flow" and pairs.features != "thesis_action":
             raise RequestError(f"expected costs by the features thesis_action with {method}, got {pairs.features}")
         return PrintedFlow(pairs, 1 if method == "flow-saf" else ITERATIONS)
-    return None if affinity is None else CostNetwork(affinity, threads)
+    if affinity is None:
+        return None
+    if kind_of(affinity) == "affinity":
+        raise RequestError(
+            f"{affinity}: expected costs learnt on whole tracks, got costs learnt on pairs; use `preset` printed, or "
+            "learn them by train association --data.tracker drone"
+        )
+    return CostNetwork(affinity, threads)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
