@@ -341,7 +341,7 @@ def _working_folder(name: str, parent: Path) -> Iterator[Path]:
 def _publish(work: Path, folder: Path) -> None:
     """Move the files in ``work`` to ``folder``; on a failure all that was there lies there again."""
     written = {path.relative_to(work).as_posix() for path in work.rglob("*") if path.is_file()}
-    stale = sorted(_listed_files(folder) - written - {RUN_FILE})
+    stale = sorted(listed_files(folder) - written - {RUN_FILE})
     paths, aside = sorted(work.iterdir(), key=lambda path: path.name == RUN_FILE), work / REPLACED
     for place in (folder, aside):
         place.mkdir(exist_ok=True)
@@ -362,7 +362,7 @@ def _publish(work: Path, folder: Path) -> None:
         _remove_if_empty((folder / name).parent)
 
 
-def _listed_files(folder: Path) -> set[str]:
+def listed_files(folder: Path) -> set[str]:
     """Files that the ``run.json`` in ``folder`` lists, without any that would lead out of it."""
     try:
         names = read_json(folder / RUN_FILE, "the record of a run")["files"]

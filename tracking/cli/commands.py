@@ -94,6 +94,7 @@ COMMANDS: Mapping[str, tuple[str, str] | tuple[str, str, Commands]] = {
     "detect": ("tracking.cli.detect:detect", "write what a network detects in a video, without tracking"),
     "scene": ("tracking.counts.run:scene", "draw lines and zones to count in, on a page in the browser"),
     "hide": ("tracking.hiding.run:hide_people", "hide people in a video that was tracked"),
+    "forget": ("tracking.cli.forget:forget", "delete results that may not be kept any longer"),
     "count": ("tracking.counts.run:count", "who crosses lines and stays in zones, from a finished result"),
     "review": ("tracking.review.run:review", "look through a result on a page in the browser, and correct it"),
     "link": ("tracking.linking.run:link_results", "the same ids in cameras that do not overlap"),

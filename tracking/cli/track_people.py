@@ -31,6 +31,7 @@ def people(
     linking: Linking = LINKING,
     hide: str | None = None,
     corrections: Path | None = None,
+    privacy: Path | None = None,
     watching: Watching = WATCHING,
 ) -> int:
     """Track the people in a video: each gets a number that stays.
@@ -42,8 +43,9 @@ def people(
     Args:
         hide: hide people, heads, or all-but=3,5 in overlay and report.
         corrections: corrections.jsonl of tsuiseki review, to do again on this result.
+        privacy: YAML that says purpose, area, access, and for how many days the result is kept; see tsuiseki forget.
     """
-    return track(video, output, finding, linking, hide, corrections, watching)
+    return track(video, output, finding, linking, hide, corrections, watching, privacy=privacy)
 
 
 def track(
@@ -55,6 +57,7 @@ def track(
     corrections: Path | None = None,
     watching: Watching = WATCHING,
     replayed: Callable[[Run, OpenedPeople], tuple[OpenedPeople, Iterator[tuple[int, Detections]]]] | None = None,
+    privacy: Path | None = None,
 ) -> int:
     """`people`, where ``replayed`` may give what runs instead, and each frame's number with its detections."""
     from tsuiseki.tracking.features.view_choice import report_blank, report_models
@@ -64,6 +67,7 @@ def track(
     from tsuiseki.tracking.people.following import answers_while_it_runs
     from tsuiseki.tracking.people.opening import open_people
     from tsuiseki.tracking.people.people_result import people_result
+    from tsuiseki.tracking.privacy import PRIVACY, read_privacy, today
     from tsuiseki.tracking.report.track_bars import counted
     from tsuiseki.tracking.result import PageContent, check_corrections
 
@@ -71,10 +75,12 @@ def track(
     source = video.open(images=choice is not None, timed=True)
     if corrections is not None:
         check_corrections(corrections, source)
+    record = None if privacy is None else read_privacy(privacy)
     opened = open_people(source, finding, linking, 0)
     with watching.own_output(), output.run() as run, watching.observers(output.out, [source]) as observers:
         watched = Recorded(source, observers, answers_while_it_runs(opened.tracker))
         run.facts |= report_models(opened.inputs.detect, opened.inputs.describe)
+        run.facts |= {} if record is None else {PRIVACY: record.facts(today())}
         if replayed is None:
             frames = watched.frames(run.frames(source, record=video.overlay or choice is not None))
             detections = opened.inputs.detections(frames, run.times)

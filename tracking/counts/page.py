@@ -23,6 +23,7 @@ from tsuiseki.tracking.counts.counting import Answers, Table, count
 from tsuiseki.tracking.counts.scene import Scene
 from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
+from tsuiseki.tracking.privacy import PRIVACY
 from tsuiseki.tracking.report.page import BOXES_NOTE, Timeline
 from tsuiseki.tracking.report.pictures import Pictures, frames_to_show, heat_picture, paths_picture, pictures_of
 from tsuiseki.tracking.report.rendering import overlay_in, render
@@ -176,7 +177,10 @@ class TrackedPage:
             overlay=overlay_in(folder),
             note=BOXES_NOTE.replace("person", self.nouns[0]) if boxes else "",
             bars=Timeline([followed(track, self.nouns[0]) for track in self.tracks], first, length),
-            made={name: result.settings[name] for name in ("method", "source") if name in result.settings},
+            made={
+                **{name: result.settings[name] for name in ("method", "source") if name in result.settings},
+                **result.facts.get(PRIVACY, {}),
+            },
         )
 
     def figure(self, name: str) -> Callable[[str], Figure]:

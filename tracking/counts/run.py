@@ -5,16 +5,18 @@ The user draws a scene on a picture of the video, on a page in the browser.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS
-from tsuiseki.tracking.counts.scene import Scene, scene_of, scene_text
+from tsuiseki.tracking.counts.scene import Scene, read_scene, scene_of, scene_text
 from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.fields import FrameRate
+from tsuiseki.tracking.privacy import PRIVACY, today
 from tsuiseki.tracking.report.drawing import drawn_on
 from tsuiseki.tracking.runs.options import Output, OutputFile
 
@@ -50,7 +52,11 @@ def count(
     from tsuiseki.tracking.result import Result
 
     loaded: Result[Any] = Result.load(result)
+    privacy = read_scene(scene).privacy
     with output.run() as run:
+        if privacy is not None:
+            run.facts.setdefault(PRIVACY, privacy.facts(today()))
+        loaded = replace(loaded, facts={**loaded.facts, **run.facts})
         with run.times.measure("count"):
             answers = counting.count(loaded, str(scene), how, frame_rate=fps)
         for name, write in TrackedPage(loaded, answers=answers).files().items():

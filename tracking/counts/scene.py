@@ -17,6 +17,7 @@
     events: {moves: 1, counts: 60}   # optional: seconds from an event to the next: of where a person is, and of counts
     region: [[0, 200], [1920, 200], [1920, 1080], [0, 1080]]   # optional: people outside are not counted
     ignored: []                # optional: polygons in which people are not counted
+    privacy: {purpose: ..., area: ..., retention: 30, access: ...}    # optional: see `privacy`
 
 Zones may lie inside each other. Their borders may not cross.
 """
@@ -25,7 +26,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from itertools import combinations
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
@@ -37,6 +38,7 @@ from tsuiseki.tracking.cameras.camera_files import AnyCamera, read_cameras
 from tsuiseki.tracking.counts.polygons import crosses_itself, edges_cross
 from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.openers.yaml_files import read_yaml
+from tsuiseki.tracking.privacy import PRIVACY, Privacy, privacy_of
 from tsuiseki.tracking.types import FloatArray
 
 # Lines or zones of a scene, and corners of a polygon.
@@ -102,6 +104,7 @@ class Scene:
         region: ``(N, 2)`` corners outside of which people are not counted; None for the whole picture.
         ignored: ``(N, 2)`` corners each, inside of which people are not counted.
         events: how often events of a running camera come.
+        privacy: the record of it; None where there is none.
     """
 
     lines: Sequence[SceneLine] = ()
@@ -113,6 +116,7 @@ class Scene:
     region: FloatArray | None = None
     ignored: Sequence[FloatArray] = ()
     events: EventIntervals = EventIntervals()
+    privacy: Privacy | None = None
 
     @property
     def has_metres(self) -> bool:
@@ -204,7 +208,8 @@ def read_scene(path: str | Path) -> Scene:
 
 def scene_of(content: Any, where: str, folder: Path) -> Scene:
     """As `read_scene`, of a mapping of YAML or JSON; ``where`` is for messages, camera files lie in ``folder``."""
-    _fields(content, ("size", "unit", "scale", "camera", "lines", "zones", "region", "ignored", "events"), where)
+    parts = ("size", "unit", "scale", "camera", "lines", "zones", "region", "ignored", "events", PRIVACY)
+    _fields(content, parts, where)
     unit = content.get("unit", "pixels")
     if unit not in ("pixels", "metres"):
         raise RequestError(f"{where}: unit: expected pixels or metres, got {unit!r}")
@@ -221,7 +226,7 @@ def scene_of(content: Any, where: str, folder: Path) -> Scene:
     zones = [_zone(entry, f"{where}: zone {k + 1}") for k, entry in enumerate(_entries(content, "zones", where))]
     if not lines and not zones:
         raise RequestError(f"{where}: expected at least one entry under lines or zones, got none")
-    region = content.get("region")
+    region, privacy = content.get("region"), content.get(PRIVACY)
     scene = Scene(
         lines,
         zones,
@@ -232,6 +237,7 @@ def scene_of(content: Any, where: str, folder: Path) -> Scene:
         None if region is None else _polygon(region, f"{where}: region"),
         [_polygon(e, f"{where}: ignored {k + 1}") for k, e in enumerate(_entries(content, "ignored", where))],
         _intervals(content.get("events", {}), f"{where}: events"),
+        None if privacy is None else privacy_of(privacy, where),
     )
     _check_together(scene, where)
     return scene
@@ -267,6 +273,7 @@ def scene_text(scene: Scene) -> str:
     ]
     content |= {"events": vars(scene.events)} if scene.events != EventIntervals() else {}
     content |= {"region": scene.region.tolist()} if scene.region is not None else {}
+    content |= {PRIVACY: asdict(scene.privacy)} if scene.privacy is not None else {}
     content |= {"ignored": [corners.tolist() for corners in scene.ignored]} if len(scene.ignored) else {}
     return yaml.safe_dump(content, sort_keys=False, default_flow_style=None, allow_unicode=True, width=100)
 

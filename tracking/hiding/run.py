@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -21,6 +21,7 @@ from tsuiseki.tracking.output import RUN_FILE, check_output_file, is_partial, ou
 from tsuiseki.tracking.people.detections import PeopleInputs, people_detect, threads_of_a_call
 from tsuiseki.tracking.people.settings import PeopleFinding
 from tsuiseki.tracking.people.sort import Sort, SortSettings
+from tsuiseki.tracking.privacy import metadata_of
 from tsuiseki.tracking.report.overlay import write_drawn
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.options import OutputFile
@@ -214,7 +215,7 @@ def hide(
         finding = PeopleFinding(**options)
     video, out = a_path(video, "video"), a_path(out, "out")
     doubts = _checked_out(out, video, overwrite)
-    source, tracks = _opened(video, result)
+    source, tracks, facts = _opened(video, result)
     choice.check(tracks)
     watch = watched if progress else lambda items, *_: items
     with output_file(out, overwrite) as work, output_file(doubts, overwrite) as listed:
@@ -228,7 +229,7 @@ def hide(
                 f"{last + 1}"
             )
         frames = hiding.hidden(watch(source.frames(), "hiding", len(hiding.seconds)))
-        write_drawn(work, frames, source.frame_rate, lambda frame: frame.image)
+        write_drawn(work, frames, source.frame_rate, lambda frame: frame.image, metadata_of(facts))
         hiding.write_doubts(listed)
     return hiding
 
@@ -243,8 +244,8 @@ def _checked_out(out: Path, video: Path, overwrite: bool) -> Path:
     return doubts
 
 
-def _opened(video: Path, result: TracksLike) -> tuple[Source, Sequence[Track]]:
-    """The frames of the video that were tracked, and the tracks.
+def _opened(video: Path, result: TracksLike) -> tuple[Source, Sequence[Track], Mapping[str, Any]]:
+    """The frames of the video that were tracked, the tracks, and the facts of the result.
 
     Raises:
         RequestError: the result is none of people's, or is that of another video.
@@ -260,7 +261,7 @@ def _opened(video: Path, result: TracksLike) -> tuple[Source, Sequence[Track]]:
     last = max([frame_range.last or 0, *(int(track.frames[-1]) for track in tracks)])
     if length and (last >= length + slack or (complete and last + 1 < length - slack)):
         raise RequestError(f"expected the video of the result, which has {last + 1} frames, got {length} in {video}")
-    return open_source(video, frame_range), tracks
+    return open_source(video, frame_range), tracks, loaded.facts
 
 
 def _read(result: TracksLike) -> tuple[Sequence[Any], FrameRange, Result[Any], bool]:
@@ -297,8 +298,8 @@ def hide_people(
 ) -> int:
     """Hide people in a video: those of a result, and those of a second, more sensitive detection.
 
-    The file has no sound and nothing of the original's metadata. Beside it NAME.doubtful.csv lists where a place is
-    hidden without a detection.
+    The file has no sound and nothing of the original's metadata; of the result it has the record of privacy. Beside it
+    NAME.doubtful.csv lists where a place is hidden without a detection.
 
     Args:
         video: that was tracked.

@@ -90,14 +90,20 @@ class Overlay:
         cv2.polylines(image, [_pixels(feet)], isClosed=False, color=colour, thickness=thin, lineType=cv2.LINE_AA)
 
 
-def write_drawn(path: Path, frames: Iterable[Frame], frame_rate: float, draw: Callable[[Frame], ImageArray]) -> None:
-    """Write what ``draw`` makes of each frame, freed of flicker, as a video.
+def write_drawn(
+    path: Path,
+    frames: Iterable[Frame],
+    frame_rate: float,
+    draw: Callable[[Frame], ImageArray],
+    metadata: Mapping[str, str] | None = None,
+) -> None:
+    """Write what ``draw`` makes of each frame, freed of flicker, as a video with texts in its ``metadata``.
 
     Raises:
         RunError: the video breaks off, or cannot be written.
     """
     calm: ImageArray | None = None
-    with VideoWriter(path, frame_rate) as writer:
+    with VideoWriter(path, frame_rate, metadata) as writer:
         for frame in frames:
             calm = without_flicker(frame.image, calm)
             writer.write(draw(Frame(frame.index, frame.time, calm)))

@@ -5,11 +5,12 @@ from __future__ import annotations
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from tsuiseki.tracking.output import RunRecord, check_there, naming
+from tsuiseki.tracking.privacy import PRIVACY
 from tsuiseki.tracking.runs.messages import NOTES
 from tsuiseki.tracking.runs.reading import facts_of_sources
 from tsuiseki.tracking.stages import StageTimes
@@ -91,6 +92,8 @@ class RunFiles:
         ``draw`` makes what the pages of the result show, when all other files are written; ``folder`` lies inside the
         output folder.
         """
+        if PRIVACY in self.facts:
+            result = replace(result, facts={**result.facts, PRIVACY: self.facts[PRIVACY]})
         if self.page is not None and result.page is not None:
             result = self.page(result)
         self.columns = result.frames

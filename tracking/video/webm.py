@@ -63,12 +63,17 @@ def check_ending(path: Path, option: str = "") -> None:
 class VideoWriter:
     """A file ``.webm`` or ``.mp4`` of bounded bit rate, written frame by frame and closed with the ``with`` block.
 
+    Args:
+        path: of the file.
+        frame_rate: frames a second.
+        metadata: texts by name that the file carries.
+
     Raises:
         RunError: it cannot be written, or the disk is full.
     """
 
-    def __init__(self, path: Path, frame_rate: float) -> None:
-        self.path, self.frame_rate = path, frame_rate
+    def __init__(self, path: Path, frame_rate: float, metadata: Mapping[str, str] | None = None) -> None:
+        self.path, self.frame_rate, self.metadata = path, frame_rate, metadata or {}
         self._size = (0, 0)
         self._frames = 0
         self._file: BinaryIO | None = None
@@ -113,6 +118,7 @@ class VideoWriter:
             self._file = self.path.open("wb")
             # Exact bits: FFmpeg's version, the time and a random number stay out of the file.
             self._container = av.open(self._file, "w", suffix[1:], options={"fflags": "+bitexact"})
+            self._container.metadata.update(self.metadata)
             self._stream = self._container.add_stream(encoder.name, rate)
             self._stream.width, self._stream.height, self._stream.pix_fmt = width, height, "yuv420p"
             burst = {"maxrate": bits, "bufsize": BURST * bits} if encoder is H264 else {}

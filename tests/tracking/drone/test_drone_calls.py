@@ -17,6 +17,7 @@ from tsuiseki.tracking.features.view_choice import ViewedDetector
 from tsuiseki.tracking.formats.mot import read_ground_truth
 from tsuiseki.tracking.people.settings import FindingOptions
 from tsuiseki.tracking.video.source import open_source
+from tsuiseki.tracking.weights import shipped
 
 
 @pytest.fixture(scope="module")
@@ -87,3 +88,9 @@ def test_a_bare_word_names_a_shipped_detector(flight: Path) -> None:
 def test_what_cannot_be_says_so(flight: Path, options: dict[str, Any], message: str) -> None:
     with pytest.raises(RequestError, match=message):
         track_drone(flight, **options)
+
+
+def test_costs_learnt_on_pairs_are_refused_with_what_to_do(flight: Path) -> None:
+    trees = shipped("affinity_printed_drone")
+    with pytest.raises(RequestError, match=r"on pairs; use `preset` printed, or learn them by train association"):
+        track_drone(flight, "flow", detections=labelled(flight), affinity=trees, threads=1)
