@@ -19,6 +19,7 @@ from tsuiseki.datamodules.scenes.figures.assets import Assets
 from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.tracking.demo.page import STREET_MODELS
 from tsuiseki.tracking.errors import RunError
+from tsuiseki.tracking.weights.listing import LICENCE
 
 SHIPPED = {kind: f"{name}.onnx" for kind, name in STREET_MODELS.items()}
 # What the demo takes where there is nothing to render people of.
@@ -130,7 +131,9 @@ def commands(folder: Path, assets: Path | None = None) -> list[list[str]]:
     } | {name: json.dumps(sources) for name, sources in pictures.items()}
     quoted = {name: shlex.quote(place) for name, place in places.items()}
     commands_to_run = COMMANDS if assets is None else COMMANDS + RENDERED_COMMANDS
-    return [shlex.split(command.format(**quoted)) for command in commands_to_run]
+    words = [shlex.split(command.format(**quoted)) for command in commands_to_run]
+    licensed = ("export", "detector"), ("export", "appearance"), ("export", "action")
+    return [line + ["--licence", LICENCE] * (tuple(line[:2]) in licensed) for line in words]
 
 
 def _sources(config: str, part: Literal["train", "val"], work: Path, assets: Path | None) -> list[dict[str, Any]]:

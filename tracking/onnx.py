@@ -66,6 +66,7 @@ class ModelCard:
         feature_length: of an appearance feature; 0 otherwise.
         settings: numbers that only this kind has (detector: variances of the box code; affinity: alpha, beta, ...).
         training_data: what the weights were fitted to, in words.
+        licence: of the weights, by its SPDX identifier; empty where nobody has said.
         project_version: of the toolkit that wrote the file.
     """
 
@@ -82,6 +83,7 @@ class ModelCard:
     feature_length: int = 0
     settings: dict[str, Any] = field(default_factory=dict)
     training_data: str = ""
+    licence: str = ""
     project_version: str = ""
     format_version: int = FORMAT_VERSION
 
@@ -309,6 +311,21 @@ def byte_image_input(session: onnxruntime.InferenceSession | OpenvinoSession, pa
             f"{first.name} {_shown(shape)} {kind}; convert it again from `image_tensor`"
         )
     return WantedInput(first.name, shape, np.dtype(np.uint8))
+
+
+def card_of(path: str | Path) -> ModelCard:
+    """The card of the ONNX file at ``path``, of whatever kind.
+
+    Raises:
+        RequestError: the file is missing or not ONNX, or carries no card.
+    """
+    text = open_session(path, threads=1).get_modelmeta().custom_metadata_map.get(METADATA_KEY, "")
+    try:
+        return ModelCard.from_json(text, str(path))
+    except ValueError as error:
+        raise MissingCardError(
+            f"{path}: expected the metadata of a network of tsuiseki, got none; export it"
+        ) from error
 
 
 def kind_of(path: str | Path) -> str:

@@ -1,4 +1,4 @@
-"""`tsuiseki models`: networks of other projects, listed and fetched."""
+"""`tsuiseki models`: networks listed, and those of other projects fetched."""
 
 from __future__ import annotations
 
@@ -8,11 +8,10 @@ from tsuiseki.tracking.errors import RequestError
 
 
 def list_models() -> int:
-    """List the catalogue: version, address, sum, licence of code and weights, and what each model learnt from."""
-    from tsuiseki.tracking.weights.catalogue import CATALOGUE
+    """List all networks: size, licence, time, average precision, and what each learnt from."""
+    from tsuiseki.tracking.weights.listing import table
 
-    print("\n\n".join(map(str, CATALOGUE)))
-    print("\nNone of these is part of tsuiseki. `tsuiseki models get NAME` fetches one, after it has asked.")
+    print(table())
     return 0
 
 
@@ -26,9 +25,13 @@ def get(name: str, *, yes: bool = False) -> int:
         yes: do not ask.
     """
     from tsuiseki.tracking.runs.progress import progress
-    from tsuiseki.tracking.weights.catalogue import OPTIONS, model_named
+    from tsuiseki.tracking.weights import shipped_names
+    from tsuiseki.tracking.weights.catalogue import OPTIONS, find_model, model_named
     from tsuiseki.tracking.weights.download import download
 
+    if find_model(name) is None and any(name in (whole, whole.partition("_")[2]) for whole in shipped_names()):
+        print(f"{name} ships with tsuiseki; take it by its name")
+        return 0
     entry = model_named(name)
     print(entry)
     try:

@@ -48,10 +48,12 @@ class ModelFile(OutputFile):
     Attributes:
         out: ONNX file to write.
         training_data: what the model was trained on, in words; kept in the file.
+        licence: of its weights, such as Apache-2.0; kept in the file.
         float16: store weights as 16-bit numbers, half the size.
     """
 
     training_data: str = ""
+    licence: str = ""
     float16: bool = False
 
     def report(self, path: Path, difference: float) -> None:

@@ -78,7 +78,8 @@ def export_detector(
     network, card = _coco(architecture, state) if checkpoint is None else _trained(checkpoint, size)
     if blend is not None:
         blend_weights(network, card, blend)
-    card = dataclasses.replace(card, training_data=output.training_data or card.training_data)
+    data, licence = output.training_data or card.training_data, output.licence or card.licence
+    card = dataclasses.replace(card, training_data=data, licence=licence)
     difference = write_detector(network, card, output, calibrate)
     output.report(output.out, difference)
     return difference

@@ -118,7 +118,7 @@ def write_detector(network: nn.Module, card: ModelCard, output: ModelFile, calib
 
 def write_appearance(network: nn.Module, card: ModelCard, output: ModelFile) -> float:
     """Write an appearance network; the largest relative difference to torch."""
-    card = dataclasses.replace(card, training_data=output.training_data)
+    card = dataclasses.replace(card, training_data=output.training_data, licence=output.licence)
     example = torch.zeros(2, 3, card.input_height, card.input_width)
     return export_onnx(copied(network), card, output.out, example, ("features",), output.float16, output.overwrite)
 
@@ -189,7 +189,7 @@ def write_streams(
     written = {}
     for group, streams in groups.items():
         stream, path = streams[0], paths[group]
-        card = dataclasses.replace(card_of(stream), training_data=output.training_data)
+        card = dataclasses.replace(card_of(stream), training_data=output.training_data, licence=output.licence)
         if group == "fused":
             # The inputs are called as the streams, and each has settings of its own.
             card = dataclasses.replace(card, settings={"streams": [card_of(name).settings for name in streams]})

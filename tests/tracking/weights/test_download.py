@@ -119,9 +119,9 @@ def test_the_command_shows_the_terms_fetches_and_the_name_is_a_detector_then(ent
     with pytest.raises(RequestError, match="not yet downloaded; give `tsuiseki models get ours-s`"):
         open_detector("ours-s")
     assert main(["models", "get", "ours-s"]) == 2
-    assert main(["models", "list"]) == 0
+    shown = capsys.readouterr().out
     for told in (entry.address, entry.sha256, "Apache-2.0", "CC0", "1.0"):
-        assert capsys.readouterr().out.count(told) >= 1 if told == "1.0" else told in str(entry)
+        assert told in shown
     assert server.asked == []
     assert main(["models", "get", "ours-s", "--yes"]) == 0
     assert entry.sha256 in capsys.readouterr().out

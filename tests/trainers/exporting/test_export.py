@@ -130,10 +130,10 @@ def test_a_trained_detector_finds_the_same_boxes_without_torch(tmp_path: Path) -
         checkpoint,
     )
     path = tmp_path / "detector.onnx"
-    words = ["--checkpoint", str(checkpoint), "--out", str(path), "--training-data", "noise"]
+    words = ["--checkpoint", str(checkpoint), "--out", str(path), "--training-data", "noise", "--licence", "MIT"]
     assert main(["export", "detector", *words]) == 0
     detector = exported.Detector(path, score_threshold=0.0, threads=1)
-    assert detector.model.card.training_data == "noise"
+    assert (detector.model.card.training_data, detector.model.card.licence) == ("noise", "MIT")
     assert detector.model.card.settings == {"variances": [0.1, 0.2]}
     rng = np.random.default_rng(0)
     image = np.asarray(cv2.resize(rng.integers(0, 256, (9, 12, 3), dtype=np.uint8), (120, 90)), dtype=np.uint8)
