@@ -318,6 +318,8 @@ CATALOGUE: tuple[CatalogueModel, ...] = (
         f"{_ZOO}/object_tracking_vittrack/object_tracking_vittrack_2023sep.onnx",
         "Apache-2.0",
         "not published by the project",
+        "6b4e32f6eec82e1aecf90077b2ea2589c4dfd30e8533e9f7c5da4125f52588af",
+        714_726,
     ),
 )
 # The option that takes a model of each kind.
