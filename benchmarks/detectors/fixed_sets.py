@@ -3,7 +3,7 @@
 Real ones, generated ones by pose and by visibility, and generated places without people.
 
 The real ones choose and never teach: PETS 1-300 and MOT17-13. Reported alone are PETS 301-400, MOT17-02's stills, and
-the people of OTB who dive, ski and play. Generated are pictures of held-out rendered people:
+people of OTB who walk, dive and ski. Generated are pictures of held-out rendered people:
 
     tsuiseki simulate sprites --assets out/assets --people 24 --views 12 --poses 0.8 --tilts=-0.1,1.5 --seed 78
         --out out/cache/sprites-val
@@ -53,8 +53,8 @@ POSES: Mapping[str, tuple[str, ...]] = {
 }
 # (least, greatest) visible share of a person.
 VISIBLE = {"full": (0.75, 1.01), "half to three quarters": (0.5, 0.75), "less than half": (0.25, 0.5)}
-# Single people of OTB in odd poses.
-ALONE = ("Diving", "Skiing", "DragonBaby")
+# Clips of OTB with one labelled person.
+ALONE = ("Crossing", "Couple", "Diving", "Skiing")
 FALSE = "false boxes an empty picture"
 # The numbers that the `score` is the mean of.
 PARTS = (

@@ -1,12 +1,12 @@
 """The long training of one detector of people who stand, sit, fall and lie: steps, fixed sets, and the curve.
 
-    python -m benchmarks.detectors.long_training run --until 16:50 [--options WORD ...]
+    python -m benchmarks.detectors.long_training run --until 16:50 [--option=--data.batches=100 ...]
     python -m benchmarks.detectors.long_training validate FILE [FILE ...]
     python -m benchmarks.detectors.long_training plot --out curve.png
 
 A fresh machine needs the repository, the rendered people (configs/detector_everyday.yaml and `fixed_sets` say how), and
 the real sets in ``--data``. ``run`` goes on from detector_everyday.onnx beside this file, or where there is none from
-the shipped default. A step is a run of configs/detector_everyday.yaml of another seed; ``--options`` change it. An
+the shipped default. A step is a run of configs/detector_everyday.yaml of another seed; each ``--option`` changes it. An
 interrupted step goes on from its last epoch. The number that must rise is ``score`` of `fixed_sets`; no number of its
 parts may fall by more than .01.
 """
@@ -43,9 +43,7 @@ def main() -> None:
     parser.add_argument("what", choices=("run", "validate", "plot"))
     parser.add_argument("files", type=Path, nargs="*")
     parser.add_argument("--until", default="23:59", help="no step begins after this time of today, UTC")
-    parser.add_argument(
-        "--options", nargs="*", default=[], help="of `tsuiseki train detector`, such as --options=--data.batches=20"
-    )
+    parser.add_argument("--option", action="append", default=[], help="of `tsuiseki train detector`, behind =")
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("--sprites", type=Path, default=Path("out/cache/sprites-val"))
     parser.add_argument("--work", type=Path, default=Path("out/train/detector_everyday"))
@@ -61,7 +59,7 @@ def main() -> None:
         )
     else:
         hour, minute = map(int, words.until.split(":"))
-        training(words.data, words.sprites, words.options).run(
+        training(words.data, words.sprites, words.option).run(
             words.work, datetime.now(UTC).replace(hour=hour, minute=minute, second=0)
         )
 
