@@ -4,6 +4,7 @@ VENV ?= .venv
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 LOWEST := $(VENV)/lowest
+NOTEBOOKS := $(patsubst docs/%,out/%,$(wildcard docs/notebooks/*.ipynb))
 # Readers, writers and methods that lean on other packages most; none needs torch.
 SAMPLE := $(addprefix tests/tracking/,test_geometry.py test_onnx.py test_result.py association counts/test_counting.py \
 	filters openers video) $(filter-out %/test_box_labels.py,$(wildcard tests/tracking/formats/test_*.py))
@@ -57,8 +58,14 @@ lint: $(VENV)/.dev
 	$(BIN)/mypy tests/typing/readme_calls.py
 
 docs: $(VENV)/.docs
+	OMP_NUM_THREADS=1 $(MAKE) --no-print-directory -j 2 $(NOTEBOOKS)
 	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --strict
 	@echo "open out/site/index.html"
+
+# Executed in a folder of its own, with the commands of this environment.
+out/notebooks/%.ipynb: docs/notebooks/%.ipynb
+	rm -rf $(@D)/$* && mkdir -p $(@D)/$* && cp $< $(@D)/$*/
+	cd $(@D)/$* && PATH="$(abspath $(BIN)):$$PATH" jupyter-nbconvert --log-level WARN --to notebook --execute --output ../$*.ipynb $*.ipynb
 
 wheel: $(VENV)/.dev
 	$(BIN)/python .ci/check_wheel.py
@@ -99,5 +106,5 @@ $(VENV)/.readers:
 	touch $@
 
 $(VENV)/.docs: $(VENV)/.venv pyproject.toml
-	$(PIP) --editable ".[docs]"
+	$(PIP) --editable ".[docs,train]"
 	touch $@ $(VENV)/.base

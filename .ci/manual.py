@@ -1,13 +1,20 @@
-"""Hooks of MkDocs: equations become MathML, which browsers draw without a script, and doctests become code blocks."""
+"""Hooks of MkDocs: equations become MathML, which browsers draw without a script, and doctests become code blocks.
+
+A notebook is a page, with its outputs where `make docs` has executed it.
+"""
 
 from __future__ import annotations
 
 import re
+from pathlib import Path
 from typing import Any
 
+import nbformat
 from latex2mathml import converter
 from markdown import Extension, Markdown
 from markdown.preprocessors import Preprocessor
+from mkdocs.structure.files import File
+from nbconvert import MarkdownExporter
 
 FENCE = re.compile(r"^```math\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 # Words of an equation stand upright; commands and names of environments are no words.
@@ -16,9 +23,41 @@ WORD = re.compile(r"(\\[a-zA-Z]+(?:\{pmatrix\})?)|([A-Za-z]{2,})")
 FIRST = 40
 
 
+EXECUTED = Path(__file__).resolve().parent.parent / "out" / "notebooks"
+# Links to a notebook lead to its page.
+NOTEBOOK = re.compile(r"(\]\((?:[\w./-]*/)?notebooks/[\w-]+)\.ipynb(?=[)#])")
+
+
 def on_page_markdown(markdown: str, **_: Any) -> str:
-    """The text of a page, with each line of a fence ``math`` as MathML."""
-    return FENCE.sub(lambda fence: _equations(fence.group(1)), markdown)
+    """The text of a page, with each line of a fence ``math`` as MathML, and with links to pages of notebooks."""
+    return NOTEBOOK.sub(r"\1.md", FENCE.sub(lambda fence: _equations(fence.group(1)), markdown))
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """Add a page and its pictures for each notebook, which can be downloaded."""
+    for notebook in [file for file in files if file.src_uri.endswith(".ipynb")]:
+        text, pictures = _page_of(Path(notebook.abs_src_path))
+        page = notebook.src_uri.removesuffix(".ipynb") + ".md"
+        files.append(File.generated(config, page, content=text))
+        for name, picture in pictures.items():
+            files.append(File.generated(config, f"{Path(page).parent}/{name}", content=picture))
+    return files
+
+
+def _page_of(path: Path) -> tuple[str, dict[str, bytes]]:
+    """A notebook as Markdown, and its pictures by name."""
+    notebook, executed = nbformat.read(path, as_version=4), EXECUTED / path.name
+    if executed.is_file():
+        with_outputs = nbformat.read(executed, as_version=4)
+        if [cell.source for cell in with_outputs.cells] == [cell.source for cell in notebook.cells]:
+            notebook = with_outputs
+    for cell in notebook.cells:
+        if cell.cell_type == "code":
+            # Progress and warnings go to the other stream.
+            cell.outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
+    resources = {"unique_key": path.stem, "output_files_dir": path.stem}
+    text, resources = MarkdownExporter().from_notebook_node(notebook, resources)
+    return f"{text}\n\n[Download this notebook]({path.name})\n", resources["outputs"]
 
 
 def on_config(config: Any) -> Any:

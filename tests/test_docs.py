@@ -6,6 +6,7 @@ import ast
 import contextlib
 import importlib.util
 import io
+import json
 import os
 import re
 import subprocess
@@ -16,6 +17,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
+import onnxruntime
 import pytest
 
 from benchmarks.papers import __main__ as papers
@@ -23,16 +25,19 @@ from benchmarks.papers.records import MARK
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.types import Frame, Targets
 from tsuiseki.tracking.video.source import LiveSource, open_source
+from tsuiseki.tracking.weights import shipped, shipped_names
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 DOCS = REPOSITORY / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
-EVERY_PAGE = [*PAGES, REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md"]
+NOTEBOOKS = sorted(DOCS.rglob("*.ipynb"))
+EVERY_PAGE = [*PAGES, *NOTEBOOKS, REPOSITORY / "README.md", REPOSITORY / "CONTRIBUTING.md"]
 LONGEST = {"README.md": 600, "docs/what-did-not-help.md": 1500}
 LONGEST_METHOD, LONGEST_MANUAL, LONGEST_SENTENCE, LONGEST_CHANGELOG = 700, 35_000, 25, 40
 # Pages whose lines make what they need.
 TUTORIALS = [page for page in PAGES if page.parent.name in ("tutorials", "extending") and page.name != "index.md"]
 METHODS = [page for page in PAGES if page.parent.name == "methods"]
+NETWORKS = [page for page in PAGES if page.parent.name == "networks"]
 RESULTS = [page for page in PAGES if page.parent.name == "results" and page.name != "index.md"]
 FENCE = re.compile(r"^```(\w*)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 
@@ -42,7 +47,26 @@ def name_of(page: Path) -> str:
 
 
 def text_of(page: Path) -> str:
-    return page.read_text(encoding="utf-8")
+    """The text of a file; of a notebook its cells, with code in fences."""
+    text = page.read_text(encoding="utf-8")
+    if page.suffix != ".ipynb":
+        return text
+    cells = [(cell["cell_type"], "".join(cell["source"])) for cell in json.loads(text)["cells"]]
+    languages = ["" if kind == "markdown" else "sh" if code.startswith("%%bash") else "python" for kind, code in cells]
+    codes = [code.removeprefix("%%bash\n") for _, code in cells]
+    return "\n\n".join(
+        f"```{language}\n{code}\n```" if language else code for language, code in zip(languages, codes, strict=True)
+    )
+
+
+def script(name: str) -> Any:
+    """The module of a file in .ci."""
+    spec = importlib.util.spec_from_file_location(name, REPOSITORY / ".ci" / f"{name}.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = sys.modules[name] = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 each_page = pytest.mark.parametrize("page", EVERY_PAGE, ids=name_of)
@@ -53,7 +77,7 @@ each_page = pytest.mark.parametrize("page", EVERY_PAGE, ids=name_of)
 
 def test_the_manual_is_short() -> None:
     # Tables that commands write are looked up, not read.
-    texts = {name_of(page): MARK.sub("", text_of(page)) for page in [*PAGES, REPOSITORY / "README.md"]}
+    texts = {name_of(page): MARK.sub("", text_of(page)) for page in [*PAGES, *NOTEBOOKS, REPOSITORY / "README.md"]}
     words = {name: len(text.split()) for name, text in texts.items()}
     assert sum(words.values()) <= LONGEST_MANUAL
     assert [name for name, most in LONGEST.items() if words[name] > most] == []
@@ -101,6 +125,33 @@ def test_a_results_page_names_command_and_versions(page: Path) -> None:
     assert "(index.md#how-to-read-them)" in text_of(page)
 
 
+@pytest.mark.parametrize("page", NETWORKS, ids=name_of)
+def test_a_network_page_has_its_parts_and_the_shipped_files(page: Path) -> None:
+    text = text_of(page)
+    parts = {part.split("\n", 1)[0]: part for part in re.split(r"^## ", text, flags=re.MULTILINE)[1:]}
+    assert {"Inputs and outputs", "Loss", "Data", "Shipped files", "Results", "Licence"} <= set(parts)
+    assert f"](../images/network-{page.stem}.svg)" in text
+    rows = [row.split(" | ") for row in re.findall(r"^\| `(\w+\.onnx.*) \|$", text, re.MULTILINE)]
+    names = [name for name in shipped_names() if name.startswith(f"{page.stem}_")]
+    assert sorted(row[0] for row in rows) == [f"{name}.onnx`" for name in names]
+    for file, image, outputs, network, training_data in rows:
+        session = onnxruntime.InferenceSession(shipped(file.removesuffix(".onnx`")))
+        card = json.loads(session.get_modelmeta().custom_metadata_map["tsuiseki"])
+        shapes = {place.name: " × ".join(map(str, place.shape[1:])) for place in session.get_outputs()}
+        assert image == " × ".join(map(str, session.get_inputs()[0].shape[1:]))
+        assert outputs == ", ".join(shape for name, shape in shapes.items() if name != "anchors")
+        assert (network, training_data) == (card["name"], card["training_data"])
+
+
+@pytest.mark.slow
+def test_the_pictures_of_networks_have_their_shapes() -> None:
+    pytest.importorskip("torch")
+    networks = script("networks")
+    assert sorted(networks.PICTURES) == [page.stem for page in NETWORKS]
+    for name, draw in networks.PICTURES.items():
+        assert text_of(DOCS / "images" / f"network-{name}.svg") == draw().svg(), "python .ci/networks.py --write"
+
+
 # ---- Links and names
 
 
@@ -114,7 +165,7 @@ def test_every_page_and_picture_is_used() -> None:
     used = {
         (page.parent / name).resolve() for page in EVERY_PAGE for name in re.findall(r"\]\(([^)#]+)", text_of(page))
     }
-    files = [*(DOCS / "images").iterdir(), *PAGES]
+    files = [*(DOCS / "images").iterdir(), *PAGES, *NOTEBOOKS]
     assert [path.name for path in files if path.resolve() not in used] == []
 
 
@@ -229,22 +280,76 @@ def test_options_that_pages_name_alone_exist() -> None:
 # ---- Lines that run
 
 
+# Commands that need the train extra; all others run on a machine without it.
+TRAINING = re.compile(r"^\s*tsuiseki (train|export|adapt) ", re.MULTILINE)
+# Seconds that the lines of a block may take on a busy machine.
+LONGEST_BLOCK = 240
+
+
+@pytest.fixture
+def without_torch(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """An environment whose Python has neither torch nor lightning, as after ``pip install .``."""
+    folder = tmp_path_factory.mktemp("without_torch")
+    for name in ("torch", "torchvision", "lightning"):
+        (folder / f"{name}.py").write_text(f"raise ModuleNotFoundError('no {name} on this machine', name='{name}')\n")
+    path = os.pathsep.join([str(folder), *filter(None, [os.environ.get("PYTHONPATH")])])
+    environment = os.environ | {"PYTHONPATH": path}
+    hidden = subprocess.run([sys.executable, "-c", "import torch"], env=environment, capture_output=True, text=True)
+    assert "no torch on this machine" in hidden.stderr
+    return environment
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
-def test_a_tutorial_runs(page: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_tutorial_runs(
+    page: Path, tmp_path: Path, without_torch: dict[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    path = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     names: dict[str, Any] = {}
     if "from torchvision" in text_of(page):
         pytest.importorskip("torchvision", reason="the page's example is a network of torchvision")
     for language, block in FENCE.findall(text_of(page)):
         if language == "sh":
-            subprocess.run(["bash", "-euo", "pipefail", "-c", block], check=True, timeout=240)
+            environment = (os.environ if TRAINING.search(block) else without_torch) | {"PATH": path}
+            bash = ["bash", "-euo", "pipefail", "-c", block]
+            subprocess.run(bash, check=True, env=environment, timeout=LONGEST_BLOCK)
         elif language == "python":
             exec(compile(block, f"{page.name}", "exec"), names)
             # A block that begins with the name of a file is that file.
             if (name := re.match(r"# (\w+\.py)\n", block)) is not None:
                 Path(name[1]).write_text(block)
+
+
+# Seconds of a cell on a busy machine.
+LONGEST_CELL = 600
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_runs(path: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    nbclient, nbformat = pytest.importorskip("nbclient"), pytest.importorskip("nbformat")
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")
+    notebook = nbformat.read(path, as_version=4)
+    place = {"metadata": {"path": str(tmp_path)}}
+    nbclient.NotebookClient(notebook, timeout=LONGEST_CELL, kernel_name="python3", resources=place).execute()
+    outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+    assert any("image/png" in output.get("data", {}) for output in outputs)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_is_small_and_has_no_outputs(path: Path) -> None:
+    cells = json.loads(path.read_text(encoding="utf-8"))["cells"]
+    assert len(cells) <= 15
+    assert [cell["id"] for cell in cells if cell.get("outputs") or cell.get("execution_count") is not None] == []
+
+
+def test_the_notebook_of_training_has_the_code_of_its_page() -> None:
+    [notebook] = [FENCE.findall(text_of(path)) for path in NOTEBOOKS if path.stem == "train-in-python"]
+    page = FENCE.findall(text_of(DOCS / "tutorials" / "train-in-python.md"))[: len(notebook)]
+    assert [language for language, _ in notebook] == [language for language, _ in page]
+    # A notebook shows its last picture.
+    assert all(cell.startswith(block) for (_, cell), (_, block) in zip(notebook, page, strict=True))
 
 
 # A folder of pictures may be called as a video is.
@@ -320,11 +425,7 @@ def test_the_readme_shows_people_in_ten_lines() -> None:
 
 
 def test_the_table_of_equations_is_current_and_says_what_computes_each() -> None:
-    spec = importlib.util.spec_from_file_location("equations", REPOSITORY / ".ci" / "equations.py")
-    assert spec is not None
-    assert spec.loader is not None
-    equations = sys.modules["equations"] = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(equations)
+    equations = script("equations")
     assert text_of(equations.PAGE) == equations.page(), "give `python .ci/equations.py --write`"
     for paper, numbers in equations.PAPERS.items():
         for number, files in equations.mentions(numbers).items():

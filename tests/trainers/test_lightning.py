@@ -327,6 +327,8 @@ def test_python_learns_what_the_command_learns(street: Path, tmp_path: Path) -> 
 
 @pytest.mark.slow
 def test_one_call_gives_an_exported_file(street: Path, acting_clips: Path, tmp_path: Path) -> None:
+    detector = tsuiseki.train_detector(street, tmp_path / "d", epochs=1, batches=1)
+    assert exported.Detector(detector).input_size == (480, 640)
     appearance = tsuiseki.train_appearance(street, tmp_path / "a", epochs=1, batches=1)
     assert exported.Appearance(appearance).model.card.feature_length == 128
     association = tsuiseki.train_association(street, tmp_path / "b", epochs=1, batches=2)
