@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.monitor.watching import Watching
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 from tsuiseki.tracking.runs.following import Video, count
@@ -72,18 +73,23 @@ def track(
     from tsuiseki.tracking.result import PageContent, check_corrections
 
     choice = None if hide is None else HideChoice.parse(hide)
-    source = video.open(images=choice is not None, timed=True)
+    source = video.open(images=choice is not None or watching.pictured, timed=True)
     if corrections is not None:
         check_corrections(corrections, source)
     record = None if privacy is None else read_privacy(privacy)
     opened = open_people(source, finding, linking, 0)
-    with watching.own_output(), output.run() as run, watching.observers(output.out, [source]) as observers:
-        watched = Recorded(source, observers, answers_while_it_runs(opened.tracker))
+    while_it_runs = answers_while_it_runs(opened.tracker)
+    watching.check()
+    if watching.pictured and not while_it_runs:
+        raise RequestError("`page` and `show` need a method that answers while it runs: give `delay`, or `method` sort")
+    seen = watching.observers(output.out, [source], (), hide, finding)
+    with watching.own_output(), output.run() as run, seen as observers:
+        watched = Recorded(source, observers, while_it_runs)
         run.facts |= report_models(opened.inputs.detect, opened.inputs.describe)
         run.facts |= {} if record is None else {PRIVACY: record.facts(today())}
         if replayed is None:
             frames = watched.frames(run.frames(source, record=video.overlay or choice is not None))
-            detections = opened.inputs.detections(frames, run.times)
+            detections = opened.inputs.detections(frames, run.times, watching.pictured)
         else:
             opened, detections = replayed(run, opened)
         numbered = run.kept("detections.txt", detections, None if finding.detections else detection_lines)

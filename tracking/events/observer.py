@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import uuid
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -117,9 +117,9 @@ class EventObserver:
     def __call__(self, happening: LiveEvent) -> None:
         self._delivery.put(self._maker.events(happening))
 
-    def put(self, events: Sequence[Event]) -> None:
-        """Send events that were made elsewhere."""
-        self._delivery.put(events)
+    def waiting(self) -> int:
+        """How many events were not received yet."""
+        return len(self._delivery.spool)
 
     def close(self) -> None:
         """The run ends: the last events go out, for a bounded time."""

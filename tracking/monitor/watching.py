@@ -5,10 +5,12 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager, nullcontext, redirect_stdout
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
+from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS
@@ -18,7 +20,10 @@ from tsuiseki.tracking.runs.messages import complain
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.counts.scene import Scene
-    from tsuiseki.tracking.types.live import Observer
+    from tsuiseki.tracking.monitor.board import Board
+    from tsuiseki.tracking.monitor.pictures import Hidden
+    from tsuiseki.tracking.people.settings import Detecting
+    from tsuiseki.tracking.types.live import CameraState, Observer
     from tsuiseki.tracking.video.frame_source import Source
 
 
@@ -28,20 +33,40 @@ class Watching(Options):
 
     Attributes:
         events: send events to -, a file, or an address http://… or mqtt://….
-        scene: YAML of lines and zones for events; tsuiseki scene draws it.
+        page: port of a live page for this computer, with /health and /metrics.
+        show: show pictures in a window.
+        scene: YAML of lines and zones for events and page; tsuiseki scene draws it.
     """
 
     events: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
+    page: Annotated[int, Field(ge=0, le=65_535)] | None = None
+    show: bool = False
     scene: Path | None = None
 
     def __post_init__(self) -> None:
         if self.scene is not None and not self.wanted:
-            raise RequestError("expected `scene` with `events`, got it alone; tsuiseki count takes it, too")
+            raise RequestError("expected `scene` with `events` or `page`, got it alone; tsuiseki count takes it, too")
 
     @property
     def wanted(self) -> bool:
         """Whether the run is watched at all."""
-        return self.events is not None
+        return self.events is not None or self.pictured
+
+    @property
+    def pictured(self) -> bool:
+        """Whether somebody sees its pictures."""
+        return self.page is not None or self.show
+
+    def check(self) -> None:
+        """Refuse what cannot be had on this computer; raises RequestError."""
+        if self.page is not None:
+            from tsuiseki.tracking.report.page_server import check_packages
+
+            check_packages("`page`")
+        if self.show:
+            from tsuiseki.tracking.monitor.window import check_window
+
+            check_window()
 
     @contextmanager
     def own_output(self) -> Iterator[None]:
@@ -50,23 +75,69 @@ class Watching(Options):
             yield
 
     @contextmanager
-    def observers(self, out: Path, sources: Sequence[Source]) -> Iterator[list[Observer]]:
+    def observers(
+        self,
+        out: Path,
+        sources: Sequence[Source],
+        cameras: Sequence[CameraState] = (),
+        hide: str | None = None,
+        finding: Detecting | None = None,
+    ) -> Iterator[list[Observer]]:
         """What watches a run whose result goes to the folder ``out``; it ends with the ``with`` block.
 
-        Raises:
-            RequestError: a receiver or the scene cannot be used.
-        """
-        from tsuiseki.tracking.events.observer import EventObserver
+        Args:
+            out: it is there.
+            sources: of the run.
+            cameras: what each source has given; by default counted here.
+            hide: whom to hide in pictures, see `HideChoice`; None for nobody.
+            finding: how people are detected.
 
-        scene = self._scene(sources)
+        Raises:
+            RequestError: a receiver, the scene, the page or the window cannot be had.
+        """
+        scene, recorded = self._scene(sources), not any(source.live for source in sources)
+        self.check()
         with ExitStack() as stack:
             observers: list[Observer] = []
+            events = None
             if self.events is not None:
-                recorded = not any(source.live for source in sources)
+                from tsuiseki.tracking.events.observer import EventObserver
+
                 events = EventObserver.open(self.events, out, complain, scene, recorded)
                 stack.callback(events.close)
                 observers.append(events)
+            if self.pictured:
+                from tsuiseki.tracking.monitor.board import Board
+                from tsuiseki.tracking.monitor.pictures import PictureMaker
+
+                hidden = None if hide is None else hidden_people(sources, hide, finding)
+                waiting = events.waiting if events is not None else lambda: 0
+                names = [source.name for source in sources]
+                board = Board(out.resolve().name, scene, cameras or names, recorded, PictureMaker(hidden), waiting)
+                stack.callback(board.close)
+                observers += [board, *self._shown(board, out, stack)]
             yield observers
+
+    def _shown(self, board: Board, out: Path, stack: ExitStack) -> list[Observer]:
+        """Serve the page, and open the window, where they are asked for."""
+        if self.page is not None:
+            from tsuiseki.tracking.monitor.server import application
+            from tsuiseki.tracking.report.local_page import HOST, token_of
+            from tsuiseki.tracking.report.page_server import listening, serving
+
+            opened, token = listening(self.page), token_of(out)
+            port = opened.getsockname()[1]
+            if self.page not in (0, port):
+                complain(f"note: port {self.page} is in use; the live page has another one")
+            stack.enter_context(serving(application(board, token, port), opened))
+            print(f"live page: http://{HOST}:{port}/{token}/", file=sys.stderr, flush=True)
+        if not self.show:
+            return []
+        from tsuiseki.tracking.monitor.window import Window
+
+        window = Window(board)
+        stack.callback(window.close)
+        return [window]
 
     def _scene(self, sources: Sequence[Source]) -> Scene | None:
         from tsuiseki.tracking.counts.scene import read_scene
@@ -77,3 +148,21 @@ class Watching(Options):
         for source in sources:
             scene.check_video(source.size, str(self.scene))
         return scene
+
+
+def hidden_people(sources: Sequence[Source], hide: str, finding: Detecting | None) -> Hidden:
+    """Whom to hide in the pictures of sources, and the sensitive detector that finds them there."""
+    from tsuiseki.tracking.hiding.run import SENSITIVE, HideChoice
+    from tsuiseki.tracking.monitor.pictures import Hidden
+    from tsuiseki.tracking.people.detections import people_detect
+    from tsuiseki.tracking.people.settings import PeopleFinding
+    from tsuiseki.tracking.weights import PEOPLE_DETECTOR
+
+    choice = HideChoice.parse(hide)
+    finding = finding if isinstance(finding, PeopleFinding) else PeopleFinding()
+    score = min(finding.threshold, SENSITIVE)
+    second = replace(
+        finding, detections=None, classes=None, across_classes=False, score_range=None, score_threshold=score
+    )
+    detect: Any = people_detect(sources[0], second, PEOPLE_DETECTOR, finding.threads)
+    return Hidden(detect, choice.heads, choice.visible)

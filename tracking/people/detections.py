@@ -90,18 +90,19 @@ class PeopleInputs:
         return decoded or (self.source.length is None and self.source.has_images)
 
     def detections(
-        self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None
+        self, frames: Iterable[Frame] | None = None, times: StageTimes | None = None, pictured: bool = False
     ) -> Iterator[tuple[int, Detections]]:
         """Frame numbers with their detections; frames are decoded only where they are needed.
 
         Args:
             frames: of the source, where somebody watches them; by default they are read.
             times: gets the seconds of each stage.
+            pictured: somebody needs to see the frames.
 
         Raises:
             RunError: the video breaks off.
         """
-        if self.needs_images:
+        if self.needs_images or pictured:
             yield from ((frame.index, detections) for frame, detections in self.with_frames(frames, times))
             return
         assert isinstance(self.detect, Sequence)

@@ -6,8 +6,12 @@ site is refused.
 
 from __future__ import annotations
 
+import hmac
+import os
 import secrets
 from collections.abc import Mapping
+from contextlib import suppress
+from pathlib import Path
 
 HOST = "127.0.0.1"
 # Seconds for which a request may stay silent before its connection is closed.
@@ -41,3 +45,18 @@ def refusal(path: str, headers: Mapping[str, str], token: str, port: int) -> str
     if not secrets.compare_digest(f"{path}/".split("/")[1].encode(errors="replace"), token.encode()):
         return "This address lacks its token. Open the whole address that tsuiseki printed."
     return ""
+
+
+def token_of(folder: Path) -> str:
+    """Of the page of a result's folder; it stays, so that an open page goes on when the server is started again."""
+    from tsuiseki.tracking.weights.catalogue import cache_folder
+
+    place, key = cache_folder().parent / "review.key", secrets.token_bytes(32)
+    with suppress(OSError):
+        place.parent.mkdir(parents=True, exist_ok=True)
+        with suppress(FileExistsError):
+            number = os.open(place, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
+            os.write(number, key)
+            os.close(number)
+        key = place.read_bytes() or key
+    return hmac.new(key, str(folder.resolve()).encode(), "sha256").hexdigest()[:32]

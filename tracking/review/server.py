@@ -8,26 +8,20 @@ The page takes pictures of a video in any order, as JPEG; a frame has the number
 from __future__ import annotations
 
 import mimetypes
-import socket
 import threading
-from collections.abc import Awaitable, Callable
 from functools import lru_cache
 from pathlib import Path
 
-import cv2
-import numpy as np
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
-from starlette.middleware import Middleware
-from starlette.middleware.base import BaseHTTPMiddleware
 from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from tsuiseki.tracking.errors import RequestError, RunError
-from tsuiseki.tracking.report.local_page import HEADERS, HOST, refusal
+from tsuiseki.tracking.report.page_server import guard, jpeg_of
 from tsuiseki.tracking.review.reviewed import Reviewed
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.video.image_folder import ImageFolder
@@ -35,8 +29,6 @@ from tsuiseki.tracking.video.source import SeekableVideo, UnfitIndexError, Video
 
 # Pixels of the longer side of a picture.
 LARGEST = 1280
-# Quality of its JPEG, from 0 to 100.
-QUALITY = 82
 # Pictures that stay in memory, about 100 kB each.
 CACHED = 400
 # Up to so many frames on a video is decoded on; farther away it begins anew.
@@ -73,10 +65,7 @@ class JpegFrames:
     def _jpeg(self, frame: int) -> bytes:
         with self._lock:
             image = self._image(frame)
-        if (scale := LARGEST / max(image.shape[:2])) < 1:
-            image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA), np.uint8)
-        image = np.asarray(cv2.cvtColor(image, cv2.COLOR_RGB2BGR), np.uint8)
-        return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1])
+        return jpeg_of(image, LARGEST)
 
     def _image(self, frame: int) -> ImageArray:
         if not self._next <= frame < self._next + NEAR:
@@ -134,12 +123,6 @@ def application(reviewed: Reviewed, pictures: JpegFrames | None, token: str, por
             raise RequestError("expected a JSON object") from error
         return JSONResponse(await run_in_threadpool(reviewed.change, request.path_params["what"], content))
 
-    async def guarded(request: Request, go_on: Callable[[Request], Awaitable[Response]]) -> Response:
-        refused = refusal(request.url.path, request.headers, token, port)
-        response = PlainTextResponse(refused, 403) if refused else await go_on(request)
-        response.headers.update(HEADERS)
-        return response
-
     routes = [
         Route("/data", data),
         Route("/version", version),
@@ -150,7 +133,7 @@ def application(reviewed: Reviewed, pictures: JpegFrames | None, token: str, por
     ]
     return Starlette(
         routes=[Mount(f"/{token}", routes=routes)],
-        middleware=[Middleware(BaseHTTPMiddleware, dispatch=guarded)],
+        middleware=[guard(token, port)],
         exception_handlers={
             404: lambda *_: PlainTextResponse("There is nothing at this address.", 404),
             RequestError: lambda _, error: PlainTextResponse(str(error), 400),
@@ -164,22 +147,3 @@ def number_in(text: str) -> int:
     if not (text.isascii() and text.isdecimal() and len(text) < 10):
         raise HTTPException(404)
     return int(text)
-
-
-def listening(port: int) -> socket.socket:
-    """A socket on this computer's ``port``, or where that is taken on any other.
-
-    Raises:
-        RequestError: no port is free.
-    """
-    for number in (port, 0):
-        opened = socket.socket()
-        opened.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            opened.bind((HOST, number))
-            opened.listen()  # before its address is shown
-            return opened
-        except OSError as error:
-            opened.close()
-            reason = error
-    raise RequestError(f"expected a free port for the page, got {reason}")

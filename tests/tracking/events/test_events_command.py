@@ -106,7 +106,7 @@ def test_a_receiver_that_is_not_there_lets_the_run_go_on(
     [
         (["--events", "ftp://h"], "--events: expected -, a file, or an address"),
         (["--events", "/nowhere/\0"], "--events"),
-        (["--scene", "scene.yaml"], "expected --scene with --events, got it alone"),
+        (["--scene", "scene.yaml"], "expected --scene with --events or --page, got it alone"),
         (["--events", "-", "--scene", "none.yaml"], "expected YAML with lines and zones at none.yaml"),
     ],
 )
