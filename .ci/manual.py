@@ -53,8 +53,9 @@ def _page_of(path: Path) -> tuple[str, dict[str, bytes]]:
             notebook = with_outputs
     for cell in notebook.cells:
         if cell.cell_type == "code":
-            # Progress and warnings go to the other stream.
-            cell.outputs = [output for output in cell.outputs if output.get("name") != "stderr"]
+            # Progress and warnings go to the other stream, and leave empty lines in this one.
+            shown = [output for output in cell.outputs if output.get("name") != "stderr"]
+            cell.outputs = [output for output in shown if output.get("text", "something").strip()]
     resources = {"unique_key": path.stem, "output_files_dir": path.stem}
     text, resources = MarkdownExporter().from_notebook_node(notebook, resources)
     return f"{text}\n\n[Download this notebook]({path.name})\n", resources["outputs"]
