@@ -24,7 +24,7 @@ def train_detector(
 ) -> Path:
     """Train a detector on labelled video, as ``tsuiseki train detector --data FOLDER`` does.
 
-    The last tenth of each video scores the result and chooses nothing.
+    The last tenth of each video chooses the best epoch, the start among them, and scores it.
 
     Args:
         train: labelled video of any layout that is read.

@@ -62,6 +62,8 @@ _BRANCHED = "a branched detector needs model.start and a model.optimisation.feat
 _OTHERS = {"loss": "quality", "teacher": Teacher(), "optimisation.features_rate": 1.0, "optimisation.box_weight": 2.0}
 # Scores that are reported, as of an exported detector.
 SCORE_THRESHOLD = 0.3
+# Overlaps that COCO averages AP over.
+OVERLAPS = tuple(percent / 100 for percent in range(50, 100, 5))
 
 
 @dataclass(frozen=True)
@@ -89,7 +91,9 @@ class PredictedDetections(Detections):
 
 
 class Detector(NetworkModule):
-    """A detector of people or other classes, its loss and its schedule; validates by AP50, its mean over the classes.
+    """A detector of people or other classes, its loss and its schedule; validates by AP, AP50 and AP75.
+
+    AP is COCO's: the mean over the overlaps 0.5, 0.55, … 0.95. Each is a mean over the classes.
 
     With a ``start`` all that its file says is taken from there: trunk, anchors, channels, size, normalisation, classes.
 
@@ -286,13 +290,18 @@ class Detector(NetworkModule):
             self.validated.append((boxes[real], labels[real], detected))
 
     def scores(self, rows: list[tuple[FloatArray, IntArray, Detections]]) -> dict[str, float]:
-        """AP50 and F1, their means over the classes, and AP50 of each of several."""
+        """AP, AP50, AP75 and F1 at 0.5, their means over the classes, and AP50 of each of several."""
         boxes, labels, detected = zip(*rows, strict=True)
         truth = [{"boxes": b, "labels": k, "ignored": k == losses.IGNORED} for b, k in zip(boxes, labels, strict=True)]
-        # The rows are those of all devices.
-        metric = AveragePrecision(class_names=self.card.class_names, sync_on_compute=False)
-        metric.update(detected, truth)
-        return {name.replace("f1_50", "f1"): value.item() for name, value in metric.compute().items()}
+        values: dict[str, float] = {}
+        for overlap in OVERLAPS:
+            # The rows are those of all devices.
+            metric = AveragePrecision(overlap, self.card.class_names, sync_on_compute=False)
+            metric.update(detected, truth)
+            values |= {name: value.item() for name, value in metric.compute().items()}
+        mean = float(np.mean([values[f"ap{100 * overlap:g}"] for overlap in OVERLAPS]))
+        at_half = {name: value for name, value in values.items() if name.startswith("ap50")}
+        return {"ap": mean, **at_half, "ap75": values["ap75"], "f1": values["f1_50"]}
 
     def parameter_groups(self) -> list[dict[str, Any]]:
         """What learns, and how fast."""

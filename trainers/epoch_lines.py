@@ -26,9 +26,18 @@ class EpochLines(Callback):
     def on_train_epoch_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
         """Print the metrics of the epoch."""
         del pl_module
-        if not trainer.is_global_zero:
-            return
-        values = "  ".join(f"{k} {float(v):.4g}" for k, v in sorted(trainer.callback_metrics.items()))
         trained = self._trained or time.perf_counter() - self._start
-        pace = f"{trainer.num_training_batches / max(trained, 1e-9):.2f} batches/s"
-        print(f"epoch {trainer.current_epoch + 1}/{trainer.max_epochs}  {values}  {pace}", flush=True)
+        pace = f"  {trainer.num_training_batches / max(trained, 1e-9):.2f} batches/s"
+        _print_epoch(trainer, trainer.current_epoch + 1, pace)
+
+    def on_sanity_check_end(self, trainer: lightning.Trainer, pl_module: lightning.LightningModule) -> None:
+        """Print the metrics of the start, where it was scored."""
+        del pl_module
+        if trainer.callback_metrics:
+            _print_epoch(trainer, 0)
+
+
+def _print_epoch(trainer: lightning.Trainer, number: int, pace: str = "") -> None:
+    if trainer.is_global_zero:
+        values = "  ".join(f"{k} {float(v):.4g}" for k, v in sorted(trainer.callback_metrics.items()))
+        print(f"epoch {number}/{trainer.max_epochs}  {values}{pace}", flush=True)

@@ -86,10 +86,15 @@ def classes_of(folder: Path) -> list[str]:
     return list(dict.fromkeys(named[number] for number in sorted(named))) or [PEOPLE]
 
 
-def compared(files: dict[str, Path], held_out: Sequence[LabelledFrame], classes: Sequence[str]) -> str:
+def compared(files: dict[str, Path], held_out: Sequence[LabelledFrame], classes: Sequence[str], epoch: int) -> str:
     """A line on the average precision of detectors, its mean over classes and each, on pictures that none learnt from.
 
-    A detector's classes are those of the labels by their names.
+    Args:
+        files: exported detectors by name, among them ``shipped`` and ``yours``; their classes are those of the labels
+            by their names.
+        held_out: the pictures, which chose the epoch.
+        classes: that are scored.
+        epoch: that was chosen; 0 for the start.
     """
     boxes = [frame.boxes for frame in held_out]
     labels = [np.where(frame.ignored, -1, frame.classes) for frame in held_out]
@@ -120,4 +125,5 @@ def compared(files: dict[str, Path], held_out: Sequence[LabelledFrame], classes:
     better = sum(values["yours"]) > sum(values["shipped"])
     lines = "; ".join(f"{name} AP50 {a:.3f}, AP75 {b:.3f}{apart[name]}" for name, (a, b) in values.items())
     advice = "" if better else "; keep the shipped one, or train longer (--trainer.max_epochs) or on more labels"
-    return f"on {len(held_out)} held-out pictures: {lines}{advice}"
+    chosen = f"epoch {epoch}" if epoch else "the start, as no epoch was better"
+    return f"on {len(held_out)} held-out pictures, which chose {chosen}: {lines}{advice}"

@@ -136,7 +136,7 @@ NETWORK = "network"
 # Where it says of which class the network is that a user built in Python; a command's is among the hyperparameters.
 BROUGHT = "brought"
 # Scores that the progress bar shows.
-_ON_BAR = ("ap50", "rank1", "map", "agreement", "mota", "switches")
+_ON_BAR = ("ap50", "ap75", "rank1", "map", "agreement", "mota", "switches")
 
 
 class NetworkModule(LightningModule):
@@ -171,8 +171,8 @@ class NetworkModule(LightningModule):
         raise NotImplementedError
 
     def on_validation_epoch_end(self) -> None:
-        """Log the scores."""
-        if not self.trainer.sanity_checking:
+        """Log the scores; of a check before the training only where it has all of the validation."""
+        if not self.trainer.sanity_checking or math.isinf(self.trainer.num_sanity_val_steps):
             stage = "test" if self.trainer.testing else "val"
             for name, value in self.scores(gathered(self, self.validated)).items():
                 self.log(f"{stage}/{name}", value, prog_bar=name in _ON_BAR, sync_dist=True)

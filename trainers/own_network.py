@@ -19,8 +19,6 @@ from tsuiseki.tracking.onnx import Kind, ModelCard
 
 # Pictures of the trial: with one, a network that takes no others would pass.
 _PICTURES = 2
-# Options of a command that name its class.
-NETWORK_OPTIONS = ("--model.network", "--model.network.class_path")
 # Difference of the length of a feature to 1 that rounding explains, in half precision too.
 _LENGTH_TOLERANCE = 1e-2
 
@@ -124,16 +122,13 @@ def importable_here() -> Iterator[None]:
         sys.path.remove(here)
 
 
-def check_class(words: Sequence[str]) -> None:
-    """Refuse the words of a command that name no class of modules for a network.
+def check_class(path: str) -> None:
+    """Refuse what names no class of modules for a network; what is no name of a class is the parser's to refuse.
 
     Raises:
-        RequestError: they do.
+        RequestError: it does not.
     """
-    pairs = zip(words, [*words[1:], ""], strict=True)
-    options = [word.split("=", 1) if "=" in word else (word, after) for word, after in pairs]
-    path = next((value for name, value in options if name in NETWORK_OPTIONS), None)
-    if path is None or not path.replace(".", "").isidentifier():
+    if not path.replace(".", "").isidentifier():
         return
     wish = f"`network`: expected a class of torch modules, as my.Net of a file my.py in the working folder, got {path}"
     try:

@@ -17,9 +17,9 @@ from lightning.pytorch.callbacks import Callback, LearningRateMonitor, ModelChec
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
 
-from tsuiseki.tracking.cli.config import named_config
 from tsuiseki.tracking.errors import Interrupted, RequestError, RunError
 from tsuiseki.tracking.output import RunRecord
+from tsuiseki.trainers.best_epoch import BestEpoch
 from tsuiseki.trainers.epoch_lines import EpochLines
 from tsuiseki.trainers.network_module import interruptible
 from tsuiseki.trainers.refusals import check_checkpoint, in_one_line, one_line
@@ -47,9 +47,7 @@ class Task:
         return _class(self.module)
 
 
-# Options that name a file of options.
-CONFIG = ("--config", "-c")
-DETECTOR = Task("detector", "trainers.detector:Detector", "datamodules.detector:DetectionData", "val/ap50")
+DETECTOR = Task("detector", "trainers.detector:Detector", "datamodules.detector:DetectionData", "val/ap")
 APPEARANCE = Task("appearance", "trainers.appearance:Appearance", "datamodules.appearance:AppearanceData", "val/map")
 ACTION = Task("action", "trainers.action:Action", "datamodules.action:ActionData", "val/map")
 ASSOCIATION = Task(
@@ -78,7 +76,7 @@ class TaskCLI(LightningCLI):
             seed_everything_default=0,
             parser_kwargs={"exit_on_error": False, "prog": f"tsuiseki train {task.name}", "description": None},
             save_config_kwargs={"overwrite": True},
-            args=_with_named_configs(arguments),
+            args=list(arguments),
             run=run,
             auto_configure_optimizers=False,
         )
@@ -157,8 +155,8 @@ class TaskCLI(LightningCLI):
             best: dict[str, Any] = {"filename": "best", "monitor": self.task.monitor, "mode": "max"}
             # The last by itself: save_last of the best would only follow the best.
             callbacks += [
-                ModelCheckpoint(self.out / "checkpoints", enable_version_counter=False, **how)
-                for how in (best, {"filename": "last"})
+                kind(self.out / "checkpoints", enable_version_counter=False, **how)
+                for kind, how in ((BestEpoch, best), (ModelCheckpoint, {"filename": "last"}))
             ]
         if options.logger is None or options.logger:
             callbacks.append(LearningRateMonitor(logging_interval="epoch"))
@@ -215,17 +213,6 @@ class TaskCLI(LightningCLI):
         self.best = Path(paths[0]) if paths and paths[0] else None
         if self.trainer.is_global_zero:
             print("no best checkpoint was kept" if self.best is None else f"best checkpoint: {self.best}")
-
-
-def _with_named_configs(arguments: Sequence[str]) -> list[str]:
-    """The arguments with the paths of configurations that are given by name."""
-    words = list(arguments)
-    for number, word in enumerate(words):
-        if number and words[number - 1] in CONFIG:
-            words[number] = str(named_config(word))
-        elif word.startswith("--config="):
-            words[number] = f"--config={named_config(word.partition('=')[2])}"
-    return words
 
 
 def _class(place: str) -> Any:

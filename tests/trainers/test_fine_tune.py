@@ -24,7 +24,7 @@ from tsuiseki.trainers.detector import Detector, detections
 from tsuiseki.trainers.detector_labels import anchor_choice
 from tsuiseki.trainers.exporting.export import ModelFile
 from tsuiseki.trainers.fine_tune import classes_of
-from tsuiseki.trainers.fit import folder_of
+from tsuiseki.trainers.request import Request
 
 
 def walk(folder: Path, frames: int = 10, size: tuple[int, int] = (48, 112)) -> Path:
@@ -62,7 +62,8 @@ def test_classes_that_the_labels_name_are_learnt_and_found(tmp_path: Path, capsy
     assert main(["train", "detector", "--data", str(folder), "--out", str(out), *words]) == 0
     shown = capsys.readouterr().out
     assert shown.startswith("learning person, car")
-    assert "on 1 held-out pictures: shipped AP50" in shown
+    assert "on 1 held-out pictures, which chose " in shown
+    assert ": shipped AP50 " in shown
     assert "; yours AP50 " in shown
     assert " (AP50 person " in shown.partition("; yours")[2]
     found = exported.Detector(out / "detector.onnx", classes=ClassChoice(["car"]))
@@ -143,8 +144,8 @@ def test_anchors_are_those_of_the_start_unless_the_labels_are_of_another_kind(tm
     )
 
 
-def test_the_held_out_part_does_not_choose_the_epoch(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    exported: list[tuple[str, Path]] = []
+def test_the_best_epoch_is_exported_and_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    exported: list[tuple[Path, Path]] = []
     kept, folder = tmp_path / "out" / "checkpoints", walk(tmp_path / "set")
 
     def fitted(_: object, __: object, complete: Callable[[Namespace], None]) -> Path:
@@ -155,27 +156,58 @@ def test_the_held_out_part_does_not_choose_the_epoch(tmp_path: Path, monkeypatch
     def loaded(_: object, checkpoint: Path) -> Namespace:
         return Namespace(export=lambda out, **_: exported.append((out, checkpoint)) or 0.0)
 
+    chosen: list[int] = []
     monkeypatch.setattr(fit, "fit", fitted)
     monkeypatch.setattr(fit, "load_module", loaded)
-    monkeypatch.setattr(fit, "compared", lambda *_: "")
+    monkeypatch.setattr(fit, "compared", lambda *arguments: chosen.append(arguments[-1]) or "")
     monkeypatch.setattr(ModelFile, "report", lambda *_: None)
-    assert fit.fit_detector(["--data", str(folder)]) == kept / "last.ckpt"
-    assert exported == [(tmp_path / "out" / "detector.onnx", kept / "last.ckpt")]
+    for state in ({"epoch": 2, "global_step": 9}, {"epoch": 0, "global_step": 0}):
+        monkeypatch.setattr(fit, "load_checkpoint", lambda _, state=state: state)
+        assert fit.fit_detector(["--data", str(folder)]) == kept / "best.ckpt"
+    assert exported == [(tmp_path / "out" / "detector.onnx", kept / "best.ckpt")] * 2
+    assert chosen == [3, 0]
 
 
 def test_a_folder_a_file_of_options_and_nothing_are_told_apart(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert folder_of(["--data", str(tmp_path), "x"]) == folder_of([f"--data={tmp_path}", "x"]) == (tmp_path, ["x"])
-    assert folder_of(["--data", "options.yaml"])[0] is folder_of(["--data.workers", "1"])[0] is None
-    about = str(tmp_path / "data.yaml")
-    assert folder_of(["--out", "x", "--data", about]) == (tmp_path, ["--out", "x"])
-    with pytest.raises(RequestError, match="got nothing"):
-        folder_of(["--out", "x", "--data"])
+    for words in (["--data", str(tmp_path), "x"], [f"--data={tmp_path}", "x"], ["x", "--data", f"{tmp_path}/data.yaml"]):
+        request = Request.of(words)
+        assert (request.folder, request.others) == (tmp_path, ("x",))
+    assert Request.of(["--data", "options.yaml"]).data == Path("options.yaml")
+    assert Request.of(["--data.workers", "1"]).folder is None
+    for words in (["--out", "x", "--data"], ["--data", "--out", "x"]):
+        with pytest.raises(RequestError, match="got nothing"):
+            Request.of(words)
+    with pytest.raises(RequestError, match="expected one argument"):
+        Request.of(["--config"])
     assert main(["train", "detector", "--data", str(tmp_path / "none"), "--out", str(tmp_path / "o")]) == 2
     for what in ("appearance", "association"):
         assert main(["train", what, "--data", str(tmp_path / "none"), "--out", str(tmp_path / "o")]) == 2
         assert f"expected labelled video at {tmp_path / 'none'}" in capsys.readouterr().err
+
+
+def test_files_of_options_come_before_the_options_and_fit_is_the_command(tmp_path: Path) -> None:
+    commands = ("fit", "validate", "test", "predict")
+    recipe, own = (f"--config={named_config(f'detector_{name}')}" for name in ("fine_tune", "own"))
+    folder = ["--data", str(tmp_path)]
+    learnt = f"--data.train={tmp_path}"
+    options = ["--trainer.max_epochs", "-1"]
+    cases = [
+        ([*options, *folder], ["fit", recipe, learnt, *options]),
+        (["test", *folder, *options], ["test", recipe, learnt, *options]),
+        (
+            [*folder, "--model.network.class_path", "my.Net", "--model.network.init_args", "{}"],
+            ["fit", own, learnt, "--model.network=my.Net", "--model.network.init_args", "{}"],
+        ),
+        (
+            [*options, "--config", "a.yaml", *folder, "-c", "b.yaml"],
+            ["fit", "--config=a.yaml", "--config=b.yaml", learnt, *options],
+        ),
+        (["predict", "--data=d.yaml"], ["predict", "--data=d.yaml"]),
+    ]
+    for words, expected in cases:
+        assert Request.of(words).words("detector", commands) == expected
 
 
 def test_configurations_that_ship_go_by_name(capsys: pytest.CaptureFixture[str]) -> None:
