@@ -26,6 +26,7 @@ from tsuiseki.trainers.detector import Detector
 from tsuiseki.trainers.exporting.export import load_module
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.exporting.written_costs import export_association
+from tsuiseki.trainers.flow.flow_layer import FlowLayer, FlowWindows
 from tsuiseki.trainers.flow.flow_loss import FlowLoss, cheapest, finite
 from tsuiseki.trainers.flow.graphs import FlowCounts, Graph, Graphs, track_numbers
 from tsuiseki.trainers.flow.window_costs import (
@@ -174,7 +175,7 @@ class Association(NetworkModule):
         if start is not None:
             begin_network(self.network, Path(start), "association")
             self.network.load_state_dict(AssociationNetwork(*sizes, trust).trusts(), strict=False)
-        self.loss, self.joins = loss, joins
+        self.flow, self.joins = FlowLayer(loss), joins
         self.learning_rate, self.optimisation, self.seed = learning_rate, optimisation, seed
         self.appearance, self.heads, self.link_cost = appearance, detector, LinkCost()
         self.siamese: Appearance | None = None
@@ -282,7 +283,7 @@ class Association(NetworkModule):
         if not len(batch.detections):
             return self._nothing()
         rng = np.random.default_rng([self.seed, self.global_step])
-        objective, others = self.losses(batch, self.loss, rng)
+        objective, others = self.losses(batch, rng)
         self.log(
             "train/objective", objective, on_step=False, on_epoch=True, prog_bar=True, batch_size=1, sync_dist=True
         )
@@ -296,27 +297,35 @@ class Association(NetworkModule):
             return None
         return 0.0 * torch.stack([weights.sum() for weights in self.parameters() if weights.requires_grad]).sum()
 
-    def losses(self, batch: TrainingWindow, loss: FlowLoss, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
+    def losses(self, batch: TrainingWindow, rng: np.random.Generator) -> tuple[Tensor, Tensor]:
         """The loss of the flow of a window with detections, a detection; and all others, by their weights."""
-        graph = batch.detections
+        graph, joins = batch.detections, batch.tracklets
         features, heads = self.outputs(batch)
-        costs = self.costs(batch, features, heads)
-        objective = loss(costs.double(), graph.arcs(), rng) / len(graph)
+        windows, costs = [graph.flow_windows], [self.costs(batch, features, heads)]
+        if self.joins and len(joins.tail):
+            windows.append(joins.flow_windows)
+            costs.append(self.join_costs(joins))
+        objective, *of_joins = self._flow_losses(windows, costs, rng)
         others = objective.new_zeros(())
         if features is not None and self.appearance.contrast:
             others = others + self.appearance.contrast * contrast_within(features[: len(graph)], graph)
         if self.detector is not None and heads is not None and batch.frames is not None and self.heads.weight:
             others = others + self.heads.weight * own_loss(self.detector, heads, batch.frames)
-        if self.joins and len(batch.tracklets.tail):
-            others = others + self.joins * self._join_loss(batch.tracklets, loss, rng)
-        return objective, others
+        return objective, others + self.joins * sum(of_joins)
 
-    def _join_loss(self, graph: Graph, loss: FlowLoss, rng: np.random.Generator) -> Tensor:
-        """The loss of the flow over tracklets, a tracklet; of their costs only those of joins change."""
+    def _flow_losses(self, windows: Sequence[FlowWindows], costs: Sequence[Tensor], rng: np.random.Generator) -> Tensor:
+        """``(B,)`` the loss of each window with ``(3 N + P,)`` costs, a detection of it."""
+        parts = (part.double().tensor_split(window.borders) for window, part in zip(windows, costs, strict=True))
+        detections, entries, exits, links = (torch.cat(kind) for kind in zip(*parts, strict=True))
+        together = FlowWindows.join(windows)
+        flows = self.flow(together, rng, links=links, detections=detections, entries=entries, exits=exits)
+        return flows.loss / torch.as_tensor(together.sizes, device=flows.loss.device)
+
+    def join_costs(self, graph: Graph) -> Tensor:
+        """``(3 N + P,)`` costs of the flow over tracklets, of which only those of joins change."""
         joins = self.network.joins(self._tensor(graph.links))[:, 0]
         costs = self._tensor(graph.costs) + torch.cat([joins.new_zeros(3 * len(graph)), joins])
-        costs = finite(costs, graph.name, "cost").double()
-        return loss(costs, graph.arcs(), rng) / len(graph)
+        return finite(costs, graph.name, "cost")
 
     @torch.compiler.disable  # type: ignore[untyped-decorator]
     def validation_step(self, batch: TrainingWindow, batch_index: int) -> None:

@@ -9,7 +9,6 @@ epoch, and its last third is scored. With `--pets` the folder PETS09-S2L1-first 
 from __future__ import annotations
 
 import argparse
-import os
 import time
 from pathlib import Path
 
@@ -39,7 +38,7 @@ def main() -> None:
     parser.add_argument("--input", type=int, nargs=2, help="height and width of the detector's input")
     arguments = parser.parse_args()
     width, height = arguments.size
-    options = [f"--model.{name}={side}" for name, side in zip(("height", "width"), arguments.input or ())]
+    options = [f"--model.{name}={side}" for name, side in zip(("height", "width"), arguments.input or (), strict=False)]
     print(f"{'clip':14} pictures   start AP50  AP75   trained AP50  AP75   s CPU", flush=True)
     changes = []
     for seed in range(SEED, SEED + arguments.streets):
@@ -87,7 +86,7 @@ def first_frames(clip: Path, count: int) -> Path:
     (part / "gt").mkdir(exist_ok=True)
     for picture in sorted((clip / "img1").iterdir())[:count]:
         if not (part / "img1" / picture.name).exists():
-            os.symlink(picture.resolve(), part / "img1" / picture.name)
+            (part / "img1" / picture.name).symlink_to(picture.resolve())
     rows = (clip / "gt" / "gt.txt").read_text().splitlines()
     (part / "gt" / "gt.txt").write_text("\n".join(row for row in rows if int(row.split(",")[0]) <= count) + "\n")
     return part

@@ -65,7 +65,7 @@ def fitted(module: Association, graphs: Sequence[Graphs], steps: int, seconds: f
         batch = windows[step]
         if len(batch.detections):
             optimiser.zero_grad()
-            objective, others = module.losses(batch, module.loss, np.random.default_rng([0, step]))
+            objective, others = module.losses(batch, np.random.default_rng([0, step]))
             finite(objective + others, batch.detections.name).backward()  # type: ignore[no-untyped-call]
             torch.nn.utils.clip_grad_norm_(module.parameters(), 1.0)
             optimiser.step()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -150,7 +151,7 @@ def test_a_step_on_the_gpu(walk: Path) -> None:
     for device in ("cpu", "cuda"):
         module = Association(joins=1.0).to(device)
         module.standardise(data.learnt)
-        objective, others = module.losses(batch, module.loss, np.random.default_rng(0))
+        objective, others = module.losses(batch, np.random.default_rng(0))
         (objective + others).backward()  # type: ignore[no-untyped-call]
         found = module.network.links.linear.weight.grad
         assert found is not None
@@ -184,7 +185,8 @@ def test_a_loss_that_is_no_number_names_its_window(walk: Path) -> None:
     module = Association()
     module.log = lambda *_, **__: None  # type: ignore[method-assign]
     module.standardise(data.learnt)
-    module.loss = lambda costs, *_: costs.sum() * float("nan")  # type: ignore[assignment]
+    nothing = torch.full((2,), float("nan"), requires_grad=True)
+    module.flow.forward = lambda *_, **__: SimpleNamespace(loss=nothing)  # type: ignore[assignment,method-assign]
     with pytest.raises(RunError, match=r"loss is nan on walk, frames \d+-\d+; lower"):
         module.training_step(EveryWindow(data.learnt, 1.0)[0], 0)
 
@@ -197,7 +199,7 @@ def test_weights_that_ran_away_name_the_window(walk: Path, part: str) -> None:
     torch.nn.init.constant_(getattr(module.network, part).linear.weight, float("nan"))
     batch, rng = EveryWindow(data.learnt, 1.0)[0], np.random.default_rng(0)
     with pytest.raises(RunError, match=r"cost is nan on walk, .*; lower"):
-        module.losses(batch, module.loss, rng)
+        module.losses(batch, rng)
 
 
 @pytest.fixture

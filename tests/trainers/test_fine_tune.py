@@ -171,7 +171,11 @@ def test_the_best_epoch_is_exported_and_named(tmp_path: Path, monkeypatch: pytes
 def test_a_folder_a_file_of_options_and_nothing_are_told_apart(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    for words in (["--data", str(tmp_path), "x"], [f"--data={tmp_path}", "x"], ["x", "--data", f"{tmp_path}/data.yaml"]):
+    for words in (
+        ["--data", str(tmp_path), "x"],
+        [f"--data={tmp_path}", "x"],
+        ["x", "--data", f"{tmp_path}/data.yaml"],
+    ):
         request = Request.of(words)
         assert (request.folder, request.others) == (tmp_path, ("x",))
     assert Request.of(["--data", "options.yaml"]).data == Path("options.yaml")

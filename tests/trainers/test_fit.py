@@ -167,6 +167,26 @@ def test_training_leaves_checkpoints_and_logs_and_goes_on(
         fit_detector(["validate", "--config", str(config), "--overwrite", "true"])
 
 
+def test_the_start_is_an_epoch_and_stays_the_best_where_none_is_better(
+    config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """AP of the start and of two epochs, by a fixed order."""
+    for values, best in (([0.5, 0.4, 0.5], (0, 0)), ([0.5, 0.6, 0.55], (0, 2)), ([0.1, 0.2, 0.3], (1, 4))):
+        given = iter(values)
+        monkeypatch.setattr(Detector, "scores", lambda _, __, given=given: {"ap": next(given)})
+        words = ["--trainer.num_sanity_val_steps=-1", "--trainer.max_epochs=2", "--overwrite=true"]
+        path = fit_detector(["--config", str(config), *words])
+        assert path == tmp_path / "out" / "checkpoints" / "best.ckpt"
+        state = torch.load(path, weights_only=True)
+        assert (state["epoch"], state["global_step"]) == best
+        assert f"epoch 0/2  val/ap {values[0]}" in capsys.readouterr().out
+        assert layout_keys(state) == layout_keys(torch.load(path.with_name("last.ckpt"), weights_only=True))
+
+
+def layout_keys(state: dict[str, dict[str, object]]) -> list[str]:
+    return sorted(state["state_dict"])
+
+
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_training_that_is_interrupted_says_how_to_go_on(
     number: signal.Signals,

@@ -32,10 +32,12 @@ class FlowWindows:
         tail: ``(P,)`` index among all N of the earlier detection of each link.
         head: ``(P,)`` of the later one, in the same window.
         sizes: ``(B,)`` number of detections of each window, which may be 0.
+        labelled: ``(3 N + P,)`` the labelled flow, 0 or 1 an arc: uses, entries, exits, links. By default detections of
+            an owner that follow each other in time are linked, and false positives are not used.
 
     Raises:
         RequestError: lengths that do not fit; a link that goes back in time, out of its window or stands twice; two
-            detections of a person in a frame.
+            detections of a person in a frame, where they are to tell the labelled flow.
     """
 
     frames: IntArray
@@ -43,6 +45,7 @@ class FlowWindows:
     tail: IntArray
     head: IntArray
     sizes: IntArray
+    labelled: FloatArray | None = None
 
     def __post_init__(self) -> None:
         for name in ("frames", "owners", "tail", "head", "sizes"):
@@ -54,6 +57,12 @@ class FlowWindows:
                 f"got {count} frames, {len(self.owners)} owners and sizes of {self.sizes.sum()} in all"
             )
         self._check_links(count)
+        if self.labelled is not None:
+            arcs = 3 * count + len(self.tail)
+            if np.shape(self.labelled) != (arcs,):
+                raise RequestError(f"labelled: expected {arcs} numbers, got shape {np.shape(self.labelled)}")
+            object.__setattr__(self, "labelled", np.asarray(self.labelled, dtype=np.float64))
+            return
         labelled = self.owners >= 0
         views = np.stack([self.window, self.frames, self.owners], axis=1)[labelled]
         if len(np.unique(views, axis=0)) < len(views):
@@ -111,7 +120,26 @@ class FlowWindows:
             (part.frames, part.owners, part.tail + offset, part.head + offset, part.sizes)
             for part, offset in zip(windows, offsets, strict=True)
         ]
-        return cls(*(np.concatenate(column) for column in zip(*columns, strict=True)))
+        labelled = None
+        if any(part.labelled is not None for part in windows):
+            # All uses, then all entries, all exits and all links.
+            kinds = zip(*(np.split(part.labelled_flow(), part.borders) for part in windows), strict=True)
+            labelled = np.concatenate([of_window for kind in kinds for of_window in kind])
+        return cls(*(np.concatenate(column) for column in zip(*columns, strict=True)), labelled=labelled)
+
+    @property
+    def borders(self) -> tuple[int, int, int]:
+        """Where entries, exits and links begin among all arcs, which uses begin."""
+        count = len(self.frames)
+        return count, 2 * count, 3 * count
+
+    def labelled_flow(self) -> FloatArray:
+        """``(3 N + P,)`` the labelled flow."""
+        if self.labelled is not None:
+            return self.labelled
+        # Owners of different windows are different people.
+        people = len(self.owners) * self.window + np.unique(self.owners, return_inverse=True)[1]
+        return labelled_flow(self.frames, np.where(self.owners < 0, -1, people), self.tail, self.head)
 
     def to(self, *device: Any, **options: Any) -> FlowWindows:
         """The same, for the solver runs on the CPU: so Lightning moves a batch of crops and windows."""
@@ -131,10 +159,15 @@ class FlowWindows:
 
     def arcs(self) -> Iterator[Arcs]:
         """The arcs of each window, counted anew."""
+        labelled, window_of_arc = self.labelled_flow(), self.window_of_arc
         for number, offset in enumerate(np.cumsum(self.sizes) - self.sizes):
-            links, detections = self.window[self.tail] == number, self.window == number
-            tail, head, owners = self.tail[links] - offset, self.head[links] - offset, self.owners[detections]
-            flow = labelled_flow(self.frames[detections], owners, tail, head)
+            links = self.window[self.tail] == number
+            tail, head, owners = (
+                self.tail[links] - offset,
+                self.head[links] - offset,
+                self.owners[self.window == number],
+            )
+            flow = labelled[window_of_arc == number]
             yield Arcs(tail, head, flow, difference_weights(owners, tail, head, flow))
 
 

@@ -1,4 +1,4 @@
-"""Losses of whole flows, with gradients through the exact solver.
+"""Losses of whole flows, with their gradients by the costs, from the exact solver.
 
 A flow x of a window with N detections and P links is a vector of 2 N + N + P arcs: for each detection whether it is
 used, whether a track starts and whether one ends there, and for each link whether it is taken. With c the costs of the
@@ -132,13 +132,6 @@ class FlowLoss:
             share[-1] = 0.5
         loss, gradient = float(costs @ arcs.labelled - share @ least), arcs.labelled - share @ flows
         return Minima(loss, gradient, draws, flows[: 2 * len(draws)])
-
-    def __call__(self, costs: Tensor, arcs: Arcs, rng: np.random.Generator) -> Tensor:
-        """The loss of ``(3 N + P,)`` costs, a scalar whose gradient goes on to what made them."""
-        here = costs.detach()
-        minima = self.minima(here.double().cpu().numpy(), arcs, rng)
-        gradient = torch.as_tensor(minima.gradient, dtype=costs.dtype, device=costs.device)
-        return minima.loss + (costs - here) @ gradient
 
 
 def labelled_flow(

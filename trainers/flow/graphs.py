@@ -46,7 +46,8 @@ from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
 from tsuiseki.tracking.types import BoolArray, Columns, Detections, FloatArray, IntArray
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.trainers.flow.flow_loss import Arcs, difference_weights, labelled_flow
+from tsuiseki.trainers.flow.flow_layer import FlowWindows
+from tsuiseki.trainers.flow.flow_loss import labelled_flow
 
 
 @dataclass(frozen=True)
@@ -168,10 +169,11 @@ class Graph:
     def __len__(self) -> int:
         return len(self.nodes)
 
-    def arcs(self) -> Arcs:
-        """The arcs with what Δ counts for them."""
-        weight = difference_weights(self.nodes.owners, self.tail, self.head, self.labelled)
-        return Arcs(self.tail, self.head, self.labelled, weight)
+    @property
+    def flow_windows(self) -> FlowWindows:
+        """The network as a window for `FlowLayer`."""
+        nodes = self.nodes
+        return FlowWindows(nodes.frames, nodes.owners, self.tail, self.head, np.array([len(self)]), self.labelled)
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -163,11 +164,26 @@ class TestBatches:
             expected = torch.cat([part[kind].grad for part in costs if part[kind].grad is not None])
             torch.testing.assert_close(column.grad, expected, rtol=0, atol=1e-12)
 
-    def test_the_loss_is_that_of_training(self) -> None:
+    def test_loss_and_gradient_are_those_of_the_minima(self) -> None:
         window, loss = street(3), FlowLoss("both", 0.7, 2)
         costs = random_costs(window)
-        expected = loss(torch.cat(list(costs.values())), next(window.arcs()), np.random.default_rng(0))
-        torch.testing.assert_close(solved(FlowLayer(loss), window, costs).loss, expected[None])
+        flows = solved(FlowLayer(loss), window, costs)
+        flows.loss.sum().backward()
+        values = torch.cat(list(costs.values())).detach().numpy()
+        expected = loss.minima(values, next(window.arcs()), np.random.default_rng(0))
+        assert flows.loss.item() == pytest.approx(expected.loss, abs=1e-12)
+        np.testing.assert_allclose(gradients(costs), expected.gradient, atol=1e-12)
+
+    def test_a_labelled_flow_of_ones_own_counts_in_its_window(self) -> None:
+        """Windows of owners and windows of labelled flows in a batch are as each by itself."""
+        parts = [street(0), EMPTY, street(1, 2)]
+        own = [replace(part, labelled=np.roll(part.labelled_flow(), 1)) for part in parts]
+        for mixed in ([own[0], parts[1], parts[2]], [parts[0], own[1], own[2]]):
+            found = [arcs.labelled for arcs in FlowWindows.join(mixed).arcs()]
+            expected = [next(part.arcs()).labelled for part in mixed]
+            assert all(map(np.array_equal, found, expected))
+        with pytest.raises(RequestError, match=r"labelled: expected \d+ numbers, got shape \(2,\)"):
+            replace(parts[0], labelled=np.zeros(2))
 
     def test_windows_without_detections_cost_nothing(self) -> None:
         costs = {"links": torch.zeros(0, requires_grad=True), "detections": -1.0, "entries": 1.0, "exits": 1.0}

@@ -131,7 +131,7 @@ def test_tracklets_of_ignored_people_are_neither_right_nor_wrong() -> None:
 def test_windows_of_next_to_nothing(empty: DetectedVideo) -> None:
     levels = sequence_graphs(empty)
     for graph in (levels.detections, levels.tracklets):
-        assert graph.arcs().count == len(graph)
+        assert next(graph.flow_windows.arcs()).count == len(graph)
         flow = cheapest(graph.costs, graph.tail, graph.head)
         assert flow.shape == graph.labelled.shape
         counts = FlowCounts()

@@ -111,7 +111,7 @@ def test_gradients_reach_the_siamese_network(street: Path, siamese: tuple[Path, 
     data.setup("fit")
     module = Association(appearance=AppearanceLearning(checkpoint, contrast=0.0), loss=FlowLoss(epsilon=3.0))
     module.standardise(data.learnt)
-    objective, _ = module.losses(EveryWindow(data.learnt, 2.0, data.images)[0], module.loss, np.random.default_rng(0))
+    objective, _ = module.losses(EveryWindow(data.learnt, 2.0, data.images)[0], np.random.default_rng(0))
     objective.backward()
     assert module.siamese is not None
     grads = [p.grad for p in module.siamese.network.parameters()]
@@ -134,7 +134,7 @@ def test_one_without_the_other_is_refused(street: Path, siamese: tuple[Path, Pat
     data.setup("fit")
     module = Association(appearance=AppearanceLearning(siamese[0]))
     with pytest.raises(RequestError, match=r"--model\.appearance\.file FILE and --data\.appearance ONNX together"):
-        module.losses(EveryWindow(data.learnt, 2.0)[0], module.loss, np.random.default_rng(0))
+        module.losses(EveryWindow(data.learnt, 2.0)[0], np.random.default_rng(0))
 
 
 def test_trains_and_exports_both(street: Path, siamese: tuple[Path, Path], tmp_path: Path) -> None:

@@ -132,7 +132,7 @@ def test_the_gradient_is_that_of_finite_differences(
     module.train()
 
     def objective() -> torch.Tensor:
-        return module.losses(batch, module.loss, np.random.default_rng(3))[0]
+        return module.losses(batch, np.random.default_rng(3))[0]
 
     objective().backward()
     weight = module.detector.network.class_heads[0][1].weight
@@ -171,7 +171,7 @@ def test_the_trunk_is_asked_once_an_image(batch: TrainingWindow, detector: tuple
 def test_only_the_heads_learn(batch: TrainingWindow, detector: tuple[Path, Path]) -> None:
     module = Association(detector=HeadsLearning(detector[0]), loss=FlowLoss(epsilon=3.0))
     assert module.detector is not None
-    objective, others = module.losses(batch, module.loss, np.random.default_rng(0))
+    objective, others = module.losses(batch, np.random.default_rng(0))
     (objective + others).backward()
     network = module.detector.network
     assert all(p.grad is None for p in network.features.parameters())
@@ -204,7 +204,7 @@ def test_what_does_not_go_together_is_refused(
 ) -> None:
     together = r"--model\.detector\.file FILE, --data\.detector ONNX and --data\.heads true together"
     with pytest.raises(RequestError, match=together):
-        Association().losses(batch, Association().loss, np.random.default_rng(0))
+        Association().losses(batch, np.random.default_rng(0))
     with pytest.raises(RequestError, match=together):
         Association(detector=HeadsLearning(detector[0])).outputs(replace(batch, frames=None))
     with pytest.raises(RequestError, match=r"expected --data\.detector ONNX with --data\.heads"):
