@@ -15,7 +15,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tsuiseki.datamodules.labelled_images import read_image
+from tsuiseki.datamodules.video_pictures import read_image
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ENLARGEMENT, STREAMS, StreamName, crop_squares, flow_to, square_boxes
 from tsuiseki.tracking.features.optical_flow import FlowName

@@ -10,7 +10,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.labelled_images import LabelledFrame, Part, labelled_images, read_image
+from tsuiseki.datamodules.labelled_images import LabelledFrame, Part, labelled_images
 from tsuiseki.datamodules.scenes.people.person import (
     Person,
     paste,
@@ -19,6 +19,7 @@ from tsuiseki.datamodules.scenes.people.person import (
     render_person_sprite,
 )
 from tsuiseki.datamodules.scenes.render.shading import random_light
+from tsuiseki.datamodules.video_pictures import read_image
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.person_crops import (
     GALLERY,
@@ -140,7 +141,7 @@ def uncovered(boxes: FloatArray) -> FloatArray:
 def _cut_sequence(samples: list[tuple[LabelledFrame, BoolArray]]) -> IdentityCrops:
     images, boxes, ids, frames = [], [np.empty((0, 4))], [], []
     for sample, usable in samples:
-        image = read_image(sample.path) if usable.any() else None
+        image = read_image(sample.picture) if usable.any() else None
         for box, identity in zip(sample.boxes[usable], sample.ids[usable], strict=True):
             assert image is not None
             cut, inner = cut_with_margin(image, box)

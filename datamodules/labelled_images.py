@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import reduce
@@ -11,19 +10,16 @@ from typing import TypeAlias, TypeVar
 
 import numpy as np
 
-from tsuiseki.datamodules.scenes.clip import write_image
-from tsuiseki.tracking.errors import RequestError, RunError, a_path
+from tsuiseki.datamodules.video_pictures import OpenVideo, Picture, VideoPicture
+from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.formats.label_checks import PEOPLE, NothingLabelledError
 from tsuiseki.tracking.formats.labelled import LabelledVideo, open_labelled
-from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES, list_images
+from tsuiseki.tracking.formats.mot_sequence import IMAGE_SUFFIXES
 from tsuiseki.tracking.formats.yolo import ABOUT
-from tsuiseki.tracking.output import output_folder
-from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray, IntArray
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
 from tsuiseki.tracking.video.image_folder import one_image
-from tsuiseki.tracking.video.image_folder import read_image as decoded
-from tsuiseki.tracking.video.source import open_source
 
 # Shares of a video in [0, 1]: where a part begins, and where it ends.
 Part: TypeAlias = tuple[float, float]
@@ -96,16 +92,12 @@ def held_out(parts: Sequence[Source], share: float) -> tuple[list[Source], list[
     return learnt, [replace(part, part=(border, part.part[1])) for part, border in zip(parts, borders, strict=True)]
 
 
-# Frames of video files, one folder a video.
-FRAMES = Path("out/cache/frames")
-
-
 @dataclass(frozen=True)
 class LabelledFrame:
     """One image and what is labelled in it.
 
     Attributes:
-        path: of the image.
+        picture: the image file, or a frame of a video file.
         sequence: name of the sequence it belongs to.
         frame: 0-based.
         boxes: ``(N, 4)`` pixels, of evaluated and ignored objects.
@@ -115,7 +107,7 @@ class LabelledFrame:
         classes: ``(N,)`` places from 1 among the classes that were asked for; of ignored boxes it may be any.
     """
 
-    path: Path
+    picture: Picture
     sequence: str
     frame: int
     boxes: FloatArray
@@ -154,7 +146,8 @@ def labelled_images(
         raise RequestError(f"{folder}: no frame lies within {within}")
     # By their headers alone: a data set may hold more images than can be decoded before the first batch.
     for sample in samples:
-        one_image(sample.path)
+        if isinstance(sample.picture, Path):
+            one_image(sample.picture)
     return samples
 
 
@@ -178,9 +171,9 @@ def _images_of(
         )
 
 
-def _there(video: LabelledVideo, files: Sequence[Path]) -> str:
+def _there(video: LabelledVideo, files: Sequence[Picture]) -> str:
     """What there is in the place of one image a frame."""
-    if len(files) == 1 and files[0].suffix.lower() not in IMAGE_SUFFIXES:
+    if len(files) == 1 and isinstance(files[0], Path) and files[0].suffix.lower() not in IMAGE_SUFFIXES:
         return f"the video {files[0]}; write its frames there"
     return f"{len(files)} for {video.length} frames" if files else "none"
 
@@ -205,33 +198,14 @@ def _of_classes(video: LabelledVideo, single: bool, classes: Sequence[str]) -> t
     return reduce(GroundTruth.and_then, [truth for _, truth in labelled]), kinds
 
 
-def picture_files(video: LabelledVideo) -> tuple[Path, ...]:
-    """The images of a video, one a frame; those of a video file are written into `FRAMES` once.
+def picture_files(video: LabelledVideo) -> tuple[Picture, ...]:
+    """The pictures of a video, one a frame; those of a video file are decoded when they are read.
 
     Raises:
         RequestError: the video file cannot be read, or is shorter than its labels.
     """
     if len(video.files) != 1 or video.length in (None, 1):
         return video.files
-    file, last = video.files[0].resolve(), video.first + (video.length or 1) - 1
-    state = f"{file} {file.stat().st_mtime_ns} {video.first} {last}"
-    folder = FRAMES / f"{file.stem}-{hashlib.sha1(state.encode(), usedforsecurity=False).hexdigest()[:12]}"
-    if not folder.exists():
-        print(f"writing frames {video.first + 1}-{last + 1} of {file} into {folder}", flush=True)
-        folder.parent.mkdir(parents=True, exist_ok=True)
-        with output_folder(folder, overwrite=False) as work:
-            for frame in open_source(file, FrameRange(video.first, last)).frames():
-                write_image(work / f"{frame.index + 1:06}.png", frame.image)
-    return list_images(folder)
-
-
-def read_image(path: Path) -> ImageArray:
-    """``(H, W, 3)`` uint8 RGB.
-
-    Raises:
-        RequestError: the file is no image.
-    """
-    try:
-        return decoded(path)
-    except RunError as error:
-        raise RequestError(f"{error}; replace or remove it") from error
+    frames = range(video.first, video.first + (video.length or 1))
+    opened = OpenVideo(video.files[0], FrameRange(frames[0], frames[-1]))
+    return tuple(VideoPicture(opened, number) for number in frames)

@@ -16,7 +16,7 @@ import numpy as np
 
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.composition import Cutout, SizeByRow, cut_out_people, empty_view, fit_size_by_row
-from tsuiseki.datamodules.labelled_images import LabelledPart, labelled_images, read_image
+from tsuiseki.datamodules.labelled_images import LabelledPart, labelled_images
 from tsuiseki.datamodules.scenes.clip import IMAGES, FrameTruth, ground_truth, write_image
 from tsuiseki.datamodules.scenes.drone_clip import DroneClip, DroneSceneSettings
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
@@ -24,6 +24,7 @@ from tsuiseki.datamodules.scenes.render.photographs import Photographs
 from tsuiseki.datamodules.scenes.room_pictures import panorama_picture
 from tsuiseki.datamodules.scenes.training_pictures import random_training_scene
 from tsuiseki.datamodules.scenes.training_settings import THINGS, TOWN, BoxConvention, settings_of_scene
+from tsuiseki.datamodules.video_pictures import VideoPicture, read_image
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.label_checks import PEOPLE
 from tsuiseki.tracking.formats.mot import write_ground_truth
@@ -121,10 +122,15 @@ class TrainingImages:
     def __init__(self, source: TrainingSource, classes: Sequence[str] = (PEOPLE,)) -> None:
         self.source = source
         self.labels = labelled_images(source.folder, source.frames, source.part, classes=classes)
-        first = read_image(self.labels[0].path)
+        first = read_image(self.labels[0].picture)
         self._decoded: list[ImageArray] | None = None
         if first.nbytes * len(self.labels) <= _MEMORY:
-            self._decoded = [read_image(label.path) for label in self.labels]
+            self._decoded = [read_image(label.picture) for label in self.labels]
+        elif isinstance(entered := self.labels[0].picture, VideoPicture) and not entered.video.seekable:
+            raise RequestError(
+                f"{entered.video.file}: expected a video that can be entered anywhere, as all its frames take over "
+                f"{_MEMORY >> 20} MiB; write it anew as MP4, say, or its frames into img1/"
+            )
         self.views: list[FixedView] = []
         self.cutouts: list[list[Cutout | None]] = []
         if source.fixed_camera:
@@ -141,7 +147,7 @@ class TrainingImages:
     def example(self, index: int) -> Example:
         """A picture with its boxes; ignored are those that are hardly visible, too."""
         label = self.labels[index]
-        image = read_image(label.path) if self._decoded is None else self._decoded[index]
+        image = read_image(label.picture) if self._decoded is None else self._decoded[index]
         ignored = label.ignored | (label.visibility < LEAST_VISIBLE)
         return Example(image, label.boxes, ignored, label.classes)
 

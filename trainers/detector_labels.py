@@ -17,14 +17,13 @@ from scipy.special import expit
 from sklearn.linear_model import LogisticRegression
 
 from tsuiseki.datamodules.labelled_images import LabelledFrame, labelled_images
+from tsuiseki.datamodules.video_pictures import picture_size, read_image
 from tsuiseki.models.anchors import propose_anchors, size_iou
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import Detect
-from tsuiseki.tracking.formats.mot_sequence import image_size
 from tsuiseki.tracking.geometry import areas, intersections, iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray
-from tsuiseki.tracking.video.image_folder import read_image
 from tsuiseki.trainers.detector_network import Resize
 
 # Detections down to this score tell what scores mean.
@@ -50,7 +49,7 @@ def matched_scores(
     """
     scores, right = [], []
     for sample in labelled_images(folder, frames):
-        detections = detector.detect([read_image(sample.path)])[0]
+        detections = detector.detect([read_image(sample.picture)])[0]
         people, ignored = sample.boxes[~sample.ignored], sample.boxes[sample.ignored]
         matched = np.zeros(len(detections), dtype=np.bool_)
         matched[assign_overlaps(iou_matrix(detections.boxes, people), MATCH_OVERLAP)[0]] = True
@@ -166,7 +165,7 @@ def _sizes_in_input(labels: Sequence[LabelledFrame], size: tuple[int, int], resi
     sizes = [np.empty((0, 2))]
     for label in labels:
         boxes = label.boxes[~label.ignored]
-        factors = np.array([size[1], size[0]]) / image_size(label.path)
+        factors = np.array([size[1], size[0]]) / picture_size(label.picture)
         if resize == "letterbox":
             factors = np.full(2, factors.min())
         sizes.append((boxes[:, 2:] - boxes[:, :2]) * factors)

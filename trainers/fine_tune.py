@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 from jsonargparse import Namespace
 
-from tsuiseki.datamodules.labelled_images import LabelledFrame, LabelledPart, held_out, labelled_images, read_image
+from tsuiseki.datamodules.labelled_images import LabelledFrame, LabelledPart, held_out, labelled_images
+from tsuiseki.datamodules.video_pictures import read_image
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.detection import evaluate_classes
 from tsuiseki.tracking.features.exported import Detector
@@ -107,7 +108,7 @@ def compared(files: dict[str, Path], held_out: Sequence[LabelledFrame], classes:
             for name_in_file in class_names
         ]
         detector = Detector(file, LOWEST_SCORE, classes=ClassChoice(class_names))
-        detected = [detector.detect([read_image(frame.path)])[0] for frame in held_out]
+        detected = [detector.detect([read_image(frame.picture)])[0] for frame in held_out]
         detections = [
             replace(of_frame, classes=np.array([0, *places])[of_frame.classes], names={}) for of_frame in detected
         ]

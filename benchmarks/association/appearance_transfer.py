@@ -17,11 +17,11 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.labelled_images import LabelledFrame, labelled_images
+from tsuiseki.datamodules.video_pictures import read_image
 from tsuiseki.tracking.evaluation.reidentification import area_under_roc, evaluate_retrieval
 from tsuiseki.tracking.features.exported import Appearance
 from tsuiseki.tracking.preprocessing import crop_boxes
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
-from tsuiseki.tracking.video.image_folder import read_image
 
 SPACES = {"Lab": cv2.COLOR_RGB2LAB, "HSV": cv2.COLOR_RGB2HSV}
 
@@ -56,7 +56,7 @@ def describe(
     features, ids, frames = [], [], []
     for sample in samples:
         kept = ~sample.ignored & (sample.visibility >= least_visible)
-        image = read_image(sample.path)
+        image = read_image(sample.picture)
         boxes = sample.boxes[kept]
         if isinstance(method, str):
             space, bins = method.split()

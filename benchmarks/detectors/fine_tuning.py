@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 from scipy.stats import t
 
-from tsuiseki.datamodules.labelled_images import labelled_images, read_image
+from tsuiseki.datamodules.labelled_images import labelled_images
+from tsuiseki.datamodules.video_pictures import read_image
 from tsuiseki.tracking.cli import main as tsuiseki
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.features.exported import Detector
@@ -71,7 +72,7 @@ def measured(clip: Path, learnt: int, last: int, options: list[str]) -> tuple[fl
     scores = []
     for file in (shipped("detector_figures"), out / "detector.onnx"):
         detector = Detector(file, LOWEST_SCORE)
-        detected = [detector.detect([read_image(picture.path)])[0] for picture in pictures]
+        detected = [detector.detect([read_image(picture.picture)])[0] for picture in pictures]
         scores.append([evaluate_detections(truth, detected, iou).average_precision for iou in (0.5, 0.75)])
     (a, b), (c, d) = scores
     seconds = time.process_time() - begin

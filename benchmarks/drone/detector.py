@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.labelled_images import LabelledFrame, labelled_images
+from tsuiseki.datamodules.video_pictures import read_image
 from tsuiseki.tracking.drone.observations import Observers, observe
 from tsuiseki.tracking.features.exported import Detector
 from tsuiseki.tracking.formats.mot import write_ground_truth
@@ -27,7 +28,6 @@ from tsuiseki.tracking.formats.mot_sequence import list_images, write_sequence_i
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
 from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Frame
 from tsuiseki.tracking.types.labels import GroundTruth
-from tsuiseki.tracking.video.image_folder import read_image
 
 VISIBLE, OVERLAP = 0.4, 0.5
 THRESHOLDS = (0.1, 0.3, 0.5)
@@ -81,13 +81,13 @@ def write_mot(images: list[LabelledFrame], folder: Path) -> None:
     for sample in images:
         link = folder / "img1" / f"{sample.frame - start + 1:06d}.jpg"
         if not link.exists():
-            link.symlink_to(sample.path.resolve())
+            link.symlink_to(Path(str(sample.picture)).resolve())
     count = len(images)
     frames, everyone = np.array([s.frame - start for s in images]), np.ones(count, dtype=np.bool_)
     boxes = np.concatenate([s.boxes for s in images])
     truth = GroundTruth(frames, np.ones(count, dtype=np.int64), boxes, everyone, ~everyone, np.ones(count))
     write_ground_truth(folder / "gt" / "gt.txt", truth)
-    height, width = read_image(images[0].path).shape[:2]
+    height, width = read_image(images[0].picture).shape[:2]
     write_sequence_info(folder, images[0].sequence, 30.0, count, width, height)
 
 
@@ -95,7 +95,7 @@ def report(name: str, detector: Path, images: list[LabelledFrame]) -> None:
     """Print a line for each threshold of the score."""
     for threshold in THRESHOLDS:
         observers = Observers(Detector(detector, threshold, threads=1), camera=True)
-        frames = (Frame(sample.frame, float(sample.frame), read_image(sample.path)) for sample in images)
+        frames = (Frame(sample.frame, float(sample.frame), read_image(sample.picture)) for sample in images)
         people = hits = total = right = 0
         for sample, seen in zip(images, observe(frames, observers), strict=True):
             kept = seen.detections
@@ -135,7 +135,7 @@ def scored(detector: Detector, images: list[LabelledFrame]) -> tuple[FloatArray,
     """Scores ``(N,)`` of detections, whether each is on somebody, and of each person the best score on him or 0."""
     scores, right, hit_by = [], [], []
     for sample in images:
-        (kept,) = detector.detect([read_image(sample.path)])
+        (kept,) = detector.detect([read_image(sample.picture)])
         counted, overlapping = compare(kept, sample)
         scores.append(kept.scores)
         right.append(overlapping.any(axis=1))

@@ -46,7 +46,7 @@ def arguments(coco: Path, out: Path, *more: str, settings: str = "") -> list[str
 
 
 def test_whole_images_are_taken(coco: Path) -> None:
-    assert [label.path.name for label in labelled_images(coco / "coco.json")] == [f"{n:04}.jpg" for n in range(6)]
+    assert [label.picture.name for label in labelled_images(coco / "coco.json")] == [f"{n:04}.jpg" for n in range(6)]
 
 
 @pytest.mark.parametrize("settings", ["", ", fixed_camera: true"])

@@ -25,6 +25,7 @@ from pathlib import Path
 
 import numpy as np
 
+from tsuiseki.datamodules.video_pictures import Picture
 from tsuiseki.tracking.association.chain_motion import beliefs_along
 from tsuiseki.tracking.association.detection_tables import DetectionTable
 from tsuiseki.tracking.association.evidence import (
@@ -60,7 +61,7 @@ class DetectedVideo:
         truth: labels, frames counted from 0.
         frame_rate: frames a second.
         size: width and height of the image; None where not known.
-        images: files, one a frame; none where not needed.
+        images: one a frame; none where not needed.
         anchors: of each frame the ``(N,)`` anchors of a detector that its detections come from; none where unknown.
         camera: its step into each frame, from the images; none takes the boxes.
         detections_file: file of detections beside the labels; None where there is none.
@@ -71,7 +72,7 @@ class DetectedVideo:
     truth: GroundTruth
     frame_rate: float
     size: tuple[int, int] | None
-    images: tuple[Path, ...] = ()
+    images: tuple[Picture, ...] = ()
     anchors: tuple[IntArray, ...] = ()
     camera: tuple[CameraStep, ...] = ()
     detections_file: Path | None = None
@@ -143,7 +144,7 @@ class Graph:
         links: ``(P, F)`` features.
         labelled: ``(3 N + P,)`` x*.
         people: frames of the labelled boxes, those without a detection included.
-        images: files of the sequence, one a frame; none where not needed.
+        images: of the sequence, one a frame; none where not needed.
         origin: where the detections come from; None where not known.
         truth: labels of the sequence; None where not needed.
         others: detections that are in tracks and not in the network, for labels do not say whether they are right;
@@ -161,7 +162,7 @@ class Graph:
     links: FloatArray
     labelled: FloatArray
     people: IntArray
-    images: tuple[Path, ...] = ()
+    images: tuple[Picture, ...] = ()
     origin: Origin | None = None
     truth: GroundTruth | None = None
     others: Nodes = NO_NODES

@@ -9,8 +9,9 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 
-from tsuiseki.datamodules.labelled_images import picture_files, read_image
+from tsuiseki.datamodules.labelled_images import picture_files
 from tsuiseki.datamodules.simulated_detections import DetectorFaults, simulate_detections
+from tsuiseki.datamodules.video_pictures import read_image
 from tsuiseki.tracking.association.assignment import assign_overlaps
 from tsuiseki.tracking.association.detection_tables import boxes_of_frames
 from tsuiseki.tracking.association.solved_network import SolvedNetwork

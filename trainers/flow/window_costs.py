@@ -29,7 +29,7 @@ from torch.nn import functional
 
 from tsuiseki.datamodules.augmentation import Example
 from tsuiseki.datamodules.detector import DetectionBatch, collate
-from tsuiseki.datamodules.labelled_images import read_image
+from tsuiseki.datamodules.video_pictures import read_image
 from tsuiseki.models.appearance import softmax_contrastive_loss
 from tsuiseki.tracking.association.evidence import DETECTION_FEATURES, LINK_FEATURES
 from tsuiseki.tracking.association.flow_rounds import AVERAGED

@@ -175,7 +175,7 @@ def test_visdrone_categories_decide_what_counts(tmp_path):
     (tmp_path / "sequences" / "uav0000013_00000_v").rename(tmp_path / "uav0000013_00000_v")
     (tmp_path / "sequences").rmdir()
     assert [len(i.boxes) for i in labelled_images(tmp_path)] == [3, 1]
-    alone = labelled_images(tmp_path)[0].path.parent.rename(tmp_path / "elsewhere").parent
+    alone = labelled_images(tmp_path)[0].picture.parent.rename(tmp_path / "elsewhere").parent
     (video,) = open_labelled(alone)
     assert (video.files, video.people().evaluated.tolist()) == ((), truth.evaluated.tolist())
 

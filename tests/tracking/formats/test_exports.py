@@ -100,7 +100,7 @@ def test_labels_train_with_the_images_beside_them(name: str, video: TrackedVideo
     else:
         FORMATS[name].write(tmp_path, known)
     samples = labelled_images(tmp_path)
-    assert [sample.path.name for sample in samples] == list(names)
+    assert [sample.picture.name for sample in samples] == list(names)
     assert [sample.ids.tolist() for sample in samples] == [[2], [2], [2], [], [], [2], [2], [], [9], [9]]
 
 

@@ -196,14 +196,14 @@ def test_training_takes_the_images_that_the_json_names(tmp_path: Path) -> None:
     # Without numbers in the file the pictures that lie there are all the frames; with them, frames keep theirs.
     there = [n for n in range(FRAMES) if n not in (3, 4)]
     samples = labelled_images(path)
-    assert [(sample.path.name, sample.frame) for sample in samples] == [
+    assert [(sample.picture.name, sample.frame) for sample in samples] == [
         (f"a{n + 1:04d}.png", place) for place, n in enumerate(there)
     ]
     for n, sample in zip(there, samples, strict=True):
         np.testing.assert_allclose(sample.boxes, [t.boxes[n] for t in tracks()])
     with pytest.warns(InputWarning, match="2 of 12 frames have no image in it, the first is frame 4"):
         samples = labelled_images(written(tmp_path, left_out(3, 4)))
-    assert [(sample.path.name, sample.frame) for sample in samples] == [(f"a{n + 1:04d}.png", n) for n in there]
+    assert [(sample.picture.name, sample.frame) for sample in samples] == [(f"a{n + 1:04d}.png", n) for n in there]
 
 
 def test_a_turned_box_of_coco_is_the_upright_box_about_it(tmp_path: Path) -> None:
@@ -465,7 +465,7 @@ def test_cvats_images_are_frames_by_their_ids(tmp_path: Path) -> None:
     np.testing.assert_allclose(truth.boxes, track.boxes[[1, 4, 9]])
     for n in (9, 4, 1):
         picture(tmp_path / "images" / f"{n}.png")
-    assert [(sample.path.name, sample.frame) for sample in labelled_images(tmp_path)] == [
+    assert [(sample.picture.name, sample.frame) for sample in labelled_images(tmp_path)] == [
         ("1.png", 1),
         ("4.png", 4),
         ("9.png", 9),

@@ -113,7 +113,7 @@ def test_labelled_images_count_frames_as_the_files_do(tmp_path):
     for image in (folder / "img1").iterdir():
         Image.new("RGB", (64, 48)).save(image)
     samples = labelled_images(tmp_path, (2, 3))
-    assert [(s.path.name, s.frame, len(s.boxes)) for s in samples] == [("000002.jpg", 1, 2), ("000003.jpg", 2, 1)]
+    assert [(s.picture.name, s.frame, len(s.boxes)) for s in samples] == [("000002.jpg", 1, 2), ("000003.jpg", 2, 1)]
     assert samples[0].ignored.tolist() == [False, True]
     with pytest.raises(RequestError, match="no frame"):
         labelled_images(tmp_path, (4, 9))

@@ -10,7 +10,8 @@ import pytest
 
 from tests.tracking.review.conftest import FRAMES as FRAMES_OF_CLIP
 from tests.tracking.review.conftest import PEOPLE
-from tsuiseki.datamodules.labelled_images import labelled_images, read_image
+from tsuiseki.datamodules.labelled_images import labelled_images
+from tsuiseki.datamodules.video_pictures import read_image
 from tsuiseki.tracking.formats.labelled import open_labelled
 from tsuiseki.tracking.formats.single import read_boxes, write_boxes
 from tsuiseki.tracking.result import Result
@@ -110,7 +111,7 @@ def test_a_reviewed_result_of_a_video_file_is_training_data(reviewable, tracked,
     images = labelled_images(reviewable)
     assert len(images) == 40
     # Where people are, pictures and labels show the same.
-    sums = [[read_image(one.path)[int(b[1]) + 20, int(b[0]) + 15].astype(int) for b in one.boxes] for one in images]
+    sums = [[read_image(one.picture)[int(b[1]) + 20, int(b[0]) + 15].astype(int) for b in one.boxes] for one in images]
     colours = np.array([[200, 90 * n % 256, 40 * n % 256] for n in images[0].ids])
     assert np.abs(np.array(sums[0]) - colours).max() < 60
     (video,) = labelled_sequences([reviewable])

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tsuiseki.datamodules.labelled_images import read_image
+from tsuiseki.datamodules.video_pictures import read_image
 from tsuiseki.tracking.association.learnt_costs import Affinity, FeatureSet
 from tsuiseki.tracking.evaluation.multi import evaluate_sequence
 from tsuiseki.tracking.features.exported import Appearance
