@@ -49,10 +49,10 @@ class ActionNetwork(nn.Module):
     """Streams by name; what they say is averaged after the sigmoid (thesis Fig. 5.3).
 
     Args:
-        streams: at least one.
+        streams: at least one, each an `ActionStream` or another `ActionClassifier`.
     """
 
-    def __init__(self, streams: Mapping[str, ActionStream]) -> None:
+    def __init__(self, streams: Mapping[str, nn.Module]) -> None:
         super().__init__()
         if not streams:
             raise ValueError("expected at least one stream")

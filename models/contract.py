@@ -85,6 +85,32 @@ class DetectorNetwork(Protocol):
         """
 
 
+class ActionClassifier(Protocol):
+    """A module that `Action(network=…)` takes for a stream. B crops of people, A actions."""
+
+    @property
+    def card(self) -> NetworkCard:
+        """What it takes, a square; its class names are those of the A actions."""
+
+    def forward(self, images: Tensor) -> Tensor:
+        """``(B, A)`` logits; a person may do several things at once.
+
+        Args:
+            images: ``(B, C, S, S)`` float32, normalised, for any B: 3 colours, or 2 of optical flow.
+        """
+
+
+class LinkCosts(Protocol):
+    """A module that `Association(network=…)` takes: by how much each of P links costs more or less."""
+
+    def forward(self, features: Tensor) -> Tensor:
+        """``(P,)`` changes of costs, which are then bounded smoothly; 0 leaves the tracker's own cost.
+
+        Args:
+            features: ``(P, 25)`` float32, standardised; for any P. `tsuiseki.tracking.association.evidence` names them.
+        """
+
+
 class AppearanceTrunk(Protocol):
     """A module that `Appearance(network=…)` takes. B crops of people, features of length D."""
 

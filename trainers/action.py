@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from io import BytesIO
 from pathlib import Path
@@ -9,21 +10,22 @@ from typing import Any, Literal
 
 import numpy as np
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from tsuiseki.datamodules.action import ActionBatch, ActionData
 from tsuiseki.models.action import ActionNetwork, ActionStream, action_loss, fused_logits, positive_weights
 from tsuiseki.models.backbones import TrunkName
+from tsuiseki.models.contract import NetworkCard
 from tsuiseki.tracking.errors import RequestError
-from tsuiseki.tracking.evaluation.actions import average_precisions
 from tsuiseki.tracking.features.action import STREAMS, ActionInput, StreamName
 from tsuiseki.tracking.features.optical_flow import FlowName
 from tsuiseki.tracking.onnx import ModelCard
-from tsuiseki.tracking.types import BoolArray, FloatArray
+from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import FOLDER, shipped
 from tsuiseki.trainers.exporting.export import ModelFiles
 from tsuiseki.trainers.exporting.exported_weights import Normalisation, opened_onnx, unfold
 from tsuiseki.trainers.exporting.written_networks import write_streams
+from tsuiseki.trainers.metrics.actions import ActionPrecision
 from tsuiseki.trainers.network_module import (
     NetworkModule,
     Optimisation,
@@ -32,6 +34,7 @@ from tsuiseki.trainers.network_module import (
     plain_hyperparameters,
     read_checkpoint,
 )
+from tsuiseki.trainers.own_network import refuse_parts, try_action
 from tsuiseki.trainers.start import begin_network, completed
 
 # Actions that Okutama-Action labels.
@@ -66,9 +69,12 @@ class Action(NetworkModule):
         rare_weight: exponent of the weight of rare actions, see `positive_weights`; 0 is eq. 5.1 as it stands.
         learning_rate: at the end of the warm-up; the thesis has 0.0001.
         optimisation: how weights are moved.
+        network: any `ActionClassifier`, that of the stream ``rgb_local`` or of the one in ``streams``, or several by
+            the names of their streams. They decide trunk, dropout, actions and size.
 
     Raises:
-        RequestError: an argument contradicts the ``start``, or there is no such trunk.
+        RequestError: an argument contradicts the ``start`` or the ``network``, there is no such trunk, or the
+            ``network`` is no `ActionClassifier`.
     """
 
     kind = "action"
@@ -87,41 +93,85 @@ class Action(NetworkModule):
         rare_weight: float = 0.5,
         learning_rate: float = 1e-4,
         optimisation: Optimisation = Optimisation(),  # noqa: B008
+        network: nn.Module | dict[StreamName, nn.Module] | None = None,
     ) -> None:
         super().__init__()
+        # A checkpoint holds plain values alone, so of a network that a command builds how, and no other.
+        own, network = network, None
         self.save_hyperparameters()
+        asked = {"trunk": trunk, "streams": streams, "actions": actions, "size": size, "flow": flow}
+        self._folded: dict[StreamName, list[Normalisation]] = {}
+        if own is None:
+            self._build(asked, start, weights, dropout)
+        else:
+            decided = {"start": start, "weights": weights, "dropout": dropout, "trunk": trunk, "actions": actions}
+            refuse_parts({**decided, "size": size}, {"dropout": 0.7})
+            self._take(own, streams, flow)
+        plain_hyperparameters(self)
+        if fused and tuple(self.inputs) != STREAMS:
+            raise RequestError(f"expected {', '.join(STREAMS)} with `fused`, got {', '.join(self.inputs)}")
+        self.fused, self.rare_weight = fused, rare_weight
+        self.learning_rate, self.optimisation = learning_rate, optimisation
+        self.register_buffer("positive_weight", torch.ones(self.actions))
+        # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
+        self.network.to(memory_format=torch.channels_last)
+        crops = {n: torch.zeros(1, i.size, i.size, i.channels, dtype=torch.uint8) for n, i in self.inputs.items()}
+        self.example_input_array = (crops,)
+
+    def _build(
+        self, asked: dict[str, Any], start: str | Path | None, weights: Literal["imagenet"] | None, dropout: float
+    ) -> None:
+        """The streams that are asked for, with the weights of the ``start``."""
         if start is not None and weights is not None:
             raise RequestError("expected one of `start` and `weights`, got both")
-        asked = {"trunk": trunk, "streams": streams, "actions": actions, "size": size, "flow": flow}
         path, held, names = (None, None, None) if start is None else action_parts(start)
         parts = completed(asked, USUAL, held, path, ("trunk", "actions", "flow"))
         self.hparams.update(parts)
-        plain_hyperparameters(self)
-        count, chosen = parts["actions"], tuple(parts["streams"])
-        if fused and chosen != STREAMS:
-            raise RequestError(f"expected {', '.join(STREAMS)} with `fused`, got {', '.join(chosen)}")
+        self.actions, trunk = parts["actions"], parts["trunk"]
         try:
-            self.inputs = {n: ActionInput(n, parts["size"], flow=parts["flow"]) for n in chosen}
+            self.inputs = {n: ActionInput(n, parts["size"], flow=parts["flow"]) for n in parts["streams"]}
             self.network = ActionNetwork(
-                {n: ActionStream(count, i.channels, parts["trunk"], weights, dropout) for n, i in self.inputs.items()}
+                {n: ActionStream(self.actions, i.channels, trunk, weights, dropout) for n, i in self.inputs.items()}
             )
         except (ValueError, ConnectionError) as error:
             raise RequestError(str(error)) from error
+        self.own_cards = dict.fromkeys(self.inputs, NetworkCard(trunk, parts["size"], parts["size"]))
         self._folded = {} if path is None else begin_streams(self.network, path)
-        self.trunk, self.actions = parts["trunk"], count
-        self.names = names or tuple(f"action {n + 1}" for n in range(count))
-        self.fused, self.rare_weight = fused, rare_weight
-        self.learning_rate, self.optimisation = learning_rate, optimisation
-        self.register_buffer("positive_weight", torch.ones(count))
-        # The layout that convolutions on a CPU are fastest with, twice for depthwise ones.
-        self.network.to(memory_format=torch.channels_last)
-        side = parts["size"]
-        crops = {n: torch.zeros(1, side, side, i.channels, dtype=torch.uint8) for n, i in self.inputs.items()}
-        self.example_input_array = (crops,)
+        self.names = names or tuple(f"action {n + 1}" for n in range(self.actions))
+
+    def _take(
+        self,
+        own: nn.Module | dict[StreamName, nn.Module],
+        streams: tuple[StreamName, ...] | None,
+        flow: FlowName | None,
+    ) -> None:
+        """The user's networks of streams, of which one by itself is that of the first stream."""
+        networks = own if isinstance(own, dict) else {(streams or STREAMS)[0]: own}
+        if streams is not None and set(streams) != set(networks):
+            raise RequestError(f"`streams`: expected those of the `network`, {', '.join(networks)}, got {streams}")
+        try:
+            channels = {name: ActionInput(name).channels for name in networks}
+        except ValueError as error:
+            raise RequestError(f"`network`: {error}") from error
+        self.own_cards = {name: try_action(network, channels[name]) for name, network in networks.items()}
+        first, *others = self.own_cards.values()
+        for card in others:
+            if (card.input_height, card.class_names) != (first.input_height, first.class_names):
+                raise RequestError(
+                    f"`network`: expected one size and the same actions of all streams, got {first.name} of "
+                    f"{first.input_height} and {card.name} of {card.input_height} pixels, {len(first.class_names)} and "
+                    f"{len(card.class_names)} actions"
+                )
+        self.inputs = {name: ActionInput(name, first.input_height, flow or USUAL["flow"]) for name in networks}
+        self.names, self.actions = first.class_names, len(first.class_names)
+        self.network = ActionNetwork(networks)
+        self.bring(*networks.values())
 
     def card(self, stream: StreamName) -> ModelCard:
         """What the exported network of ``stream`` says of itself."""
-        return self.inputs[stream].card(self.trunk, self.names)
+        own, inputs = self.own_cards[stream], self.inputs[stream]
+        card = inputs.card(own.name, self.names)
+        return card if inputs.is_flow else replace(card, mean=own.mean, std=own.std)
 
     def forward(self, crops: dict[StreamName, Tensor]) -> dict[StreamName, Tensor]:
         """``(B, A)`` logits by stream of ``(B, S, S, C)`` uint8 crops."""
@@ -222,12 +272,17 @@ class Action(NetworkModule):
         return write_streams(self.network, self.inputs, self.card, self.fused, output)
 
     def scores(self, rows: list[tuple[dict[str, Tensor], Tensor]]) -> dict[str, float]:
-        """The mAP of the average of all streams, and of each."""
+        """The mAP of the average of all streams, and of each; nothing where no action occurs."""
         parts, actions = zip(*rows, strict=True)
-        truth = torch.cat(actions).numpy() > 0
-        outputs = {name: torch.cat([part[name] for part in parts]).double().numpy() for name in self.inputs}
-        fused = {"map": np.mean(list(outputs.values()), axis=0), **{f"map_{name}": outputs[name] for name in outputs}}
-        return {name: mean_average_precision(probabilities, truth) for name, probabilities in fused.items()}
+        outputs = {name: torch.cat([part[name] for part in parts]).double() for name in self.inputs}
+        mean = torch.stack([*outputs.values()]).mean(dim=0)
+        scores = {}
+        for name, probabilities in {"map": mean, **{f"map_{name}": outputs[name] for name in outputs}}.items():
+            # The rows are those of all devices.
+            metric = ActionPrecision(sync_on_compute=False)
+            metric.update(probabilities, torch.cat(actions) > 0)
+            scores[name] = metric.compute()["map"].item()
+        return {name: value for name, value in scores.items() if not np.isnan(value)}
 
 
 def action_parts(start: str | Path) -> tuple[Path, dict[str, Any], tuple[str, ...] | None]:
@@ -239,7 +294,7 @@ def action_parts(start: str | Path) -> tuple[Path, dict[str, Any], tuple[str, ..
     path = Path(start)
     if path.suffix and path.suffix != ".onnx":
         held = read_checkpoint(path, "hyper_parameters")
-        if not held.keys() >= USUAL.keys():
+        if not held.keys() >= USUAL.keys() or held["trunk"] is None:
             raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train action`, got one of another network")
         return path, {name: held[name] for name in USUAL}, None
     if not path.suffix and len(path.parts) == 1:
@@ -271,9 +326,3 @@ def begin_streams(network: ActionNetwork, path: Path) -> dict[StreamName, list[N
 
 def _crops(name: StreamName, batch: ActionBatch) -> Tensor:
     return batch.crops[name]
-
-
-def mean_average_precision(probabilities: FloatArray, truth: BoolArray) -> float:
-    """mAP over the actions that occur; 0 where none does."""
-    precisions = average_precisions(probabilities, truth)
-    return 0.0 if np.isnan(precisions).all() else float(np.nanmean(precisions))

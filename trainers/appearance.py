@@ -89,6 +89,7 @@ class Appearance(NetworkModule):
             self.card = appearance_card(self.network, self.network.feature_length)
         else:
             refuse_parts({"start": start, "weights": weights, **asked, "dropout": dropout}, {"dropout": 0.0})
+            self.network = own
             self.bring(own)
             self.card = try_appearance(own)
         plain_hyperparameters(self)

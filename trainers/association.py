@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import torch
 from lightning.pytorch.cli import instantiate_module
-from torch import Tensor
+from torch import Tensor, nn
 
 from tsuiseki.models.association import AssociationNetwork
 from tsuiseki.models.detector import AnchorDetector
@@ -46,6 +46,7 @@ from tsuiseki.trainers.network_module import (
     plain_hyperparameters,
     read_checkpoint,
 )
+from tsuiseki.trainers.own_network import refuse_parts, try_link_costs
 from tsuiseki.trainers.start import begin_network
 
 
@@ -148,6 +149,10 @@ class Association(NetworkModule):
         learning_rate: at the end of the warm-up.
         optimisation: how weights are moved; they decay towards the tracker's own costs.
         seed: of the perturbations.
+        network: any `LinkCosts`, which changes the costs of links in place of a linear map.
+
+    Raises:
+        RequestError: the ``network`` is no `LinkCosts`, or stands beside a ``start``, which has one.
     """
 
     kind = "association"
@@ -163,13 +168,20 @@ class Association(NetworkModule):
         learning_rate: float = 3e-3,
         optimisation: Optimisation = Optimisation(weight_decay=1e-2, warmup_steps=10),  # noqa: B008
         seed: int = 0,
+        network: nn.Module | None = None,
     ) -> None:
         super().__init__()
+        # A checkpoint holds plain values alone, so of a network that a command builds how, and no other.
+        own, network = network, None
         self.save_hyperparameters(ignore=["appearance", "detector"])
         plain_hyperparameters(self)
         names = FeatureNames()
         sizes = len(names.links), len(names.detections), len(names.joins)
-        self.network = AssociationNetwork(*sizes, trust)
+        if own is not None:
+            refuse_parts({"start": start}, {})
+            try_link_costs(own, len(names.links))
+            self.bring(own)
+        self.network = AssociationNetwork(*sizes, trust, own)
         self.example_input_array = tuple(torch.zeros(2, size) for size in sizes)
         self._started = start is not None
         if start is not None:

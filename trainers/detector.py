@@ -166,6 +166,7 @@ class Detector(NetworkModule):
             others: dict[str, Any] = {"loss": loss, "teacher": teacher}
             others |= {f"optimisation.{name}": getattr(optimisation, name) for name in ("features_rate", "box_weight")}
             refuse_parts({"start": start, "weights": weights, **asked, **others}, _OTHERS)
+            self.network = own
             self.bring(own)
             self.card = try_detector(own)
         plain_hyperparameters(self)

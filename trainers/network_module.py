@@ -162,9 +162,10 @@ class NetworkModule(LightningModule):
         self.validated: list[Any] = []
         self._brought = ""
 
-    def bring(self, network: nn.Module) -> None:
-        """Let a ``network`` of the user learn, which is in no folder of ours."""
-        self.network, self._brought = network, f"{type(network).__module__}.{type(network).__qualname__}"
+    def bring(self, *networks: nn.Module) -> None:
+        """Note that ``networks`` of the user learn, which are in no folder of ours."""
+        names = [f"{type(network).__module__}.{type(network).__qualname__}" for network in networks]
+        self._brought = ", ".join(dict.fromkeys(names))
 
     def scores(self, rows: list[Any]) -> dict[str, float]:
         """The scores by their names, of what validation steps have kept on all devices."""

@@ -17,7 +17,7 @@ from tsuiseki.models.losses import IGNORED, PADDING, PERSON
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.onnx import Kind, ModelCard
 
-# Pictures of the trial: with one, a network that takes no others would pass.
+# Samples of the trial: with one, a network that takes no others would pass.
 _PICTURES = 2
 # Difference of the length of a feature to 1 that rounding explains, in half precision too.
 _LENGTH_TOLERANCE = 1e-2
@@ -72,7 +72,7 @@ def try_detector(network: nn.Module) -> ModelCard:
     if missing:
         raise RequestError(f"`network`: expected {name} to be a DetectorNetwork, it has no method {missing[0]}")
     card = card_of_network(network, "detector")
-    with _trial(network, card) as images:
+    with _trial(network, (3, card.input_height, card.input_width)) as images:
         outputs = network(images)
         decoded = network.decode(outputs)  # type: ignore[operator]
         # With a labelled box, and without.
@@ -93,7 +93,8 @@ def try_appearance(network: nn.Module) -> ModelCard:
         RequestError: it does not.
     """
     name = type(network).__name__
-    with _trial(network, appearance_card(network, 0)) as images:
+    card = appearance_card(network, 0)
+    with _trial(network, (3, card.input_height, card.input_width)) as images:
         features = network(images)
     if not isinstance(features, Tensor) or features.ndim != 2 or len(features) != _PICTURES:
         raise RequestError(f"`network`: expected {name} to give features ({_PICTURES}, D), got {_shown(features)}")
@@ -109,6 +110,41 @@ def try_appearance(network: nn.Module) -> ModelCard:
 def appearance_card(network: nn.Module, feature_length: int) -> ModelCard:
     """What the exported file of an `AppearanceTrunk` will say; crops are stretched to its input."""
     return card_of_network(network, "appearance", class_names=(), resize="stretch", feature_length=feature_length)
+
+
+def try_action(network: nn.Module, channels: int) -> NetworkCard:
+    """The card of an `ActionClassifier` that gives a logit an action for noise of so many ``channels``.
+
+    Raises:
+        RequestError: it does not, or takes no squares.
+    """
+    name = type(network).__name__
+    card = card_of_network(network, "action")
+    if card.input_height != card.input_width:
+        raise RequestError(
+            f"`network`: expected {name} to take squares, as people are cropped, got {card.input_height}x"
+            f"{card.input_width}"
+        )
+    with _trial(network, (channels, card.input_height, card.input_width)) as images:
+        logits = network(images)
+    expected = _PICTURES, len(card.class_names)
+    if not isinstance(logits, Tensor) or logits.shape != expected:
+        raise RequestError(
+            f"`network`: expected {name} to give logits {expected}, one an action of its card; got {_shown(logits)}"
+        )
+    own: NetworkCard = network.card  # type: ignore[assignment]
+    return own
+
+
+def try_link_costs(network: nn.Module, features: int) -> None:
+    """Refuse what gives no change of a cost a link for noise of so many ``features``; raises RequestError."""
+    with _trial(network, (features,)) as rows:
+        changes = network(rows)
+    if not isinstance(changes, Tensor) or changes.shape not in ((_PICTURES,), (_PICTURES, 1)):
+        raise RequestError(
+            f"`network`: expected {type(network).__name__} to give a change of the cost of each link, ({_PICTURES},) "
+            f"of features ({_PICTURES}, {features}), got {_shown(changes)}"
+        )
 
 
 @contextlib.contextmanager
@@ -140,16 +176,15 @@ def check_class(path: str) -> None:
 
 
 @contextlib.contextmanager
-def _trial(network: nn.Module, card: ModelCard) -> Iterator[Tensor]:
-    """Pictures for ``network``, ``(_PICTURES, 3, H, W)``, while it is evaluated and nothing learns."""
+def _trial(network: nn.Module, shape: tuple[int, ...]) -> Iterator[Tensor]:
+    """Samples of a ``shape`` for ``network``, while it is evaluated and nothing learns."""
     training = network.training
     example = next(network.parameters(), torch.zeros(0))
     network.eval()
     try:
         with torch.no_grad():
             # Normal numbers are what normalised pictures look like.
-            shape = _PICTURES, 3, card.input_height, card.input_width
-            yield torch.randn(shape, generator=torch.Generator().manual_seed(0)).to(example.device)
+            yield torch.randn((_PICTURES, *shape), generator=torch.Generator().manual_seed(0)).to(example.device)
     finally:
         network.train(training)
 

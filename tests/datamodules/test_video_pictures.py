@@ -9,7 +9,6 @@ from pathlib import Path
 import lightning
 import numpy as np
 import pytest
-from torch.utils.data import DataLoader
 
 from tests.trainers.test_lightning import detector, trainer
 from tsuiseki.datamodules import training_images, video_pictures
@@ -17,7 +16,7 @@ from tsuiseki.datamodules.detector import DetectionData
 from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.datamodules.training_images import TrainingImages, TrainingSource
 from tsuiseki.datamodules.video_pictures import OpenVideo, VideoPicture, picture_size, read_image
-from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.people.api import track_people
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
@@ -122,11 +121,8 @@ def test_what_does_not_fit_into_memory_is_decoded_as_it_is_asked_for(
     monkeypatch.setattr(training_images, "_MEMORY", 1000)
     source = TrainingSource(str(labelled / "result"))
     kept = TrainingImages(source)
-    for example, number in zip(
-        DataLoader(kept.labels, batch_size=None, collate_fn=lambda x: x), range(3), strict=False
-    ):
-        np.testing.assert_array_equal(read_image(example.picture), images[number])
-    np.testing.assert_array_equal(kept.example(50).image, images[50])
+    for number in (50, 3):
+        np.testing.assert_array_equal(kept.example(number).image, images[number])
     monkeypatch.setattr(video_pictures.SeekableVideo, "of", lambda _: None)
     with pytest.raises(
         RequestError, match=r"clip\.webm: expected a video that can be entered anywhere, .* as MP4, say"
@@ -134,12 +130,9 @@ def test_what_does_not_fit_into_memory_is_decoded_as_it_is_asked_for(
         TrainingImages(source)
 
 
-def test_a_video_that_is_shorter_than_its_labels_is_refused(labelled: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(RequestError, match=r"expected|frames"):
+def test_a_video_that_is_shorter_than_its_labels_is_refused(labelled: Path) -> None:
+    with pytest.raises(RequestError, match=r"expected .*frames"):
         opened(labelled, last=200)
-    video = opened(labelled)
-    with pytest.raises((RunError, IndexError), match="ends before it|out of bounds"):
-        video.read(FRAMES + 5)
 
 
 def test_a_folder_is_no_video_file(labelled: Path) -> None:

@@ -15,22 +15,33 @@ from torch.nn import functional
 
 from tests.trainers.test_lightning import crowd, detector, trainer
 from tsuiseki.models.detector import AnchorDetector
+from tsuiseki.tracking.association.learnt_costs import CostNetwork
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features import exported
+from tsuiseki.tracking.features.action import ActionRecogniser, StreamName, averaged
+from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.tracking.types.class_choice import ClassChoice
 from tsuiseki.trainers.association import detector_of
 from tsuiseki.trainers.detector import DetectorOptimisation
 from tsuiseki.trainers.exporting.export import load_module
+from tsuiseki.trainers.exporting.written_costs import TOLERANCE
 from tsuiseki.trainers.exporting.written_networks import Decoded
-from tsuiseki.trainers.fit import fit_appearance, fit_detector
+from tsuiseki.trainers.fit import fit_action, fit_appearance, fit_association, fit_detector
 from tsuiseki.trainers.own_network import try_appearance, try_detector
 from tsuiseki.training import (
+    Action,
+    ActionClassifier,
+    ActionData,
     Appearance,
     AppearanceData,
     AppearanceTrunk,
+    Association,
+    AssociationData,
     DetectionData,
     Detector,
     DetectorNetwork,
+    LinkCosts,
     NetworkCard,
 )
 
@@ -38,6 +49,8 @@ pytestmark = [
     pytest.mark.filterwarnings("ignore::UserWarning"),
     pytest.mark.filterwarnings("ignore::lightning.fabric.utilities.rank_zero.LightningDeprecationWarning"),
 ]
+# What people of the clips do.
+OKUTAMA_ACTIONS = tuple(f"action {n + 1}" for n in range(12))
 # Width and height of a cell of `Cells`, pixels.
 SIDE = 16
 
@@ -84,9 +97,36 @@ class Stripes(nn.Module):
         return functional.normalize(self.mix(functional.adaptive_avg_pool2d(images, (4, 1)).flatten(1)), dim=1)
 
 
+class Means(nn.Module):
+    """The means of a crop's channels, mixed."""
+
+    def __init__(self, size: int = 16, channels: int = 3, actions: tuple[str, ...] = ()) -> None:
+        super().__init__()
+        self.card = NetworkCard("means", size, size, actions or OKUTAMA_ACTIONS)
+        self.mix = nn.Linear(channels, len(self.card.class_names))
+
+    def forward(self, images: Tensor) -> Tensor:
+        logits: Tensor = self.mix(images.mean(dim=(2, 3)))
+        return logits
+
+
+class Layers(nn.Module):
+    """Two layers from features of links to changes of their costs."""
+
+    def __init__(self, width: int = 8) -> None:
+        super().__init__()
+        self.layers = nn.Sequential(nn.Linear(25, width), nn.ReLU(), nn.Linear(width, 1))
+
+    def forward(self, features: Tensor) -> Tensor:
+        changes: Tensor = self.layers(features)
+        return changes[:, 0]
+
+
 # For a type checker: what the toolkit has and what a user brings along are such networks.
 NETWORKS: tuple[Callable[..., DetectorNetwork], ...] = (AnchorDetector, Cells)
 TRUNKS: tuple[Callable[..., AppearanceTrunk], ...] = (Stripes,)
+CLASSIFIERS: tuple[Callable[..., ActionClassifier], ...] = (Means,)
+COSTS: tuple[Callable[..., LinkCosts], ...] = (Layers,)
 
 
 @pytest.fixture(autouse=True)
@@ -190,8 +230,96 @@ def test_an_appearance_network_of_ones_own_learns_and_its_file_describes_the_sam
     np.testing.assert_allclose(described, expected, atol=1e-5)
 
 
-FILE = "from tests.trainers.test_own_network import Cells, Stripes\n\n\n"
-FILE += "class Net(Cells):\n    pass\n\n\nclass Trunk(Stripes):\n    pass\n\n\nlayer = 3\n"
+@pytest.mark.slow
+def test_action_streams_of_ones_own_learn_and_their_files_recognise_the_same(
+    acting_clips: Path, tmp_path: Path
+) -> None:
+    streams: dict[StreamName, nn.Module] = {"rgb_local": Means(), "flow_global": Means(channels=2)}
+    data = ActionData(acting_clips / "train", batch_size=4, batches=2)
+    module, training = Action(network=streams, flow="dis_fast"), trainer(tmp_path)
+    training.fit(module, data)
+    assert {"val/map", "val/map_rgb_local", "val/map_flow_global"} <= training.callback_metrics.keys()
+    files = [*module.export(tmp_path / "own.onnx", "clips")]
+    assert [file.name for file in files] == ["own_rgb_local.onnx", "own_flow_global.onnx"]
+    recogniser = ActionRecogniser(files)
+    images = list(np.random.default_rng(0).integers(0, 256, (2, 48, 64, 3), dtype=np.uint8))
+    recognised = recogniser.recognise(images, np.array([[10.0, 5, 30, 40]]))
+    assert averaged(recognised).shape == (1, len(OKUTAMA_ACTIONS))
+    for name, stream in module.network.streams.items():
+        crops = torch.randn(3, module.inputs[name].channels, 16, 16)
+        file = OnnxModel(tmp_path / f"own_{name}.onnx", "action")
+        assert (file.card.name, file.card.class_names) == ("means", data.names)
+        np.testing.assert_allclose(file.run(crops.numpy())[0], stream.eval()(crops).detach().sigmoid(), atol=1e-5)
+    training.save_checkpoint(tmp_path / "own.ckpt")
+    with pytest.raises(RequestError, match=r"expected `network`, a .*test_own_network\.Means as it was trained"):
+        Action.load_from_checkpoint(tmp_path / "own.ckpt")
+    fresh: dict[StreamName, nn.Module] = {"rgb_local": Means(), "flow_global": Means(channels=2)}
+    again = Action.load_from_checkpoint(tmp_path / "own.ckpt", network=fresh)
+    assert all(torch.equal(value, again.state_dict()[name]) for name, value in module.state_dict().items())
+
+
+@pytest.mark.slow
+def test_link_costs_of_ones_own_learn_and_their_file_gives_the_same(street: Path, tmp_path: Path) -> None:
+    module, training = Association(network=Layers()), trainer(tmp_path)
+    before = [weights.clone() for weights in module.network.links.linear.parameters()]
+    training.fit(module, AssociationData(street, batches=4, seconds=0.5))
+    assert not all(map(torch.equal, before, module.network.links.linear.parameters()))
+    assert module.export(tmp_path / "own.onnx") < TOLERANCE
+    rows = np.random.default_rng(0).normal(size=(9, 25))
+    costs = CostNetwork(tmp_path / "own.onnx", threads=1).links(rows)
+    expected = module.eval().network.links(torch.as_tensor(rows, dtype=torch.float32))[:, 0]
+    np.testing.assert_allclose(costs, expected.detach(), atol=TOLERANCE)
+    assert np.ptp(costs) > 0
+    words = ["--detections", str(street / "det/det.txt"), "--affinity", str(tmp_path / "own.onnx")]
+    assert main(["track", "people", str(street), *words, "--out", str(tmp_path / "out")]) == 0
+    training.save_checkpoint(tmp_path / "own.ckpt")
+    again = Association.load_from_checkpoint(tmp_path / "own.ckpt", network=Layers())
+    assert all(torch.equal(value, again.state_dict()[name]) for name, value in module.state_dict().items())
+
+
+@pytest.mark.parametrize(
+    ("network", "arguments", "said"),
+    [
+        (nn.Identity(), {}, "expected Identity to have a tsuiseki.training.NetworkCard"),
+        (Means(channels=2), {"streams": ("flow_local", "rgb_local")}, "`streams`: expected those of the `network`"),
+        ({"rgb_local": Means(), "rgb_global": Means(size=32)}, {}, "expected one size and the same actions"),
+        ({"rgb": Means()}, {}, "`network`: expected a stream of rgb_local"),
+        (Means(), {"actions": 3}, "`actions`: expected none beside `network`"),
+        (Means(), {"start": "drone"}, "`start`: expected none beside `network`"),
+    ],
+)
+def test_what_is_no_action_network_is_refused(network: Any, arguments: dict[str, Any], said: str) -> None:
+    with pytest.raises(RequestError, match=said):
+        Action(network=network, **arguments)
+
+
+def test_shapes_of_action_networks_and_link_costs_are_tried() -> None:
+    class Flat(Means):
+        def forward(self, images: Tensor) -> Tensor:
+            return super().forward(images)[:, :3]
+
+    class Tall(Means):
+        def __init__(self) -> None:
+            super().__init__()
+            self.card = NetworkCard("tall", 32, 16)
+
+    class Pairs(Layers):
+        def forward(self, features: Tensor) -> Tensor:
+            return features[:, :2]
+
+    for make, said in (
+        (lambda: Action(network=Flat()), r"Flat to give logits \(2, 12\), one an action of its card; got \(2, 3\)"),
+        (lambda: Action(network=Tall()), "expected Tall to take squares, as people are cropped, got 32x16"),
+        (lambda: Association(network=Pairs()), r"Pairs to give a change of the cost of each link, \(2,\) .*\(2, 2\)"),
+        (lambda: Association(network=Layers(), start="x.onnx"), "`start`: expected none beside `network`"),
+    ):
+        with pytest.raises(RequestError, match=said):
+            make()
+
+
+FILE = "from tests.trainers.test_own_network import Cells, Layers, Means, Stripes\n\n\n"
+FILE += "class Net(Cells):\n    pass\n\n\nclass Trunk(Stripes):\n    pass\n\n\n"
+FILE += "class Act(Means):\n    pass\n\n\nclass Links(Layers):\n    pass\n\n\nlayer = 3\n"
 QUICK = ["--trainer.max_epochs=1", "--trainer.accelerator=cpu", "--data.batches=1", "--data.workers=0"]
 
 
@@ -227,6 +355,22 @@ def test_a_command_trains_an_appearance_network_from_a_file(street: Path, here: 
     assert best is not None
     assert exported.Appearance(here / "out" / "appearance.onnx").model.card.feature_length == 6
     assert load_module(Appearance, best).network.mix.out_features == 6
+
+
+@pytest.mark.slow
+def test_commands_train_an_action_network_and_link_costs_from_a_file(
+    street: Path, acting_clips: Path, here: Path
+) -> None:
+    words = ["--data", str(acting_clips / "train"), "--out", "act", *QUICK, "--data.batch_size=4"]
+    best = fit_action([*words, "--model.network=mine_own.Act", "--model.network.size=24", "--model.flow=dis_fast"])
+    assert best is not None
+    assert OnnxModel(here / "act" / "action_rgb_local.onnx", "action").card.input_height == 24
+    assert load_module(Action, best).inputs.keys() == {"rgb_local"}
+    words = ["--data", str(street), "--out", "links", "--trainer.max_epochs=1", "--data.batches=2"]
+    best = fit_association([*words, "--model.network=mine_own.Links", "--model.network.width=4"])
+    assert best is not None
+    assert load_module(Association, best).network.links.linear.layers[0].out_features == 4
+    assert (here / "links" / "association.onnx").is_file()
 
 
 @pytest.mark.parametrize(

@@ -44,7 +44,7 @@ def export_trained(
     module = load_module(Association, checkpoint)
     _check_ended(checkpoint, unfinished)
     network = module.network
-    if not any(part.linear.weight.any() for part in (network.links, network.detections, network.joins)):
+    if not any(weights.any() for part in network.children() for weights in part.linear.parameters()):
         raise RequestError(f"{checkpoint}: expected a trained network, but it changes no cost; go on with the training")
     if appearance is not None:
         if module.siamese is None:

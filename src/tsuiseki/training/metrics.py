@@ -1,5 +1,6 @@
-"""Scores as `torchmetrics.Metric`, of tracks, detections and appearance."""
+"""Scores as `torchmetrics.Metric`, of tracks, detections, appearance and actions."""
 
+from tsuiseki.trainers.metrics.actions import ActionPrecision as ActionPrecision
 from tsuiseki.trainers.metrics.detections import AveragePrecision as AveragePrecision
 from tsuiseki.trainers.metrics.reidentification import ReIdentification as ReIdentification
 from tsuiseki.trainers.metrics.tracks import CLEAR as CLEAR

@@ -17,6 +17,7 @@ import torch.distributed as distributed
 from tests.trainers.metrics.conftest import crossing
 from tests.trainers.metrics.test_detections import pictures
 from tests.trainers.metrics.test_reidentification import views
+from tsuiseki.trainers.metrics.actions import ActionPrecision
 from tsuiseki.trainers.metrics.detections import AveragePrecision
 from tsuiseki.trainers.metrics.reidentification import ReIdentification
 from tsuiseki.trainers.metrics.tracks import CLEAR, HOTA, IDF1
@@ -29,7 +30,8 @@ preds, target = pictures(1)
 table = views(1)
 names = ("person", "car", "dog")
 strict = AveragePrecision(iou=0.75, class_names=names)
-metrics = [HOTA(), CLEAR(), IDF1(), AveragePrecision(), strict, ReIdentification()]
+metrics = [HOTA(), CLEAR(), IDF1(), AveragePrecision(), strict, ReIdentification(), ActionPrecision()]
+actions = torch.rand(88, 3, generator=torch.Generator().manual_seed(0)), torch.arange(264).view(88, 3) % 5 == 0
 bare = [[{k: v for k, v in image.items() if k != "labels"} for image in side] for side in (preds, target)]
 for part in shares[rank]:
     for metric in metrics[:3]:
@@ -39,6 +41,7 @@ for part in shares[rank]:
     metrics[4].update(preds[images], target[images])
     rows = slice(22 * part, 22 * part + 22)
     metrics[5].update(**{name: column[rows] for name, column in table.items()})
+    metrics[6].update(*(column[rows] for column in actions))
 scores = [{name: value.item() for name, value in metric.compute().items()} for metric in metrics]
 print(json.dumps(scores))
 if size > 1:
@@ -69,6 +72,6 @@ def test_two_processes_give_the_scores_of_the_whole(tmp_path: Path, share: str) 
     (whole,) = scored(1, tmp_path / "none", "halves")
     first, second = scored(2, tmp_path / "store", share)
     assert first == second
-    assert len(whole) == 6
+    assert len(whole) == 7
     for of_parts, of_whole in zip(first, whole, strict=True):
         assert of_parts == pytest.approx(of_whole, abs=1e-12, nan_ok=False)
