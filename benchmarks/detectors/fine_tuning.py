@@ -1,6 +1,7 @@
 """How much `tsuiseki train detector --data FOLDER` gains on later frames of the same camera, which it never saw.
 
-    python -m benchmarks.detectors.fine_tuning --out out/fine-tuning [--streets 5] [--pets FOLDER] [--input 240 320]
+    python -m benchmarks.detectors.fine_tuning --out out/fine-tuning [--streets 5] [--pets FOLDER] [--input 256 320]
+        [--batches 60]
 
 Each generated street is a camera of its own: its first two thirds are the labelled video, whose last tenth chooses the
 epoch, and its last third is scored. With `--pets` the folder PETS09-S2L1-first gives frames 1-360 and 361-400.
@@ -26,7 +27,6 @@ from tsuiseki.trainers.fit import fit_detector
 
 # Of the first street; no training of a shipped model used these.
 SEED = 8200
-FRAMES = 180
 
 
 def main() -> None:
@@ -36,18 +36,21 @@ def main() -> None:
     parser.add_argument("--streets", type=int, default=5)
     parser.add_argument("--size", type=int, nargs=2, default=(320, 240), help="width and height of the streets")
     parser.add_argument("--pets", type=Path)
+    parser.add_argument("--frames", type=int, default=180, help="of a street")
     parser.add_argument("--input", type=int, nargs=2, help="height and width of the detector's input")
+    parser.add_argument("--batches", type=int, default=60, help="steps of each of the five epochs")
     arguments = parser.parse_args()
     width, height = arguments.size
     options = [f"--model.{name}={side}" for name, side in zip(("height", "width"), arguments.input or (), strict=False)]
+    options.append(f"--data.batches={arguments.batches}")
     print(f"{'clip':14} pictures   start AP50  AP75   trained AP50  AP75   s CPU", flush=True)
     changes = []
     for seed in range(SEED, SEED + arguments.streets):
         clip = arguments.out / f"street-{seed}"
         if not clip.exists():
-            words = f"simulate street --frames {FRAMES} --width {width} --height {height} --seed {seed} --out {clip}"
+            words = f"simulate street --frames {arguments.frames} --width {width} --height {height} --seed {seed} --out {clip}"
             assert tsuiseki(words.split()) == 0
-        changes.append(measured(clip, FRAMES * 2 // 3, FRAMES, options))
+        changes.append(measured(clip, arguments.frames * 2 // 3, arguments.frames, options))
     if len(changes) > 1:
         mean, error = np.mean(changes, axis=0), np.std(changes, axis=0, ddof=1) / len(changes) ** 0.5
         half = t.ppf(0.975, len(changes) - 1) * error

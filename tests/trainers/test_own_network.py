@@ -231,9 +231,7 @@ def test_an_appearance_network_of_ones_own_learns_and_its_file_describes_the_sam
 
 
 @pytest.mark.slow
-def test_action_streams_of_ones_own_learn_and_their_files_recognise_the_same(
-    acting_clips: Path, tmp_path: Path
-) -> None:
+def test_action_streams_of_ones_own_learn_and_recognise_by_their_files(acting_clips: Path, tmp_path: Path) -> None:
     streams: dict[StreamName, nn.Module] = {"rgb_local": Means(), "flow_global": Means(channels=2)}
     data = ActionData(acting_clips / "train", batch_size=4, batches=2)
     module, training = Action(network=streams, flow="dis_fast"), trainer(tmp_path)

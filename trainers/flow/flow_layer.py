@@ -125,7 +125,8 @@ class FlowWindows:
             # All uses, then all entries, all exits and all links.
             kinds = zip(*(np.split(part.labelled_flow(), part.borders) for part in windows), strict=True)
             labelled = np.concatenate([of_window for kind in kinds for of_window in kind])
-        return cls(*(np.concatenate(column) for column in zip(*columns, strict=True)), labelled=labelled)
+        frames, owners, tail, head, sizes = (np.concatenate(column) for column in zip(*columns, strict=True))
+        return cls(frames, owners, tail, head, sizes, labelled)
 
     @property
     def borders(self) -> tuple[int, int, int]:
