@@ -48,7 +48,8 @@ def main() -> None:
     for seed in range(SEED, SEED + arguments.streets):
         clip = arguments.out / f"street-{seed}"
         if not clip.exists():
-            words = f"simulate street --frames {arguments.frames} --width {width} --height {height} --seed {seed} --out {clip}"
+            size = f"--width {width} --height {height}"
+            words = f"simulate street --frames {arguments.frames} {size} --seed {seed} --out {clip}"
             assert tsuiseki(words.split()) == 0
         changes.append(measured(clip, arguments.frames * 2 // 3, arguments.frames, options))
     if len(changes) > 1:
