@@ -50,7 +50,7 @@ TRAINED_AND_RUN = {"Appearance", "Detector"}
 # Calls that list all options of a command as keywords, each with its line.
 LISTING = ("track_people", "follow_people")
 TORCH_FREE = ("tracking", "datamodules/scenes", *(f"datamodules/{name}.py" for name in (
-    "labelled_images", "identity_crops", "action_crops", "training_images")))  # fmt: skip
+    "labelled_images", "identity_crops", "action_crops", "training_images", "video_pictures")))  # fmt: skip
 
 
 def source_files(folder: str) -> list[Path]:

@@ -16,7 +16,7 @@ from tsuiseki.trainers.fine_tune import Recipe, compared, complete_options
 from tsuiseki.trainers.network_module import load_checkpoint
 from tsuiseki.trainers.own_network import check_class, importable_here
 from tsuiseki.trainers.refusals import one_line
-from tsuiseki.trainers.request import Request
+from tsuiseki.trainers.request import TrainingRequest
 from tsuiseki.trainers.task_cli import ACTION, APPEARANCE, ASSOCIATION, DETECTOR, TRACKER, Task, TaskCLI
 
 # What Lightning warns of, and is meant here: one loader process on a small machine, folders that a training goes on in,
@@ -55,7 +55,7 @@ def fit(task: Task, arguments: Sequence[str], complete: Callable[[Namespace], No
         RequestError: an unknown key, a wrong type, a missing file, or an output folder that holds a training.
         Interrupted: the user ended it; the checkpoints so far are kept.
     """
-    request = Request.of(arguments)
+    request = TrainingRequest.of(arguments)
     words = request.words(task.name, tuple(TaskCLI.subcommands()))
     with warnings.catch_warnings(), importable_here():
         for message in EXPECTED_WARNINGS:
@@ -86,7 +86,7 @@ def fit_detector(arguments: Sequence[str]) -> Path | None:
     from tsuiseki.trainers.detector import Detector
     from tsuiseki.trainers.exporting.written_networks import model_file
 
-    request = Request.of(arguments)
+    request = TrainingRequest.of(arguments)
     if request.folder is None or not request.by_recipe or request.network is not None:
         return _exported(DETECTOR, arguments)
     folder, recipe = request.folder, list[Recipe]()
@@ -126,7 +126,7 @@ def fit_tracker(arguments: Sequence[str]) -> Path | None:
 
 def _exported(task: Task, arguments: Sequence[str]) -> Path | None:
     """The best checkpoint; with ``--data FOLDER`` alone also as ONNX."""
-    request = Request.of(arguments)
+    request = TrainingRequest.of(arguments)
     best = fit(task, arguments)
     if best is not None and request.folder is not None and request.by_recipe:
         out = best.parent.parent / f"{task.name}.onnx"

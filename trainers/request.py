@@ -17,7 +17,7 @@ from tsuiseki.tracking.formats.yolo import ABOUT
 
 
 @dataclass(frozen=True)
-class Request:
+class TrainingRequest:
     """The words of a command.
 
     Attributes:
@@ -35,7 +35,7 @@ class Request:
     others: tuple[str, ...]
 
     @classmethod
-    def of(cls, arguments: Sequence[str]) -> Request:
+    def of(cls, arguments: Sequence[str]) -> TrainingRequest:
         """The request of a command line.
 
         Raises:

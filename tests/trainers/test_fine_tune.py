@@ -24,7 +24,7 @@ from tsuiseki.trainers.detector import Detector, detections
 from tsuiseki.trainers.detector_labels import anchor_choice
 from tsuiseki.trainers.exporting.export import ModelFile
 from tsuiseki.trainers.fine_tune import classes_of
-from tsuiseki.trainers.request import Request
+from tsuiseki.trainers.request import TrainingRequest
 
 
 def walk(folder: Path, frames: int = 10, size: tuple[int, int] = (48, 112)) -> Path:
@@ -176,15 +176,15 @@ def test_a_folder_a_file_of_options_and_nothing_are_told_apart(
         [f"--data={tmp_path}", "x"],
         ["x", "--data", f"{tmp_path}/data.yaml"],
     ):
-        request = Request.of(words)
+        request = TrainingRequest.of(words)
         assert (request.folder, request.others) == (tmp_path, ("x",))
-    assert Request.of(["--data", "options.yaml"]).data == Path("options.yaml")
-    assert Request.of(["--data.workers", "1"]).folder is None
+    assert TrainingRequest.of(["--data", "options.yaml"]).data == Path("options.yaml")
+    assert TrainingRequest.of(["--data.workers", "1"]).folder is None
     for words in (["--out", "x", "--data"], ["--data", "--out", "x"]):
         with pytest.raises(RequestError, match="got nothing"):
-            Request.of(words)
+            TrainingRequest.of(words)
     with pytest.raises(RequestError, match="expected one argument"):
-        Request.of(["--config"])
+        TrainingRequest.of(["--config"])
     assert main(["train", "detector", "--data", str(tmp_path / "none"), "--out", str(tmp_path / "o")]) == 2
     for what in ("appearance", "association"):
         assert main(["train", what, "--data", str(tmp_path / "none"), "--out", str(tmp_path / "o")]) == 2
@@ -211,7 +211,7 @@ def test_files_of_options_come_before_the_options_and_fit_is_the_command(tmp_pat
         (["predict", "--data=d.yaml"], ["predict", "--data=d.yaml"]),
     ]
     for words, expected in cases:
-        assert Request.of(words).words("detector", commands) == expected
+        assert TrainingRequest.of(words).words("detector", commands) == expected
 
 
 def test_configurations_that_ship_go_by_name(capsys: pytest.CaptureFixture[str]) -> None:
