@@ -15,6 +15,8 @@ from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.video.image_folder import read_image as decoded
 from tsuiseki.tracking.video.source import SeekableVideo, UnfitIndexError, VideoFile, open_source
 
+# What a process before the fork was decoding. To close it here would wait for threads that only that process has.
+_OF_PARENT: list[Iterator[Frame]] = []
 # Frames that are decoded to come from one picture to a later one; farther on the file is entered anew.
 AHEAD = 32
 
@@ -64,9 +66,11 @@ class OpenVideo:
         Raises:
             RunError: it cannot be decoded.
         """
-        # A process that was forked shares the place in the file with its parent.
-        here = self._process == os.getpid() and self._next >= 0
-        if not here or not self._next <= number < self._next + (AHEAD if self.seekable else number + 1):
+        if self._process != os.getpid():
+            # A process that was forked shares the place in the file with its parent.
+            _OF_PARENT.append(self._running)
+            self._begin()
+        if self._next < 0 or not self._next <= number < self._next + (AHEAD if self.seekable else number + 1):
             self._enter(number)
         try:
             return self._following(number)

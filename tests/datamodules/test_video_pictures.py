@@ -39,6 +39,8 @@ def labelled(tmp_path_factory: pytest.TempPathFactory) -> Path:
             writer.write(image)
     boxes = [np.array([[4 + n, 30, 20 + n, 70, 0.9], [108, 20, 118, 44, 0.9]]) for n in range(FRAMES)]
     track_people(folder / "clip.webm", detections=boxes, appearance="none").save(folder / "result")
+    # Somebody has reviewed it, so that it is labels.
+    (folder / "result" / "corrections.jsonl").write_text("")
     return folder
 
 
