@@ -146,7 +146,7 @@ class Action(NetworkModule):
         flow: FlowName | None,
     ) -> None:
         """The user's networks of streams, of which one by itself is that of the first stream."""
-        networks = own if isinstance(own, dict) else {(streams or STREAMS)[0]: own}
+        networks: dict[Any, nn.Module] = own if isinstance(own, dict) else {(streams or STREAMS)[0]: own}
         if streams is not None and set(streams) != set(networks):
             raise RequestError(f"`streams`: expected those of the `network`, {', '.join(networks)}, got {streams}")
         try:
