@@ -41,7 +41,7 @@ def test_scores_are_those_of_scikit_learn_whatever_the_batch(seed: int, batch: i
 def test_the_module_scores_by_it() -> None:
     preds, target = rows(1)
     model = Action(actions=4, streams=("rgb_local", "rgb_global"), size=16, trunk="mobilenet_v3_small")
-    parts = [({"rgb_local": preds[n], "rgb_global": preds[n].flip(1)}, target[n].float()) for n in range(80)]
+    parts = [({"rgb_local": preds[n], "rgb_global": preds[n].flip(0)}, target[n].float()) for n in range(80)]
     batches = [({k: v[None] for k, v in streams.items()}, truth[None]) for streams, truth in parts]
     scores = model.scores(batches)
     for name, values in (("map", (preds + preds.flip(1)) / 2), ("map_rgb_local", preds)):

@@ -26,9 +26,11 @@ def test_a_detector_scores_as_evaluate_classes(names: list[str]) -> None:
     boxes = [t["boxes"].numpy() for t in target]
     model = Detector(classes=names, height=64, width=64, trunk="mobilenet_v3_small")
     scores = model.scores([*zip(boxes, labels, detected, strict=True)])
-    by_class = evaluate_classes(boxes, labels, detected, names)
+    at = [evaluate_classes(boxes, labels, detected, names, percent / 100) for percent in range(50, 100, 5)]
+    means = [float(np.mean([of_class.average_precision for of_class in by_class.values()])) for by_class in at]
+    by_class = at[0]
     expected = {f"ap50_{name}": by_class[name].average_precision for name in by_class} if len(names) > 1 else {}
-    expected["ap50"] = float(np.mean([of_class.average_precision for of_class in by_class.values()]))
+    expected |= {"ap": float(np.mean(means)), "ap50": means[0], "ap75": means[5]}
     expected["f1"] = float(np.mean([of_class.best_f1 for of_class in by_class.values()]))
     assert scores == expected
 
