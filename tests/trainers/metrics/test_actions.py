@@ -47,7 +47,7 @@ def test_the_module_scores_by_it() -> None:
     for name, values in (("map", (preds + preds.flip(1)) / 2), ("map_rgb_local", preds)):
         expected = np.mean([average_precision_score(target[:, n], values[:, n]) for n in range(3)])
         assert scores[name] == pytest.approx(expected, abs=1e-12)
-    assert model.scores([(parts[0][0], torch.zeros(1, 4))]) == {}
+    assert model.scores([(batches[0][0], torch.zeros(1, 4))]) == {}
 
 
 def test_a_person_of_whom_nothing_is_said_is_missed() -> None:
