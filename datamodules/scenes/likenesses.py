@@ -90,10 +90,10 @@ def plinth(rng: np.random.Generator, figure: Standing) -> Thing:
 
 
 def doll(rng: np.random.Generator, spot: FloatArray) -> Thing:
-    """A doll with a large head and short limbs, standing, sitting or lying on the ground."""
+    """A doll on the ground, with a head so large and limbs so short that it is nobody's child."""
     build = Build(
-        height=float(rng.uniform(*_DOLL)), girth=float(rng.uniform(1.1, 1.8)), legs=float(rng.uniform(0.6, 0.85)),
-        head=float(rng.uniform(1.7, 2.8)), shoulders=float(rng.uniform(0.8, 1.1)),
+        height=float(rng.uniform(*_DOLL)), girth=float(rng.uniform(1.4, 2.2)), legs=float(rng.uniform(0.45, 0.7)),
+        head=float(rng.uniform(2.4, 3.4)), shoulders=float(rng.uniform(0.8, 1.1)),
     )  # fmt: skip
     kind = rng.random()
     pose = Pose(spread=(0.5, 0.5), straddle=(0.15, 0.15))
