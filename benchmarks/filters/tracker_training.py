@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 
 from benchmarks.long_training import LongTraining, command, draw_curve
-from benchmarks.papers.single_target import TargetClip, drawn_clips, read_clip
+from benchmarks.papers.single_target import Loaded, TargetClip, drawn_clips, read_clip
 from tsuiseki import configs
 from tsuiseki.tracking.evaluation.success_curves import SequenceScores, evaluate_boxes
 from tsuiseki.tracking.formats.single import find_single_sequences
@@ -137,15 +137,15 @@ def opencv_nano(images: Sequence[ImageArray], box: FloatArray, files: Sequence[P
     return corners_from_xywh(np.array(boxes, dtype=np.float64))
 
 
-def scored(follow: Follow, clip: TargetClip) -> SequenceScores:
+def scored(follow: Follow, clip: Loaded) -> SequenceScores:
     """The scores on one clip."""
-    truth, images = clip()
+    truth, images = clip
     return evaluate_boxes(truth, np.concatenate([truth[:1], follow(images, truth[0])]))
 
 
 def mean_area(follow: Follow, clips: Mapping[str, TargetClip]) -> float:
     """Mean area under the success curve of the clips, in hundredths."""
-    return 100 * float(np.mean([scored(follow, clip).auc for clip in clips.values()]))
+    return 100 * float(np.mean([scored(follow, clip()).auc for clip in clips.values()]))
 
 
 def table(data: Path, files: Sequence[Path]) -> str:
@@ -160,7 +160,8 @@ def table(data: Path, files: Sequence[Path]) -> str:
     clips, rows = real_clips(data), list[list[SequenceScores]]()
     lines = ["AUC / precision at 20 px", f"{'':14}" + "".join(f"{name:>18}" for name in trackers)]
     for name, clip in clips.items():
-        rows.append([scored(follow, clip) for follow in trackers.values()])
+        loaded = clip()
+        rows.append([scored(follow, loaded) for follow in trackers.values()])
         lines.append(f"{name:14}" + "".join(f"{100 * s.auc:10.1f} /{100 * s.precision_20:6.1f}" for s in rows[-1]))
     areas = 100 * np.array([[scores.auc for scores in row] for row in rows])
     precisions = 100 * np.array([[scores.precision_20 for scores in row] for row in rows])
