@@ -134,7 +134,7 @@ def test_an_outage_is_two_events_and_leaves_intervals_without_a_frame_out() -> N
 
 def test_the_same_events_of_a_recording_as_live() -> None:
     rng = np.random.default_rng(1)
-    tracks = [walk(n + 1, np.cumsum(rng.normal(2, 4, 80)), 5 * n) for n in range(6)]
+    tracks = [walk(n + 1, np.cumsum(rng.normal(2, 4, 80)), 5 * n) for n in range(3)]
     live, recorded = events_of(frames_of(tracks, 120), SCENE), events_of(frames_of(tracks, 120, 0.0), SCENE, True)
     assert [(e.camera, e.type, e.data) for e in live if e.type != "correction"] == [
         (e.camera, e.type, e.data) for e in recorded if e.type != "correction"

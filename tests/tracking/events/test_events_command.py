@@ -31,6 +31,14 @@ def sequence(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+# Methods that answer at once, at the end, and with a delay.
+HOWS = [
+    pytest.param(("sort",), id="sort"),
+    pytest.param(("flow",), id="flow", marks=pytest.mark.slow),
+    pytest.param(("flow", "--delay", "1"), id="delay", marks=pytest.mark.slow),
+]
+
+
 def words_of(sequence: Path, out: Path, *more: str) -> list[str]:
     given = ["--detections", str(sequence / "det/det.txt"), "--affinity", "none", "--appearance", "none"]
     given = given if "flow" in more else [*given[:2]]
@@ -44,7 +52,7 @@ def events_in(path: Path) -> list[dict[str, Any]]:
     return events
 
 
-@pytest.mark.parametrize("how", [("sort",), ("flow",), ("flow", "--delay", "1")], ids=" ".join)
+@pytest.mark.parametrize("how", HOWS)
 def test_a_recording_gives_events(how: tuple[str, ...], sequence: Path, tmp_path: Path) -> None:
     file, scene = tmp_path / "events.jsonl", sequence.parent / "scene.yaml"
     more = ("--method", *how, "--events", str(file), "--scene", str(scene))

@@ -314,7 +314,7 @@ def clip(folder: Path) -> list[str]:
     return [*words, "--out", str(folder / "o")]
 
 
-@pytest.mark.parametrize("hide", [False, True])
+@pytest.mark.parametrize("hide", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_run_serves_its_page_while_it_goes_on(
     hide: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
