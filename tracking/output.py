@@ -29,6 +29,8 @@ except ImportError:  # elsewhere than on Unix nothing is locked
     fcntl = None  # type: ignore[assignment]
 
 RUN_FILE = "run.json"
+# Of a run without end, which may go on in a folder that holds its result.
+LIVE_FILE = "live.json"
 UNFINISHED = ".unfinished"
 # Of an earlier result, until the new one is in its place.
 REPLACED = ".replaced"

@@ -33,6 +33,8 @@ MEMORY = 30
 PAUSE = 5.0
 # Share of an interval by which inferences may be off and still are even.
 EVEN = 0.01
+# Inferences that are forgotten at a time.
+FORGOTTEN = 1000
 # Steps of an average interval to which times are rounded where a grid is needed.
 TICKS = 4
 
@@ -193,6 +195,8 @@ class InferenceTimes(Clock):
         self.even = self.all = True
         self._count, self._start = 0, 0.0
         self._frames, self._seconds = array("q"), array("d")
+        # How many inferences are forgotten, and how far their ticks ran ahead of their numbers.
+        self._forgotten, self._ahead = 0, np.iinfo(np.int64).min
 
     def copy(self) -> InferenceTimes:
         """A copy that goes on by itself."""
@@ -211,22 +215,35 @@ class InferenceTimes(Clock):
         self.all &= frame == self._count
         if not (self.even and self.all):
             # Those before came at one interval, and are kept only now.
-            earlier = np.arange(len(self._frames), self._count)
+            earlier = np.arange(self._forgotten + len(self._frames), self._count)
             self._frames.extend([*earlier.tolist(), frame])
             self._seconds.extend([*(earlier / self.rate).tolist(), seconds])
         self._count += 1
 
+    def forget(self, first: int) -> None:
+        """Nobody asks for inferences before ``first`` any more."""
+        if self.even and self.all:
+            self._forgotten = max(self._forgotten, first)
+        elif first - self._forgotten >= FORGOTTEN:
+            numbers = np.arange(self._forgotten, first)
+            self._ahead = max(self._ahead, int((self._rounded()[: len(numbers)] - numbers).max()))
+            del self._frames[: len(numbers)], self._seconds[: len(numbers)]
+            self._forgotten = first
+
     def frames(self, inferences: IntArray) -> IntArray:
         """``(N,)`` the frames of ``(N,)`` inferences."""
-        return inferences if self.all else np.array(self._frames)[inferences]
+        return inferences if self.all else np.array(self._frames)[inferences - self._forgotten]
+
+    def _rounded(self) -> IntArray:
+        return np.rint(np.array(self._seconds) * self.rate * TICKS).astype(np.int64)
 
     def ticks(self, inferences: IntArray) -> IntArray:
         """``(N,)`` whole numbers that grow as the times of ``(N,)`` inferences do, `TICKS` an inference on average."""
         if self.even:
             return inferences
-        numbers = np.arange(len(self._seconds))
-        ticks = np.rint(np.array(self._seconds) * self.rate * TICKS).astype(np.int64)
-        return np.asarray((np.maximum.accumulate(ticks - numbers) + numbers)[inferences])
+        numbers = np.arange(self._forgotten, self._forgotten + len(self._seconds))
+        ahead = np.maximum(np.maximum.accumulate(self._rounded() - numbers), self._ahead)
+        return np.asarray((ahead + numbers)[inferences - self._forgotten])
 
     @property
     def ticks_per_inference(self) -> int:
@@ -242,4 +259,4 @@ class InferenceTimes(Clock):
 
     def seconds(self, inferences: IntArray) -> FloatArray:
         """``(N,)`` the times of ``(N,)`` inferences."""
-        return inferences / self.rate if self.even else np.array(self._seconds)[inferences]
+        return inferences / self.rate if self.even else np.array(self._seconds)[inferences - self._forgotten]

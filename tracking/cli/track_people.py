@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,16 +14,19 @@ from tsuiseki.tracking.monitor.watching import Watching
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 from tsuiseki.tracking.runs.following import Video, count
 from tsuiseki.tracking.runs.options import Output
+from tsuiseki.tracking.runs.rolling import LiveOptions
 
 if TYPE_CHECKING:
     from tsuiseki.tracking.hiding.run import HideChoice, Hiding
     from tsuiseki.tracking.people.opening import OpenedPeople
     from tsuiseki.tracking.result import Result
+    from tsuiseki.tracking.runs.rolling import Watch
     from tsuiseki.tracking.runs.run import Run
     from tsuiseki.tracking.types import Detections, Track
+    from tsuiseki.tracking.types.live import CameraState, Observer
     from tsuiseki.tracking.video.source import Source
 
-FINDING, LINKING, WATCHING = PeopleFinding(), Linking(), Watching()
+FINDING, LINKING, LIVE, WATCHING = PeopleFinding(), Linking(), LiveOptions(), Watching()
 
 
 def people(
@@ -30,6 +35,7 @@ def people(
     output: Output,
     finding: PeopleFinding = FINDING,
     linking: Linking = LINKING,
+    live: LiveOptions = LIVE,
     hide: str | None = None,
     corrections: Path | None = None,
     privacy: Path | None = None,
@@ -46,7 +52,7 @@ def people(
         corrections: corrections.jsonl of tsuiseki review, to do again on this result.
         privacy: YAML that says purpose, area, access, and for how many days the result is kept; see tsuiseki forget.
     """
-    return track(video, output, finding, linking, hide, corrections, watching, privacy=privacy)
+    return track(video, output, finding, linking, live, hide, corrections, watching, privacy=privacy)
 
 
 def track(
@@ -54,6 +60,7 @@ def track(
     output: Output,
     finding: PeopleFinding,
     linking: Linking,
+    live: LiveOptions = LIVE,
     hide: str | None = None,
     corrections: Path | None = None,
     watching: Watching = WATCHING,
@@ -73,20 +80,23 @@ def track(
     from tsuiseki.tracking.result import PageContent, check_corrections
 
     choice = None if hide is None else HideChoice.parse(hide)
-    source = video.open(images=choice is not None or watching.pictured, timed=True)
+    source = live.applied(video.open(images=choice is not None or watching.pictured, timed=True))
     if corrections is not None:
         check_corrections(corrections, source)
-    record = None if privacy is None else read_privacy(privacy)
+    record = {} if privacy is None else {PRIVACY: read_privacy(privacy).facts(today())}
     opened = open_people(source, finding, linking, 0)
     while_it_runs = answers_while_it_runs(opened.tracker)
     watching.check()
     if watching.pictured and not while_it_runs:
         raise RequestError("`page` and `show` need a method that answers while it runs: give `delay`, or `method` sort")
-    seen = watching.observers(output.out, [source], (), hide, finding)
-    with watching.own_output(), output.run() as run, seen as observers:
+    if live.roll is not None:
+        if video.overlay or corrections or (hide and not watching.pictured):
+            raise RequestError("expected `roll` without `overlay`, `hide` and `corrections`, which need it whole")
+        with watching.own_output():
+            return follow(output, opened, live.roll, partial(_watched, output, source, finding, hide, watching), record)
+    with watching.own_output(), output.run() as run, _watched(output, source, finding, hide, watching, ()) as observers:
         watched = Recorded(source, observers, while_it_runs)
-        run.facts |= report_models(opened.inputs.detect, opened.inputs.describe)
-        run.facts |= {} if record is None else {PRIVACY: record.facts(today())}
+        run.facts |= report_models(opened.inputs.detect, opened.inputs.describe) | record
         if replayed is None:
             frames = watched.frames(run.frames(source, record=video.overlay or choice is not None))
             detections = opened.inputs.detections(frames, run.times, watching.pictured)
@@ -110,6 +120,27 @@ def track(
         )
         run.done(f"{counted(result.tracks)} in {count(run.count, 'frame', 'frames')}: {output.out / 'tracks.txt'}")
     return run.status
+
+
+def _watched(
+    output: Output,
+    source: Source,
+    finding: PeopleFinding,
+    hide: str | None,
+    watching: Watching,
+    states: Sequence[CameraState],
+) -> AbstractContextManager[list[Observer]]:
+    """What watches the run; ``states`` say what the camera has given, where the run counts it."""
+    return watching.observers(output.out, [source], states, hide, finding)
+
+
+def follow(output: Output, opened: OpenedPeople, hours: float, watch: Watch, facts: Mapping[str, object]) -> int:
+    """`people`, written while the cameras run."""
+    from tsuiseki.tracking.people.live_run import people_live
+
+    number = people_live(output, opened, hours, watch, facts)
+    print(f"{count(number, 'person', 'people')}: {output.out}")
+    return 0
 
 
 def _hiding(

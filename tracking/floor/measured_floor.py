@@ -209,6 +209,10 @@ class MeasuredFloor:
         return np.asarray(((places >= self.floor[:2]) & (places <= self.floor[2:])).all(axis=1))
 
 
+# Of one sensor the columns of `FloorPoints`, boxes, and features where there are some; the moment is first the frame.
+_Columns = dict[str, Any]
+
+
 def check_feeds(feeds: Sequence[CameraFeed]) -> None:
     """Refuse cameras that cannot be of one floor and one time.
 
@@ -265,25 +269,68 @@ def measured_floor(
     parts = [_of_camera(feed) for feed in feeds] + [_of_positions(reports) for reports in positions]
     names = [feed.placed.name for feed in feeds] + [str(reports.path) for reports in positions]
     plan = _spanned([part["places"] for part in parts]) if floor is None else floor
+    measured = on_one_floor(feeds, moments, plan, names, parts)
+    for sensor, name in enumerate(names):
+        left, count, bounds = measured.outside.get(name, 0), len(parts[sensor]["moment"]), _bounds(plan)
+        if left and left == count:
+            raise RequestError(f"{name}: expected people on the plan {bounds}, got all {left} outside; check `floor`")
+        if left and sensor >= len(feeds):
+            message = f"{name}: {left} of {count} positions lie outside the plan {bounds} and are left out"
+            warnings.warn(message, InputWarning, stacklevel=2)
+    return measured
+
+
+def _bounds(plan: FloatArray) -> str:
+    return ",".join(f"{value:g}" for value in plan)
+
+
+def measured_moments(
+    placed: Sequence[CameraOverFloor],
+    times: Sequence[float],
+    people: Sequence[Sequence[StandingPeople | None]],
+    floor: FloatArray,
+) -> MeasuredFloor:
+    """What cameras measured in some moments.
+
+    Args:
+        placed: S cameras.
+        times: of the T moments, seconds.
+        people: of each moment what each camera detected; None of one that has no frame then.
+        floor: ``(4,)`` of the plan.
+    """
+    feeds, frames = [], np.full((len(times), len(placed)), -1)
+    for camera, entry in enumerate(placed):
+        there = [moment for moment, row in enumerate(people) if row[camera] is not None]
+        frames[there, camera] = np.arange(len(there))
+        standing = [entry_people for row in people if (entry_people := row[camera]) is not None]
+        feeds.append(CameraFeed(entry, np.asarray(times)[there], standing))
+    moments = [
+        Moment(time, tuple(None if number < 0 else number for number in row))
+        for time, row in zip(times, frames.tolist(), strict=True)
+    ]
+    return on_one_floor(feeds, moments, floor, [entry.name for entry in placed], [_of_camera(feed) for feed in feeds])
+
+
+def on_one_floor(
+    feeds: Sequence[CameraFeed],
+    moments: Sequence[Moment],
+    plan: FloatArray,
+    names: Sequence[str],
+    parts: list[_Columns],
+) -> MeasuredFloor:
+    """Measurements of sensors, cameras first, on one plan; their ``parts`` hold the frame of each of them."""
+    parts = [{**part} for part in parts]
     low, high = plan[:2] - MARGIN, plan[2:] + MARGIN
     views, outside = list[SensorView](), dict[str, int]()
     for sensor, part in enumerate(parts):
         with np.errstate(invalid="ignore"):
             inside = np.asarray((part["places"] >= low).all(axis=1) & (part["places"] <= high).all(axis=1))
         if not inside.all():
-            outside[names[sensor]] = left = int((~inside).sum())
-            name, bounds = names[sensor], ",".join(f"{value:g}" for value in plan)
-            if left == len(inside):
-                raise RequestError(
-                    f"{name}: expected people on the plan {bounds}, got all {left} outside; check `floor`"
-                )
-            if sensor >= len(feeds):
-                message = f"{name}: {left} of {len(inside)} positions lie outside the plan {bounds} and are left out"
-                warnings.warn(message, InputWarning, stacklevel=2)
-        at, measured = np.full(len(stamps[sensor]), -1), np.zeros(len(moments), dtype=np.bool_)
-        for number, moment in enumerate(moments):
-            if (frame := moment.frames[sensor]) is not None:
-                at[frame], measured[number] = number, True
+            outside[names[sensor]] = int((~inside).sum())
+        of_moments = np.array([-1 if m.frames[sensor] is None else m.frames[sensor] for m in moments], dtype=np.int64)
+        measured = of_moments >= 0
+        at = np.full(max(int(of_moments.max(initial=-1)), int(part["moment"].max(initial=-1))) + 1, -1)
+        at[of_moments[measured]] = np.flatnonzero(measured)
         part["moment"] = at[part["moment"]]
         rows = np.flatnonzero(inside & (part["moment"] >= 0))
         parts[sensor] = part = {name: column[rows] for name, column in part.items()}
@@ -291,11 +338,7 @@ def measured_floor(
         part["sensor"] = np.full(len(rows), sensor)
         camera = feeds[sensor].placed.camera if sensor < len(feeds) else None
         views.append(_view(camera, measured, part))
-    return MeasuredFloor(moments, _joined(parts, views, feeds), views, names, feeds, plan, outside)
-
-
-# Of one sensor the columns of `FloorPoints`, boxes, and features where there are some; the moment is first the frame.
-_Columns = dict[str, Any]
+    return MeasuredFloor(moments, _joined(parts, views, feeds), views, list(names), feeds, plan, outside)
 
 
 def _of_camera(feed: CameraFeed) -> _Columns:

@@ -19,6 +19,8 @@ from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike, as_describer, as_detector
 from tsuiseki.tracking.fields import Commas, Options
 from tsuiseki.tracking.fisheye.unrolled import ceiling_detector
+from tsuiseki.tracking.floor.delayed_floor import people_later
+from tsuiseki.tracking.floor.live_run import floor_live, open_live_floor
 from tsuiseki.tracking.floor.measured_floor import CameraFeed, MeasuredFloor, measured_floor
 from tsuiseki.tracking.floor.online_floor import people_online
 from tsuiseki.tracking.floor.page import floor_files
@@ -33,13 +35,14 @@ from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.following import Drawing, count
 from tsuiseki.tracking.runs.options import SeededOutput
+from tsuiseki.tracking.runs.rolling import LiveOptions
 from tsuiseki.tracking.sphere.settings import FrameTimes
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
 from tsuiseki.tracking.types.measurements import PersonOnFloor
 from tsuiseki.tracking.types.recording import Recording
 from tsuiseki.tracking.video.recording import recording_of
-from tsuiseki.tracking.video.source import Source, SourceLike, file_of, frames_of_size, named, open_source
+from tsuiseki.tracking.video.source import Source, SourceLike, file_of, frames_of_size, is_live, named, open_source
 from tsuiseki.tracking.weights import shipped
 
 OneFloorMethod = Literal["flow", "lmb"]
@@ -53,17 +56,21 @@ class OneFloorSettings(Options):
         method: flow links the whole video at the end; lmb decides at each moment, and does not use certain ids.
         tolerance: frames of different cameras within so many seconds count as taken together; by default a quarter of
             the shortest time between frames.
+        delay: seconds after which flow decides on a moment; by default at the end, live 3.
         floor: X1,Y1,X2,Y2 of the plan, metres; by default that of cameras.yaml, or what the measurements span.
     """
 
     method: OneFloorMethod = "flow"
     tolerance: Seconds | None = None
+    delay: Seconds | None = None
     floor: Commas[tuple[float, float, float, float] | None] = None
 
     @model_validator(mode="after")
     def _floor_has_an_area(self) -> Self:
         if self.floor is not None and not (self.floor[0] < self.floor[2] and self.floor[1] < self.floor[3]):
             raise ValueError(f"`floor`: expected X1 < X2 and Y1 < Y2, got {self.floor}")
+        if self.delay is not None and self.method != "flow":
+            raise ValueError(f"`delay`: expected it with the method flow, got it with {self.method}")
         return self
 
 
@@ -71,6 +78,7 @@ ONE_FLOOR = OneFloorSettings()
 TIMES = FrameTimes()
 DETECTING = Detecting()
 DRAWING = Drawing()
+LIVE = LiveOptions()
 NO_SOURCES: list[str] = []
 Watch = Callable[[Iterable[Any], str, int | None], Iterable[Any]]
 
@@ -139,6 +147,8 @@ class FloorRun:
         with stages.measure("associate"):
             if self.settings.method == "lmb":
                 people = people_online(measured, int(run_settings.get("seed", 0)))
+            elif self.settings.delay is not None:
+                people = people_later(measured, self.settings.delay)
             else:
                 people = flow_on_one_floor(measured)
         steps = np.diff(measured.times)
@@ -179,6 +189,8 @@ def open_floor(
         RequestError: something of this cannot be used; the message says what and why.
     """
     settings = as_settings(settings, OneFloorSettings)
+    if settings.delay is not None and positions:
+        raise RequestError("`delay`: expected cameras alone, got `positions`, which come all at once; leave one out")
     files = [read_floor_positions(a_path(path, "positions")) for path in positions]
     folder = sources[0] if len(sources) == 1 and cameras is None else None
     if isinstance(folder, str | Path) and is_floor_folder(Path(folder)):
@@ -199,7 +211,7 @@ def open_floor(
         )
     opened = [open_source(source) for source in sources]
     if live := [video.name for video in opened if video.live]:
-        raise RequestError(f"expected videos that end, got {live[0]}, which is live; record it")
+        raise RequestError(f"expected videos that end, got {live[0]}, which is live; use tsuiseki track floor")
     if detections is None:
         if blind := [video.name for video in opened if not video.has_images]:
             raise RequestError(f"{blind[0]} has no images to find people in; give `detections`")
@@ -268,6 +280,7 @@ def floor(
     detecting: Detecting = DETECTING,
     settings: OneFloorSettings = ONE_FLOOR,
     times: FrameTimes = TIMES,
+    live: LiveOptions = LIVE,
     cameras: Path | None = None,
     detections: Commas[list[Path] | None] = None,
     positions: Commas[list[Path] | None] = None,
@@ -275,16 +288,31 @@ def floor(
     """Track people on one floor through several calibrated cameras: one id each in all of them.
 
     DIR gets world.csv (time, id, place, covariance, cameras), floor.png, dwell.png, report.html and run.json, and in a
-    folder for each camera tracks.txt and overlay.webm.
+    folder for each camera tracks.txt and overlay.webm. Of live cameras it gets a world.csv for each hour.
 
     Args:
-        source: a video or folder of images of each camera, in their order; or one folder of WILDTRACK or Shelf.
+        source: a video, folder of images, webcam or stream of each camera, in their order; or one folder of WILDTRACK
+            or Shelf.
         cameras: cameras.yaml with lens and pose of each camera; tsuiseki calibrate pose writes it.
         detections: file of each camera instead of a detector: MOTChallenge text, or a CSV with frame,x1,y1,x2,y2 and
             optionally score,ankle_u,ankle_v; frames count from 1, in a column frame_idx instead from 0.
         positions: of other sensors, a CSV with time,x,y and optionally sd,id; an id is certain.
         output.seed: of the particles of --method lmb.
     """
+    if live.roll is not None or any(map(is_live, source)):
+        if drawing.overlay or detections or positions or settings.method != "flow" or times != TIMES:
+            raise RequestError(
+                "expected live cameras, or `roll`, with the method flow and without `overlay`, `detections`, "
+                "`positions`, `offsets` and `timestamps`"
+            )
+        opened_live = open_live_floor(
+            source, cameras, detecting, settings.delay, settings.tolerance, settings.floor, live.give_up
+        )
+        number = floor_live(output, opened_live, live)
+        print(f"{count(number, 'person', 'people')} on the floor: {output.out}")
+        return 0
+    if live.give_up is not None:
+        raise RequestError("`give_up`: expected live sources, got recorded ones; leave it out")
     opened = open_floor(source, cameras, detections, positions or [], detecting, settings, times)
     if drawing.overlay and not (opened.sources and all(source.has_images for source in opened.sources)):
         raise RequestError("expected videos with images for `overlay`, got none of some cameras; leave it out")

@@ -14,7 +14,7 @@ of video; later rounds correct errors of the first grouping.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -80,9 +80,37 @@ def flow_on_one_floor(measured: MeasuredFloor) -> list[PersonOnFloor]:
 
     Tracks of at least `SHORTEST` nodes, or of a certain name, on the plan; ids in the order of their beginning.
     """
+    return solved_people(measured).people
+
+
+@dataclass(frozen=True)
+class SolvedPeople:
+    """Everybody on the floor, and what each of N measurements is of.
+
+    Attributes:
+        people: by their beginning.
+        owner: ``(N,)`` id, 0 for none.
+        rates: how well the sensors detect, as the tracks say.
+    """
+
+    people: list[PersonOnFloor]
+    owner: IntArray
+    rates: SensorRates
+
+
+def solved_people(measured: MeasuredFloor, rates: SensorRates | None = None, first_id: int = 1) -> SolvedPeople:
+    """See `flow_on_one_floor`.
+
+    Args:
+        measured: measurements; certain names in them stay ids.
+        rates: how well the sensors detect, to begin with.
+        first_id: of those who have no certain name.
+    """
+    rates = measured.rates if rates is None else rates
+    owner = np.zeros(len(measured.points), dtype=np.int64)
     if not len(measured.points):
-        return []
-    nodes, label, expected = _solved(measured)
+        return SolvedPeople([], owner, rates)
+    nodes, label, expected, rates = _solved(measured, rates)
     sensed = np.zeros((len(nodes.moment), len(measured.views)), dtype=np.bool_)
     sensed[nodes.node, measured.points.sensor] = True
     names = nodes.highest(measured.points.names)
@@ -94,21 +122,24 @@ def flow_on_one_floor(measured: MeasuredFloor) -> list[PersonOnFloor]:
             parts.append((int(nodes.moment[members].min()), name, members, expected.chosen(expected.track == track)))
     parts.sort(key=lambda part: part[0])
     certain_ids = {name for _, name, *_ in parts if name >= 0}
-    free = iter(number for number in range(1, len(parts) + len(certain_ids) + 1) if number not in certain_ids)
-    people = []
+    last = first_id + len(parts) + len(certain_ids)
+    free = iter(number for number in range(first_id, last) if number not in certain_ids)
+    people, id_of_node = list[PersonOnFloor](), np.zeros(len(nodes.moment), dtype=np.int64)
     for _, name, members, around in parts:
         at, moments, states = nodes.moment[members], *_states(nodes, members, around)
         detected = np.zeros((len(moments), sensed.shape[1]), dtype=np.bool_)
         detected[np.searchsorted(moments, at)] = sensed[members]
         inside = measured.inside(states.mean[:, :2])
         mean, covariance, detected = states.mean[inside], states.covariance[inside], detected[inside]
+        number = name if name >= 0 else next(free)
+        id_of_node[members] = number
         person = PersonOnFloor(
-            name if name >= 0 else next(free), moments[inside], measured.times[moments[inside]], mean[:, :2],
+            number, moments[inside], measured.times[moments[inside]], mean[:, :2],
             mean[:, 2:], covariance[:, AXES][:, :, AXES], np.where(detected.any(axis=1), 1.0, UNSEEN),
             np.empty((len(mean), 0)), detected,
         )  # fmt: skip
         people += [person] if len(person) else []
-    return people
+    return SolvedPeople(people, id_of_node[nodes.node], rates)
 
 
 def _states(nodes: PersonNodes, members: IntArray, around: Expectations) -> tuple[IntArray, Gaussians]:
@@ -125,9 +156,9 @@ def _states(nodes: PersonNodes, members: IntArray, around: Expectations) -> tupl
     return around.moment, states
 
 
-def _solved(measured: MeasuredFloor) -> tuple[PersonNodes, IntArray, Expectations]:
-    """The groups, ``(G,)`` the track of each, from 0, or -1, and every track from its first to its last node."""
-    times, rates, views = measured.times, measured.rates, measured.views
+def _solved(measured: MeasuredFloor, rates: SensorRates) -> tuple[PersonNodes, IntArray, Expectations, SensorRates]:
+    """The groups, ``(G,)`` the track of each, from 0, or -1, every track from its first to its last node, and rates."""
+    times, views = measured.times, measured.views
     expected, visible = None, np.empty((0, len(views)))
     for _ in range(ROUNDS):
         nodes, track = _grouped(measured, rates, expected, visible)
@@ -137,7 +168,7 @@ def _solved(measured: MeasuredFloor) -> tuple[PersonNodes, IntArray, Expectation
         visible = shares(views, expected.moment, expected.states.mean[:, :2])
         rates = _learnt(measured, nodes, label, expected, rates, visible)
     assert expected is not None
-    return nodes, label, expected
+    return nodes, label, expected, rates
 
 
 def _grouped(
@@ -286,6 +317,9 @@ def _without_twins(label: IntArray, moment: IntArray, names: IntArray) -> IntArr
     again = (label[order][1:] == label[order][:-1]) & (moment[order][1:] == moment[order][:-1])
     result = label.copy()
     result[order[1:][again & (label[order][1:] >= 0)]] = -1
+    # Numbers without a gap, as `_passes` counts its tracks.
+    held = result >= 0
+    result[held] = np.unique(result[held], return_inverse=True)[1]
     return result
 
 

@@ -160,6 +160,12 @@ def _axes(dimensions: int) -> tuple[str, list[str], list[tuple[int, int]]]:
     return axes, state, list(combinations_with_replacement(range(len(state)), 2))
 
 
+def covariance_names(dimensions: int) -> list[str]:
+    """Columns of the upper triangle of the covariance of x, vx, y, …"""
+    _, state, triangle = _axes(dimensions)
+    return [f"cov_{state[a]}_{state[b]}" for a, b in triangle]
+
+
 def sensed_table(track: SensedTrack) -> Columns:
     """The table of one target that a sensor measured."""
     axes, state, triangle = _axes(track.positions.shape[1])

@@ -18,11 +18,12 @@ from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.fields import refused
 from tsuiseki.tracking.people.contract import PeopleTracker
-from tsuiseki.tracking.people.following import answers_while_it_runs, followed
+from tsuiseki.tracking.people.following import check_followed, followed
 from tsuiseki.tracking.people.given_detections import GivenDetections
 from tsuiseki.tracking.people.opening import OpenedPeople, open_people
 from tsuiseki.tracking.people.people_result import people_result
 from tsuiseki.tracking.people.settings import Ground, Linking, PeopleFinding, PeopleMethod, PeoplePreset
+from tsuiseki.tracking.people.several import people_in_sources
 from tsuiseki.tracking.people.tracker_choice import LearntCosts
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.options import Seed
@@ -30,6 +31,9 @@ from tsuiseki.tracking.runs.progress import progress as watched
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, Targets, Track
 from tsuiseki.tracking.types.frame_range import parse_frames
+from tsuiseki.tracking.types.live import PeopleInFrame
+from tsuiseki.tracking.video.frame_source import Source
+from tsuiseki.tracking.video.several import SeveralSources, open_several
 from tsuiseki.tracking.video.source import SourceLike, named, open_source
 
 
@@ -119,7 +123,7 @@ def track_people(
 
 
 def follow_people(
-    source: SourceLike,
+    source: SourceLike | Sequence[str | Path | int],
     method: PeopleMethod | PeopleTracker = "sort",
     *,
     detections: GivenDetections | None = None,
@@ -147,7 +151,8 @@ def follow_people(
     """Each frame with the people in it, while the video comes.
 
     Args:
-        source: as in `track_people`; a webcam is followed until the loop ends.
+        source: as in `track_people`; a webcam is followed until the loop ends. Or a list of several files, webcams or
+            streams: each has a tracker of its own, and the frames say their ``camera``.
         method: any, ``flow`` with a ``delay``; or a tracker that answers while it runs, also one with a delay, whose
             frames come as late as it answers.
         detections: use these instead of a detector: a file, or one entry a frame of whatever `as_detections` takes.
@@ -186,20 +191,31 @@ def follow_people(
         RequestError: as of `track_people`; or the method answers at the end only.
         RunError: the video breaks off.
     """
-    opened = _opened(locals())
+    keywords = locals()
+    if isinstance(source, list | tuple) and source and all(isinstance(one, str | Path | int) for one in source):
+        return _several(source, keywords)
+    opened = _opened(keywords)
     inputs = opened.inputs
-    if not inputs.source.has_images:
-        raise RequestError(f"{inputs.source.name} has no images to follow people in; use track_people")
-    if not answers_while_it_runs(opened.tracker):
-        raise RequestError(
-            "expected a method that answers while it runs, such as sort, or flow with a `delay`, got one that decides "
-            "at the end; use track_people"
-        )
+    check_followed(opened)
     people = followed(replace(inputs, batch_size=1 if inputs.source.live else inputs.batch_size), opened.tracker)
     return watched(people, "following", inputs.source.frames_expected) if progress else people
 
 
-def _opened(keywords: Mapping[str, Any]) -> OpenedPeople:
+def _several(sources: Sequence[str | Path | int], keywords: Mapping[str, Any]) -> Iterator[tuple[Frame, Targets]]:
+    """`follow_people` of several sources, opened and checked at the call."""
+    for name in ("detections", "inference_frames"):
+        if keywords[name] is not None:
+            raise RequestError(f"`{name}`: expected it with one source, got it with {len(sources)}; leave it out")
+    videos = open_several(sources, parse_frames(keywords["frames"]), keywords["frame_rate"])
+    opened = [_opened(keywords, video) for video in videos]
+    for people in opened:
+        check_followed(people)
+    events = people_in_sources(opened, SeveralSources(videos))
+    steps = ((event.frame, event.people) for event in events if isinstance(event, PeopleInFrame))
+    return watched(steps, "following", None) if keywords["progress"] else steps
+
+
+def _opened(keywords: Mapping[str, Any], video: Source | None = None) -> OpenedPeople:
     """`open_people` by the arguments of a call, most of which are those of `Linking` and `PeopleFinding`."""
     there = {name: value for name, value in keywords.items() if value is not None}
     with refused():
@@ -207,7 +223,8 @@ def _opened(keywords: Mapping[str, Any]) -> OpenedPeople:
         options = [option.name for option in fields(PeopleFinding) if option.name in there]
         finding = PeopleFinding(**{name: there[name] for name in options})
         Seed(seed=keywords["seed"])
-    video = open_source(keywords["source"], parse_frames(keywords["frames"]), keywords["frame_rate"])
+    if video is None:
+        video = open_source(keywords["source"], parse_frames(keywords["frames"]), keywords["frame_rate"])
     return open_people(video, finding, linking, keywords["seed"], keywords["inference_frames"])
 
 

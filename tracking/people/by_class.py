@@ -19,6 +19,8 @@ from tsuiseki.tracking.types.class_choice import called
 _SAME_PLACE = 0.5
 # Share of a track's detections that counts as nearly all of them.
 _NEARLY_ALL = 0.8
+# Latest ids that are remembered when the past is forgotten: more than ever live at a time.
+KEPT = 10_000
 
 
 def without_flicker(tracks: Sequence[Track]) -> list[Track]:
@@ -73,6 +75,7 @@ class ByClass:
         self.first = {number: FirstDetections() for number in classes}
         self.trackers = {number: make() for number in classes}
         self._ids: dict[tuple[int | str, int], int] = {}
+        self._count = 0
 
     def update(self, detections: DetectionsLike, time: float | None = None) -> Targets | None:
         """Take the next frame; the targets of all classes, where every class has decided on the same frame."""
@@ -111,6 +114,8 @@ class ByClass:
     def forget(self) -> None:
         for tracker in self.trackers.values():
             inner_tracker(tracker).forget()  # type: ignore[attr-defined]
+        if len(self._ids) > 2 * KEPT:
+            self._ids = dict(list(self._ids.items())[-KEPT:])
 
     def _renumbered(self, number: int | str, targets: Targets) -> Targets:
         return replace(
@@ -119,4 +124,7 @@ class ByClass:
 
     def _id(self, number: int | str, inner: int) -> int:
         """The id over all classes; what was reported once stays."""
-        return self._ids.setdefault((number, inner), len(self._ids) + 1)
+        if (number, inner) not in self._ids:
+            self._count += 1
+            self._ids[number, inner] = self._count
+        return self._ids[number, inner]

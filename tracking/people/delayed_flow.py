@@ -143,6 +143,8 @@ class DelayedFlow:
     def forget(self) -> None:
         """Drop the answers that were given from `tracks`."""
         self._answers = self._answers.select(self._answers.frames >= self._reported)
+        first = min(self._answered - self._reach, int(self.window.table.frames.min(initial=self._answered)))
+        self.input.inferences.forget(max(0, min(first, self._reported) - 2))
 
     def _decide(self, end: int) -> None:
         """Solve the window, and answer the frames before ``end``."""

@@ -27,6 +27,8 @@ from tsuiseki.tracking.types.tracks import rows_of_each
 
 ReportedBox = Literal["filtered", "detected"]
 _STATUSES = np.array(STATUSES)
+# Ids of tracks that have ended and are remembered when the past is forgotten.
+KEPT = 1000
 
 
 @pydantic_dataclass(frozen=True, config=SETTINGS)
@@ -118,7 +120,7 @@ class LifecycleTracker(Generic[S]):
         )
 
     def forget(self) -> None:
-        self._record.forget()
+        self._record.forget(self._numbers)
 
     def _predict(self, time: float | None = None) -> FloatArray:
         """``(N, 4)`` where the live tracks are expected in the next frame, at a time in seconds.
@@ -246,7 +248,7 @@ class Record:
     """
 
     def __init__(self) -> None:
-        self._started = self._pruned = 0
+        self._started = self._pruned = self._confirmed = 0
         self._ids: dict[int, int] = {}
         # Of each frame: its number, and the numbers, boxes and scores of tracks.
         self._rows: list[tuple[int, IntArray, FloatArray, FloatArray]] = []
@@ -259,15 +261,19 @@ class Record:
     def confirm(self, numbers: IntArray) -> None:
         """Give these tracks ids."""
         for number in numbers.tolist():
-            self._ids.setdefault(number, len(self._ids) + 1)
+            if number not in self._ids:
+                self._confirmed += 1
+                self._ids[number] = self._confirmed
 
     def ids(self, numbers: IntArray) -> IntArray:
         """``(K,)`` the ids of tracks that have one."""
         return np.array([self._ids[number] for number in numbers.tolist()], dtype=np.int64)
 
-    def forget(self) -> None:
-        """Drop the boxes so far; numbers and ids go on."""
+    def forget(self, live: IntArray | None = None) -> None:
+        """Drop the boxes so far, and of all but the numbers ``live`` the ids; numbers and ids go on."""
         self._rows.clear()
+        if live is not None and len(self._ids) > len(live) + KEPT:
+            self._ids = {number: self._ids[number] for number in live.tolist() if number in self._ids}
         self._pruned = 0
 
     def prune(self, live: IntArray) -> None:

@@ -14,7 +14,7 @@ from pydantic.dataclasses import dataclass
 from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.errors import Interrupted, RequestError, signal_of
 from tsuiseki.tracking.fields import HIDDEN, Options
-from tsuiseki.tracking.output import check_output_file, check_output_folder, output_file
+from tsuiseki.tracking.output import LIVE_FILE, check_output_file, check_output_folder, output_file
 from tsuiseki.tracking.runs.run import Run
 
 T = TypeVar("T")
@@ -51,8 +51,11 @@ class Output(Options):
     page: Annotated[Callable[[Any], Any] | None, HIDDEN] = None
 
     def check(self) -> None:
-        """Refuse, before anything is computed, a folder that cannot be filled; raises RequestError."""
-        check_output_folder(self.out, self.overwrite)
+        """Refuse, before anything is computed, a folder that cannot be filled; raises RequestError.
+
+        Whether a live run may go on in it is asked when it begins.
+        """
+        check_output_folder(self.out, self.overwrite or (self.out / LIVE_FILE).is_file())
 
     def run(self) -> AbstractContextManager[Run]:
         """A run that writes there."""

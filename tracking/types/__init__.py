@@ -113,11 +113,13 @@ class Frame(ComparedByValue):
         index: 0-based position in the video.
         time: seconds since the first frame.
         image: ``(H, W, 3)`` uint8 RGB.
+        camera: number of the source, from 0, where several are followed.
     """
 
     index: int
     time: float
     image: ImageArray
+    camera: int = 0
 
     def __post_init__(self) -> None:
         if self.image.ndim != 3 or self.image.shape[2] != 3 or self.image.dtype != np.uint8:

@@ -99,6 +99,12 @@ def _opened(text: str, frame_range: FrameRange, stream: int | None) -> Source:
     raise RequestError(f"expected a video file, a folder of images, a webcam number or an address, found no {text}")
 
 
+def is_live(address: object) -> bool:
+    """Whether an address names a webcam or a stream, not a file."""
+    text = str(address)
+    return (text.isdecimal() or "://" in text) and file_of(text) is None
+
+
 def file_of(address: str | Path) -> Path | None:
     """The file or folder that an address names, with or without the number of a stream; None where there is none."""
     path = Path(address)

@@ -1,0 +1,195 @@
+"""People on one floor while the cameras run: frames in, events out, a fixed delay after each moment."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tsuiseki.tracking.cameras.camera_files import CameraOverFloor
+from tsuiseki.tracking.cameras.multicamera import StandingPeople
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.features.exported import Describe, Detect
+from tsuiseki.tracking.floor.delayed_floor import DelayedFloor, FloorAnswer
+from tsuiseki.tracking.floor.moments import ComingMoments, Together
+from tsuiseki.tracking.types import Detections, Frame, ImageArray, IntArray, Targets
+from tsuiseki.tracking.types.live import LiveEvent, PeopleOnFloor
+from tsuiseki.tracking.video.frame_source import Source
+from tsuiseki.tracking.video.several import Arrival, SeveralSources
+
+# Share of the delay for which a moment waits for a camera that is late.
+HELD = 0.5
+# Frames in a row that two cameras have in common, from which on they are one.
+SAME = 5
+# Every so many pixels two pictures are compared.
+SPARSE = 8
+
+
+@dataclass(frozen=True)
+class View:
+    """A frame of one camera and who is in it; the time of day at which it came."""
+
+    frame: Frame
+    wall: float
+    people: StandingPeople
+
+
+@dataclass
+class SameCameras:
+    """Finds two names for one camera: their pictures are equal, one after the other.
+
+    Attributes:
+        out: cameras that are left out.
+    """
+
+    names: Sequence[str]
+    out: set[int] = field(default_factory=set)
+    _equal: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
+    _last: dict[int, bytes] = field(default_factory=dict)
+
+    def add(self, camera: int, image: ImageArray) -> None:
+        """Take the next picture of a camera."""
+        sparse = image[::SPARSE, ::SPARSE]
+        if int(sparse.max()) == int(sparse.min()):
+            return
+        seen = self._last[camera] = sparse.tobytes()
+        for other, theirs in self._last.items():
+            if other == camera or camera in self.out or other in self.out:
+                continue
+            pair = min(camera, other), max(camera, other)
+            equal, apart = self._equal.get(pair, (0, 0))
+            # The newest frame of the other camera may be the one before, or its own.
+            equal, apart = (equal + 1, 0) if seen == theirs else (equal, apart + 1)
+            self._equal[pair] = (equal, apart) if apart < 2 else (0, 0)
+            if equal >= SAME:
+                self.out.add(pair[1])
+                warnings.warn(
+                    f"{self.names[pair[1]]} gives the pictures of {self.names[pair[0]]}: it is left out",
+                    InputWarning, stacklevel=2,
+                )  # fmt: skip
+
+
+class FloorLoop:
+    """Follows people on a floor through several sources.
+
+    Args:
+        placed: the cameras, in the order of the sources.
+        sources: that are read.
+        videos: the same, opened.
+        detect: one of each camera.
+        describe: adds features, where given.
+        solver: a fresh one.
+        tolerance: seconds within which frames count as taken together.
+        with_images: whether events have the pictures.
+    """
+
+    def __init__(
+        self,
+        placed: Sequence[CameraOverFloor],
+        sources: SeveralSources,
+        videos: Sequence[Source],
+        detect: Sequence[Detect],
+        describe: Describe | None,
+        solver: DelayedFloor,
+        tolerance: float,
+        with_images: bool = False,
+    ) -> None:
+        self.placed, self.sources, self.videos = placed, sources, videos
+        self.detect, self.describe, self.solver, self.with_images = detect, describe, solver, with_images
+        hold = HELD * solver.delay if sources.live else np.inf
+        self.moments = ComingMoments[View](len(placed), tolerance, hold)
+        self.same = SameCameras([source.name for source in videos])
+        self._views: dict[int, Together[View]] = {}
+        self._count = 0
+        self._told_late = set[int]()
+
+    def events(self) -> Iterator[LiveEvent]:
+        """What happens, in order; see `tsuiseki.tracking.types.live`.
+
+        Raises:
+            RequestError: a recording has not the size of its camera.
+            RunError: a camera is given up, or a recording breaks off.
+        """
+        for batch in self.sources.batches():
+            arrivals = [event for event in batch if isinstance(event, Arrival)]
+            yield from (event for event in batch if not isinstance(event, Arrival))
+            self._take([arrival for arrival in arrivals if self._wanted(arrival)])
+            waited_for = self.sources.running - self.sources.away - self.same.out
+            now = self.sources.now() if self.sources.live else -np.inf
+            for moment in self.moments.ready(waited_for, now):
+                yield from self._solved(moment)
+        for moment in self.moments.ready((), np.inf):
+            yield from self._solved(moment)
+        yield from map(self._event, self.solver.rest())
+
+    def _wanted(self, arrival: Arrival) -> bool:
+        camera, image = self.placed[arrival.camera].camera, arrival.frame.image
+        if image.shape[:2] != (camera.height, camera.width):
+            raise RequestError(
+                f"{self.videos[arrival.camera].name}: expected {camera.width}x{camera.height} pixels as in the camera "
+                f"file, got {image.shape[1]}x{image.shape[0]}"
+            )
+        self.same.add(arrival.camera, image)
+        return arrival.camera not in self.same.out
+
+    def _take(self, arrivals: Sequence[Arrival]) -> None:
+        """Detect in frames that came together; all of one network at once."""
+        groups: dict[int, list[int]] = {}
+        for row, arrival in enumerate(arrivals):
+            groups.setdefault(id(self.detect[arrival.camera]), []).append(row)
+        people: list[Detections] = [Detections.empty()] * len(arrivals)
+        for rows in groups.values():
+            images = [arrivals[row].frame.image for row in rows]
+            detections = self.detect[arrivals[rows[0]].camera].detect(images)
+            for row, found in zip(rows, detections, strict=True):
+                people[row] = found
+        for arrival, found in zip(arrivals, people, strict=True):
+            if self.describe is not None:
+                found = found.with_features(self.describe.describe(arrival.frame.image, found.boxes))
+            self._add(arrival, StandingPeople.of(found))
+
+    def _add(self, arrival: Arrival, people: StandingPeople) -> None:
+        camera, frame = arrival.camera, arrival.frame
+        stamp, placed, source = frame.time, self.placed[camera], self.videos[camera]
+        if not self.sources.live:
+            stamp = placed.offset + stamp * source.frame_rate / (placed.frame_rate or source.frame_rate)
+        wall = arrival.time - frame.time if self.sources.live else 0.0
+        if not self.with_images:
+            frame = Frame(frame.index, frame.time, frame.image[:1, :1], camera)
+        in_time = self.moments.add(camera, stamp, View(frame, wall, people))
+        if not in_time and camera not in self._told_late:
+            self._told_late.add(camera)
+            late = f"{source.name}: a frame came more than {self.moments.hold:g} s after those of the other cameras"
+            warnings.warn(f"{late}; such frames are left out", InputWarning, stacklevel=2)
+
+    def _solved(self, moment: Together[View]) -> Iterator[LiveEvent]:
+        self._views[self._count] = moment
+        self._count += 1
+        people = [None if view is None else view.people for view in moment.views]
+        yield from map(self._event, self.solver.add(moment.time, people))
+
+    def _event(self, answer: FloorAnswer) -> PeopleOnFloor:
+        moment = self._views.pop(answer.moment.number)
+        wall = next(view.wall for view in moment.views if view is not None)
+        boxes = [
+            None if view is None else _in_picture(view, names)
+            for view, names in zip(moment.views, answer.moment.names, strict=True)
+        ]
+        frames = tuple(None if view is None else view.frame for view in moment.views)
+        return PeopleOnFloor(
+            moment.time + wall, answer.moment.number, answer.ids, answer.places, answer.velocities,
+            answer.covariances, answer.existence, answer.detected, frames, tuple(boxes),
+        )  # fmt: skip
+
+
+def _in_picture(view: View, names: IntArray) -> Targets:
+    """The people whose detections are in a picture."""
+    rows = np.flatnonzero(names > 0)
+    detections = view.people.detections
+    origin = np.column_stack([rows, np.full(len(rows), -1)])
+    scores = np.nan_to_num(detections.scores[rows])
+    return Targets(
+        view.frame.index, names[rows], detections.boxes[rows], scores, np.full(len(rows), "tracking"), origin
+    )
