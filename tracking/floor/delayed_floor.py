@@ -13,7 +13,7 @@ the greatest sum over `LIKENESS`.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -189,7 +189,8 @@ class DelayedFloor:
         before = self.ids
         new = [person for person in solved.people if person.id > before and person.scans[0] <= last]
         features = [self._feature(measured, solved.owner == person.id) for person in new]
-        ids = self._again(new, features, {person.id for person in solved.people})
+        last_times = {person.id: float(person.times[-1]) for person in solved.people if person.id <= before}
+        ids = self._again(new, features, last_times)
         for person in new:
             if person.id not in ids:
                 self.ids += 1
@@ -200,16 +201,21 @@ class DelayedFloor:
             owner[solved.owner == temporary] = number
         return replace(solved, people=people, owner=owner)
 
-    def _again(self, new: Sequence[PersonOnFloor], features: Sequence[FloatArray], present: set[int]) -> dict[int, int]:
-        """Of those who are new the ids that they had before, by what they look like and how far they can have gone."""
-        away = [number for number in self._memory if number not in present]
+    def _again(
+        self, new: Sequence[PersonOnFloor], features: Sequence[FloatArray], last_times: Mapping[int, float]
+    ) -> dict[int, int]:
+        """Of those who are new the ids that they had before, by what they look like and how far they can have gone.
+
+        Whom a link of the flow can reach it has judged itself.
+        """
+        away = [*self._memory]
         likeness = np.full((len(new), len(away)), -1.0)
         for row, (person, feature) in enumerate(zip(new, features, strict=True)):
             for column, number in enumerate(away):
                 memory = self._memory[number]
-                seconds = float(person.times[0]) - memory.time
+                seconds = float(person.times[0]) - last_times.get(number, memory.time)
                 near = float(np.linalg.norm(person.positions[0] - memory.place)) <= FASTEST * seconds + 1.0
-                likeness[row, column] = memory.cosine(feature) if seconds > 0 and near else -1.0
+                likeness[row, column] = memory.cosine(feature) if seconds > WINDOW and near else -1.0
         rows, columns = linear_sum_assignment(likeness, maximize=True)
         return {
             new[row].id: away[column]

@@ -130,8 +130,9 @@ class SeveralSources:
 
     @property
     def running(self) -> frozenset[int]:
-        """Numbers of the sources that have more frames to give, or are waited for."""
-        return frozenset(self._running)
+        """Numbers of the sources that have frames to give yet, or are waited for."""
+        with self._changed:
+            return frozenset(self._running | self._waiting.keys())
 
     @property
     def away(self) -> frozenset[int]:
