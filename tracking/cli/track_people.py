@@ -50,7 +50,7 @@ def people(
     Args:
         hide: hide people, heads, or all-but=3,5 in overlay and report.
         corrections: corrections.jsonl of tsuiseki review, to do again on this result.
-        privacy: YAML that says purpose, area, access, and for how many days the result is kept; see tsuiseki forget.
+        privacy: YAML of purpose, area, access and days to keep; see tsuiseki forget.
     """
     return track(video, output, finding, linking, live, hide, corrections, watching, privacy=privacy)
 

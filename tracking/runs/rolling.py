@@ -66,7 +66,7 @@ class LiveOptions(Options):
 
     Attributes:
         give_up: seconds without a picture that end a live run; by default it waits.
-        roll: hours of each folder that a live run writes as it goes; by default all at its end.
+        roll: hours of each folder that a live run writes; by default at its end.
     """
 
     give_up: PositiveFloat | None = None
