@@ -151,7 +151,7 @@ def test_streams_that_drop_nothing_give_the_bytes_of_the_files(count: int, tmp_p
 
 
 def events_of(world: World, videos: Sequence[Any], described: bool = False) -> list[PeopleOnFloor]:
-    _, events = opened(world, videos, described).events()
+    events = opened(world, videos, described).events(SeveralSources(videos))
     return [event for event in events if isinstance(event, PeopleOnFloor)]
 
 
@@ -264,8 +264,7 @@ def test_wildtrack_as_seven_streams_scores_as_the_recording(data_folder: Path) -
     videos = streams(world)
     floor = np.asarray(data.cameras[0].floor)
     live = LiveFloor(data.cameras, videos, [reader] * 7, None, floor, WILDTRACK_DELAY, 0.25)
-    _, events = live.events()
-    moments = [event for event in events if isinstance(event, PeopleOnFloor)]
+    moments = [event for event in live.events(SeveralSources(videos)) if isinstance(event, PeopleOnFloor)]
     found = PlacedTruth(
         np.concatenate([np.full(len(m.ids), m.moment / 2.0) for m in moments]),
         np.concatenate([m.ids for m in moments]),
