@@ -117,8 +117,8 @@ class PeopleFinding(FindingOptions):
 
     Attributes:
         detector: ONNX file, or the name of a shipped or downloaded one (models list).
-        view: tiles of a frame: auto by trials, tiles, 3 across, 3x2, or 1 for none.
-        ground: auto lowers scores of boxes that fit nobody on the ground.
+        view: tiles: auto by trials, tiles, 3 across, 3x2, or 1 for none.
+        ground: auto lowers scores of boxes that fit nobody.
         appearance: ONNX file or name of an appearance network; none does without.
         appearance_options: what the file of another project's appearance network does not tell.
         classes: numbers or names, such as person,car; by default people.
