@@ -117,7 +117,7 @@ class PeopleFinding(FindingOptions):
 
     Attributes:
         detector: ONNX file, or the name of a shipped or downloaded one (models list).
-        view: tiles: auto by trials, tiles, 3 across, 3x2, or 1 for none.
+        view: tiles: auto by trials, 3 across, 3x2, or 1 for none.
         ground: auto lowers scores of boxes that fit nobody.
         appearance: ONNX file or name of an appearance network; none does without.
         appearance_options: what the file of another project's appearance network does not tell.
