@@ -75,7 +75,6 @@ def track(
     from tsuiseki.tracking.people.following import answers_while_it_runs
     from tsuiseki.tracking.people.opening import open_people
     from tsuiseki.tracking.people.people_result import people_result
-    from tsuiseki.tracking.privacy import PRIVACY, read_privacy, today
     from tsuiseki.tracking.report.track_bars import counted
     from tsuiseki.tracking.result import PageContent, check_corrections
 
@@ -83,15 +82,11 @@ def track(
     source = live.applied(video.open(images=choice is not None or watching.pictured, timed=True))
     if corrections is not None:
         check_corrections(corrections, source)
-    record = {} if privacy is None else {PRIVACY: read_privacy(privacy).facts(today())}
+    record = _record(privacy)
     opened = open_people(source, finding, linking, 0)
-    while_it_runs = answers_while_it_runs(opened.tracker)
-    watching.check()
-    if watching.pictured and not while_it_runs:
-        raise RequestError("`page` and `show` need a method that answers while it runs: give `delay`, or `method` sort")
+    _check(watching, while_it_runs := answers_while_it_runs(opened.tracker))
     if live.roll is not None:
-        if video.overlay or corrections or (hide and not watching.pictured):
-            raise RequestError("expected `roll` without `overlay`, `hide` and `corrections`, which need it whole")
+        _check_rolling(video.overlay or bool(corrections) or (bool(hide) and not watching.pictured))
         with watching.own_output():
             return follow(output, opened, live.roll, partial(_watched, output, source, finding, hide, watching), record)
     with watching.own_output(), output.run() as run, _watched(output, source, finding, hide, watching, ()) as observers:
@@ -104,8 +99,8 @@ def track(
             opened, detections = replayed(run, opened)
         numbered = run.kept("detections.txt", detections, None if finding.detections else detection_lines)
         steps = run.steps(numbered)
-        settings = {"method": linking.method, "source": video.source, "hide": hide}
-        result, lines = people_result(opened, steps, run.times, settings, watched.people)
+        told = {"method": linking.method, "source": video.source, "hide": hide}
+        result, lines = people_result(opened, steps, run.times, told, watched.people)
         watched.rest(result.tracks, result.frames["frame"])
         for line in lines:
             print(line)
@@ -120,6 +115,25 @@ def track(
         )
         run.done(f"{counted(result.tracks)} in {count(run.count, 'frame', 'frames')}: {output.out / 'tracks.txt'}")
     return run.status
+
+
+def _check(watching: Watching, while_it_runs: bool) -> None:
+    """Refuse to show what comes at the end only, or what cannot be shown here."""
+    watching.check()
+    if watching.pictured and not while_it_runs:
+        raise RequestError("`page` and `show` need a method that answers while it runs: give `delay`, or `method` sort")
+
+
+def _check_rolling(whole: bool) -> None:
+    if whole:
+        raise RequestError("expected `roll` without `overlay`, `hide` and `corrections`, which need it whole")
+
+
+def _record(privacy: Path | None) -> dict[str, object]:
+    """What ``run.json`` says of privacy."""
+    from tsuiseki.tracking.privacy import PRIVACY, read_privacy, today
+
+    return {} if privacy is None else {PRIVACY: read_privacy(privacy).facts(today())}
 
 
 def _watched(
