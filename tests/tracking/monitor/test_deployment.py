@@ -56,7 +56,7 @@ def test_the_unit_starts_a_command_that_there_is_and_stops_it_by_an_interrupt() 
     unit.optionxform = str  # type: ignore[assignment,method-assign]
     unit.read(DEPLOY / "tsuiseki@.service")
     service = unit["Service"]
-    assert re.search(r"tsuiseki track people --config /etc/tsuiseki/%i\.yaml --out \S+", service["ExecStart"])
+    assert re.search(r"tsuiseki track people --config /etc/tsuiseki/%i\.yaml --roll 1 --out \S+", service["ExecStart"])
     assert (service["KillSignal"], service["Restart"]) == ("SIGINT", "always")
 
 
