@@ -54,12 +54,13 @@ def follow_single(
             list or as they come, the number of a webcam or the address of a stream.
         box: ``(4,)`` the target in the first frame, x1, y1, x2, y2 in 0-based pixels; a labelled sequence folder has
             its own.
-        method: ``combined`` is a correlation filter with colours and sizes that particles help when the target is
-            hidden; ``kcf`` is a plain filter, and faster; ``kcf-particle`` is the thesis's way of joining filter and
-            particles; or a tracker of one target.
-        network: ONNX files of a tracker, for the method ``siamese``.
-        preset: constants of the last two: ``robust`` is ours; ``thesis``, ``paper`` (both ``kcf`` only) and
-            ``printed`` (``kcf-particle`` only: to the letter) are the published ones.
+        method: ``combined`` is a ``network`` and particles, or without one a correlation filter with colours and sizes
+            that particles help when the target is hidden; ``siamese`` is the plain loop about a ``network``; ``kcf`` is
+            a plain filter, and faster; ``kcf-particle`` is the thesis's way of joining filter and particles; or a
+            tracker of one target.
+        network: ONNX files of a tracker, for ``combined`` and ``siamese``; see `open_network`.
+        preset: constants of ``kcf`` and ``kcf-particle``: ``robust`` is ours; ``thesis``, ``paper`` (both ``kcf`` only)
+            and ``printed`` (``kcf-particle`` only: to the letter) are the published ones.
         frames: these only, counted from 1 with both ends, such as ``"301-400"``.
         seed: of all random numbers.
 

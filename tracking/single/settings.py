@@ -21,6 +21,7 @@ from tsuiseki.tracking.single.gradient import MeanShift, MedianFlow, Mil
 from tsuiseki.tracking.single.matching import ColourParticle, HistogramMatching, TemplateMatching
 from tsuiseki.tracking.single.mosse import Mosse
 from tsuiseki.tracking.single.regularised import RegularisedSettings, RegularisedTracker
+from tsuiseki.tracking.single.response_particles import ResponseParticles
 from tsuiseki.tracking.single.siamese import open_network
 from tsuiseki.tracking.single.siamese_loop import SiameseLoop
 from tsuiseki.tracking.single.tracker import SingleTracker
@@ -74,10 +75,10 @@ class SingleChoice(Options):
     """A method and its variant.
 
     Attributes:
-        method: how to follow. combined is a correlation filter with colours and sizes that particles challenge where it
-            is in doubt; siamese is the plain loop about a `network`; regularised is the filter of combined alone; kcf
-            is a plain filter, and faster; kcf-particle joins kcf and particles as the thesis does; the others are
-            simpler and are there to compare with.
+        method: how to follow. combined is a `network` whose response weighs particles; without one it is a correlation
+            filter with colours and sizes that particles challenge where it is in doubt; siamese is the plain loop about
+            a `network`; regularised is the filter of combined alone; kcf is a plain filter, and faster; kcf-particle
+            joins kcf and particles as the thesis does; the others are simpler and are there to compare with.
         network: ONNX files of a tracker: NanoTrack's backbone and head, VitTrack's one file, or both of this toolkit's.
         preset: constants of kcf and kcf-particle. robust is ours; thesis, paper (both kcf only) and printed
             (kcf-particle only: the thesis to the letter) are the published ones.
@@ -100,9 +101,12 @@ class SingleChoice(Options):
         taker = {"paper": "kcf", "printed": "kcf-particle", "thesis": "kcf"}.get(preset, method)
         if method != taker:
             raise RequestError(f"`preset` {preset}: expected with the method {taker}, got {method}")
-        if bool(self.network) != (method == "siamese"):
-            got = f"{method} with {len(self.network)} files"
-            raise RequestError(f"`network`: expected files with `method` siamese, and with no other, got {got}")
+        if self.network and method not in ("combined", "siamese"):
+            raise RequestError(f"`network`: expected with `method` combined or siamese, got {method}")
+        if method == "siamese" and not self.network:
+            raise RequestError("`network`: expected the files of a network with `method` siamese, got none")
+        if self.network and self.scale is not None:
+            raise RequestError("`scale`: expected without `network`, which gives the size itself, got both")
         if self.objectness is not None and method != "kcf-particle":
             raise RequestError(f"`objectness`: expected with `method` kcf-particle only, got {method}")
         if self.scale is not None and method not in SIZED:
@@ -117,6 +121,8 @@ class SingleChoice(Options):
 
     def _follower(self, seed: int) -> SingleTracker:
         regularised = RegularisedSettings(sizes=1) if self.scale is False else RegularisedSettings()
+        if self.method == "combined" and self.network:
+            return ResponseParticles(open_network(self.network), seed)
         if self.method == "combined":
             return Combined(CombinedSettings(regularised), seed)
         if self.method == "siamese":

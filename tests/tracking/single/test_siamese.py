@@ -98,7 +98,10 @@ def test_a_part_of_another_layout_is_refused(tmp_path: Path) -> None:
 
 
 def test_files_belong_to_a_method_that_takes_them(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="`network`: expected files with `method` siamese"):
-        SingleChoice("kcf", network=(tmp_path / "a.onnx",))
-    with pytest.raises(ValueError, match="`network`: expected files with `method` siamese"):
+    file = (tmp_path / "a.onnx",)
+    with pytest.raises(ValueError, match="`network`: expected with `method` combined or siamese, got kcf"):
+        SingleChoice("kcf", network=file)
+    with pytest.raises(ValueError, match="`network`: expected the files of a network"):
         SingleChoice("siamese")
+    with pytest.raises(ValueError, match="`scale`: expected without `network`"):
+        SingleChoice(network=file, scale=True)
