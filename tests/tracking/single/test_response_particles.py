@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from tests.tracking.single.moving_texture import clip, overlaps, run, walk
 from tests.tracking.single.tiny_siamese import LAYOUTS, nanotrack
+from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.single import find_single_sequences
 from tsuiseki.tracking.single.on_target import look, probability
 from tsuiseki.tracking.single.response_particles import PARTICLES, ResponseParticles
@@ -115,6 +118,31 @@ def test_the_probability_rises_with_score_and_likeness() -> None:
     assert probability(on, on) > 0.9
     assert probability(off, off) < 0.1
     assert probability(off, off) < probability(on, off) < probability(on, on)
+
+
+@pytest.mark.slow
+def test_the_command_writes_the_probability_of_every_frame(tmp_path: Path) -> None:
+    images, boxes = clip(walk(8), height=32, width=32)
+    (tmp_path / "clip").mkdir()
+    for number, image in enumerate(images):
+        cv2.imwrite(str(tmp_path / "clip" / f"{number:03d}.png"), image[..., ::-1])
+    files, box = ",".join(map(str, LAYOUTS["own"](tmp_path))), ",".join(f"{v:g}" for v in (*boxes[0, :2], 32, 32))
+    words = [
+        "track",
+        "single",
+        str(tmp_path / "clip"),
+        "--box",
+        box,
+        "--network",
+        files,
+        "--out",
+        str(tmp_path / "out"),
+    ]
+    assert main(words) == 0
+    frames = json.loads((tmp_path / "out" / "run.json").read_text())["frames"]
+    assert len(frames["score"]) == len(frames["status"]) == len(images)
+    states = zip(frames["score"], frames["status"], strict=True)
+    assert all((score >= 0.5) == (status == "tracking") for score, status in states)
 
 
 @pytest.mark.integration
