@@ -60,6 +60,7 @@ def track_people(
     ground: Ground = "auto",
     classes: Sequence[int | str] | None = None,
     across_classes: bool = False,
+    second_opinion: DetectorLike | None = None,
     seed: int = 0,
     progress: bool = False,
 ) -> Result[Track]:
@@ -98,6 +99,7 @@ def track_people(
         classes: numbers or names, such as ``["person", "car"]``. Each track has its ``class_id``, and each target its
             ``detection``.
         across_classes: one track may go through several ``classes``; by default each is tracked apart.
+        second_opinion: another detector, whose boxes are put together with those of the first.
         seed: of the tracker's random numbers.
         progress: show on the terminal how far the run is.
 
@@ -145,6 +147,7 @@ def follow_people(
     ground: Ground = "auto",
     classes: Sequence[int | str] | None = None,
     across_classes: bool = False,
+    second_opinion: DetectorLike | None = None,
     seed: int = 0,
     progress: bool = False,
 ) -> Iterator[tuple[Frame, Targets]]:
@@ -181,6 +184,7 @@ def follow_people(
         classes: numbers or names, such as ``["person", "car"]``. Each track has its ``class_id``, and each target its
             ``detection``.
         across_classes: one track may go through several ``classes``; by default each is tracked apart.
+        second_opinion: another detector, whose boxes are put together with those of the first.
         seed: of the tracker's random numbers.
         progress: show on the terminal how far the run is.
 

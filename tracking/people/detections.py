@@ -6,7 +6,7 @@ import itertools
 import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from threading import Thread
@@ -27,8 +27,9 @@ from tsuiseki.tracking.features.exported import (
     as_detector,
 )
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
-from tsuiseki.tracking.features.foreign_options import AppearanceOptions
+from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
 from tsuiseki.tracking.features.ground_plane import GroundPlane
+from tsuiseki.tracking.features.second_opinion import SecondOpinion
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.features.tiles import parse_view
@@ -36,7 +37,7 @@ from tsuiseki.tracking.features.view_choice import ViewedDetector, inner_detecto
 from tsuiseki.tracking.formats.label_checks import BoxCheck
 from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.people.given_detections import GivenRows, given_detections
-from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground
+from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground, PeopleFinding
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import BoolArray, Detections, Frame
 from tsuiseki.tracking.video.source import Source
@@ -78,7 +79,7 @@ class PeopleInputs:
     @property
     def workers(self) -> int:
         """Batches that are worked on at a time."""
-        networks = isinstance(self.detect, ViewedDetector | Detector | ForeignDetector | Sequence)
+        networks = isinstance(self.detect, ViewedDetector | Detector | ForeignDetector | SecondOpinion | Sequence)
         described = self.describe is None or isinstance(self.describe, Appearance | ForeignAppearance)
         return cores_of(self.threads) if networks and described and not self.source.live else 1
 
@@ -223,6 +224,18 @@ def people_detect(
     return ViewedDetector(detect, view, frame_rate=source.frame_rate, sparing=True)
 
 
+def second_detect(source: Source, finding: PeopleFinding, threads: int) -> Detect:
+    """What gives a second opinion: the detector of that name or file, as `people_detect` would take it alone.
+
+    Raises:
+        RequestError: see `as_detector`.
+    """
+    alone = replace(finding, detector=finding.second_opinion, second_opinion=None, detector_options=DetectorOptions())
+    second = people_detect(source, alone, PEOPLE_DETECTOR, threads)
+    assert not isinstance(second, list)
+    return second
+
+
 def ground_of(detect: Detect | Sequence[Detections], ground: Ground, source: Source) -> GroundPlane | None:
     """What weighs the boxes of a network by people's heights on one ground; None where nothing shall.
 
@@ -231,7 +244,7 @@ def ground_of(detect: Detect | Sequence[Detections], ground: Ground, source: Sou
         ground: ``auto`` weighs wherever one ground explains the detections, ``off`` never.
         source: the video.
     """
-    network = inner_detector(detect)
+    network = inner_detector(detect.first if isinstance(detect, SecondOpinion) else detect)
     if ground == "off" or not isinstance(network, Detector | ForeignDetector) or not network.people_only:
         return None
     return GroundPlane(source.frame_rate, score_threshold=network.score_threshold)

@@ -15,6 +15,7 @@ from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath
 from tsuiseki.tracking.features.exported import Describe
+from tsuiseki.tracking.features.second_opinion import SecondOpinion
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.view_choice import inner_detector, knows_scores
 from tsuiseki.tracking.interchange import BadBoxes
@@ -25,6 +26,7 @@ from tsuiseki.tracking.people.detections import (
     ground_of,
     people_describer,
     people_detect,
+    second_detect,
     threads_of_a_call,
 )
 from tsuiseki.tracking.people.flow import FlowTracker
@@ -83,6 +85,8 @@ def open_people(
     threads = threads_of_a_call(source, finding.threads)
     floor: float | None = None
     detect, chosen = people_detect(source, finding, PEOPLE_DETECTOR, threads), finding.chosen
+    if finding.second_opinion is not None and not isinstance(detect, list):
+        detect = SecondOpinion(detect, second_detect(source, finding, threads))
     bad = getattr(inner_detector(detect), "bad", None)
     if isinstance(detect, list) and linking.method == "flow" and finding.score_range is None and chosen is None:
         detect, floor = above_floor(detect, source.frame_rate)

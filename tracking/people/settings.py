@@ -123,10 +123,12 @@ class PeopleFinding(FindingOptions):
         appearance_options: what the file of another project's appearance network does not tell.
         classes: numbers or names, such as person,car; by default people.
         across_classes: one track may go through several of --classes.
+        second_opinion: another detector, as --detector; boxes of both are put together.
     """
 
     view: Tiles = "auto"
     ground: Ground = "auto"
+    second_opinion: FileLike = None
     appearance_options: Annotated[AppearanceOptions, HIDDEN] = field(default_factory=AppearanceOptions)
     classes: ClassNames | None = None
     across_classes: bool = False
@@ -135,6 +137,9 @@ class PeopleFinding(FindingOptions):
         super().__post_init__()
         if self.across_classes and self.classes is None:
             raise RequestError("expected `across_classes` with `classes`, got it alone")
+        for name in ("detections", "classes"):
+            if self.second_opinion is not None and getattr(self, name) is not None:
+                raise RequestError(f"expected `second_opinion` without `{name}`, got both; leave one out")
         _ = self.chosen
 
     @property

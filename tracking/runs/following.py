@@ -58,7 +58,7 @@ class SourceOptions(Options):
     """The source and its frames.
 
     Attributes:
-        source: a video, a folder of images, a sequence folder, a webcam's number or a stream.
+        source: a video, a folder of images or a sequence, a webcam, a stream.
         frames: these only, counted from 1 with both ends, such as 301-400.
         fps: frames a second, where the source does not state it or is wrong.
     """
