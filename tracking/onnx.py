@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,7 +60,7 @@ class ModelCard:
         input_width: of the network's input, pixels; 0 where the input is no image.
         resize: ``letterbox`` keeps the aspect ratio and pads right and below with the mean, ``stretch`` does not.
         layout: ``NCHW`` for images, ``NF`` for feature rows.
-        colour_order: ``RGB``.
+        colour_order: ``RGB``, of all.
         mean: subtracted from the channels after scaling them to [0, 1].
         std: divides the channels after that.
         feature_length: of an appearance feature; 0 otherwise.
@@ -77,7 +77,7 @@ class ModelCard:
     input_width: int = 0
     resize: Literal["letterbox", "stretch"] = "stretch"
     layout: Literal["NCHW", "NF"] = "NCHW"
-    colour_order: Literal["RGB"] = "RGB"
+    colour_order: ClassVar[str] = "RGB"
     mean: tuple[float, ...] = (0.485, 0.456, 0.406)
     std: tuple[float, ...] = (0.229, 0.224, 0.225)
     feature_length: int = 0
@@ -89,7 +89,7 @@ class ModelCard:
 
     def to_json(self) -> str:
         """The text that goes under `METADATA_KEY`."""
-        return json.dumps(dataclasses.asdict(self), sort_keys=True)
+        return json.dumps({**dataclasses.asdict(self), "colour_order": self.colour_order}, sort_keys=True)
 
     @classmethod
     def from_json(cls, text: str, where: str = METADATA_KEY) -> ModelCard:
