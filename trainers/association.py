@@ -331,7 +331,8 @@ class Association(NetworkModule):
         detections, entries, exits, links = (torch.cat(kind) for kind in zip(*parts, strict=True))
         together = FlowWindows.join(windows)
         flows = self.flow(together, rng, links=links, detections=detections, entries=entries, exits=exits)
-        return flows.loss / torch.as_tensor(together.sizes, device=flows.loss.device)
+        losses: Tensor = flows.loss / torch.as_tensor(together.sizes, device=flows.loss.device)
+        return losses
 
     def join_costs(self, graph: Graph) -> Tensor:
         """``(3 N + P,)`` costs of the flow over tracklets, of which only those of joins change."""
