@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, Self
 
@@ -29,6 +30,7 @@ from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.measurement_tables import is_point_file
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.formats.world_tables import FloorPositions, read_floor_positions
+from tsuiseki.tracking.monitor.watching import Watching
 from tsuiseki.tracking.people.detections import PeopleInputs
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.report.overlay import Overlay
@@ -79,6 +81,7 @@ TIMES = FrameTimes()
 DETECTING = Detecting()
 DRAWING = Drawing()
 LIVE = LiveOptions()
+WATCHING = Watching()
 NO_SOURCES: list[str] = []
 Watch = Callable[[Iterable[Any], str, int | None], Iterable[Any]]
 
@@ -281,6 +284,7 @@ def floor(
     settings: OneFloorSettings = ONE_FLOOR,
     times: FrameTimes = TIMES,
     live: LiveOptions = LIVE,
+    watching: Watching = WATCHING,
     cameras: Path | None = None,
     detections: Commas[list[Path] | None] = None,
     positions: Commas[list[Path] | None] = None,
@@ -308,11 +312,12 @@ def floor(
         opened_live = open_live_floor(
             source, cameras, detecting, settings.delay, settings.tolerance, settings.floor, live.give_up
         )
-        number = floor_live(output, opened_live, live)
-        print(f"{count(number, 'person', 'people')} on the floor: {output.out}")
+        with watching.own_output():
+            seen = partial(watching.observers, output.out, opened_live.videos, on_floor=True)
+            number = floor_live(output, opened_live, live, seen)
+            print(f"{count(number, 'person', 'people')} on the floor: {output.out}")
         return 0
-    if live.give_up is not None:
-        raise RequestError("`give_up`: expected live sources, got recorded ones; leave it out")
+    _check_recorded(watching, live)
     opened = open_floor(source, cameras, detections, positions or [], detecting, settings, times)
     if drawing.overlay and not (opened.sources and all(source.has_images for source in opened.sources)):
         raise RequestError("expected videos with images for `overlay`, got none of some cameras; leave it out")
@@ -330,3 +335,11 @@ def floor(
         run.save(result, draw)
         run.done(f"{count(len(result), 'person', 'people')} on the floor: {output.out / 'world.csv'}")
     return run.status
+
+
+def _check_recorded(watching: Watching, live: LiveOptions) -> None:
+    """Refuse what recorded videos cannot have."""
+    if watching.wanted:
+        raise RequestError("expected live cameras, or `roll`, with `events`, `page` and `show`, got recorded ones")
+    if live.give_up is not None:
+        raise RequestError("`give_up`: expected live sources, got recorded ones; leave it out")

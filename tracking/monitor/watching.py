@@ -82,6 +82,7 @@ class Watching(Options):
         cameras: Sequence[CameraState] = (),
         hide: str | None = None,
         finding: Detecting | None = None,
+        on_floor: bool = False,
     ) -> Iterator[list[Observer]]:
         """What watches a run whose result goes to the folder ``out``; it ends with the ``with`` block.
 
@@ -91,11 +92,14 @@ class Watching(Options):
             cameras: what each source has given; by default counted here.
             hide: whom to hide in pictures, see `HideChoice`; None for nobody.
             finding: how people are detected.
+            on_floor: the scene is of the floor that all sources see, in metres.
 
         Raises:
             RequestError: a receiver, the scene, the page or the window cannot be had.
         """
-        scene, recorded = self._scene(sources), not any(source.live for source in sources)
+        scene, recorded = self._scene([] if on_floor else sources), not any(source.live for source in sources)
+        if on_floor and scene is not None:
+            scene.on_floor()
         self.check()
         with ExitStack() as stack:
             observers: list[Observer] = []
@@ -113,7 +117,14 @@ class Watching(Options):
                 hidden = None if hide is None else hidden_people(sources, hide, finding)
                 waiting = events.waiting if events is not None else lambda: 0
                 names = [source.name for source in sources]
-                board = Board(out.resolve().name, scene, cameras or names, recorded, PictureMaker(hidden), waiting)
+                board = Board(
+                    out.resolve().name,
+                    None if on_floor else scene,
+                    cameras or names,
+                    recorded,
+                    PictureMaker(hidden),
+                    waiting,
+                )
                 stack.callback(board.close)
                 observers += [board, *self._shown(board, out, stack)]
             yield observers

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import json
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.tracking.monitor.test_board import NOISE, people_in
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.monitor.recorded import Recorded
+from tsuiseki.tracking.monitor.watching import Watching
 from tsuiseki.tracking.types import Frame, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
-from tsuiseki.tracking.types.live import CameraOutage, PeopleInFrame
+from tsuiseki.tracking.types.live import CameraOutage, PeopleInFrame, PeopleOnFloor
 from tsuiseki.tracking.video.live import LiveSource
 from tsuiseki.tracking.video.source import open_source
 
@@ -54,3 +59,34 @@ def test_a_method_that_decides_at_the_end_keeps_no_pictures() -> None:
     recorded.rest([Track(1, np.array([1]), np.array([BOX]), np.ones(1))], range(3))
     assert [len(happening.people) for happening in happenings] == [0, 1, 0]
     assert not any(happening.frame.image.any() for happening in happenings)
+
+
+def test_a_floor_is_watched_by_a_scene_in_metres(tmp_path: Path) -> None:
+    scene, file = tmp_path / "scene.yaml", tmp_path / "events.jsonl"
+    watching = Watching(events=str(file), scene=scene)
+    scene.write_text("size: [64, 48]\nlines: [{name: gate, from: [2, 0], to: [2, 3]}]\n")
+    source = open_source([NOISE] * 3, frame_rate=10)
+    with (
+        pytest.raises(RequestError, match="floor needs a scale"),
+        watching.observers(tmp_path, [source], on_floor=True),
+    ):
+        pass
+    scene.write_text("unit: metres\nscale: 0.01\nlines: [{name: gate, from: [2, 0], to: [2, 3]}]\n")
+    none = np.empty(0)
+    with watching.observers(tmp_path, [source, source], on_floor=True) as observers:
+        for t in range(40):
+            place = np.array([[0.1 * t, 1.0]])
+            for observe in observers:
+                observe(
+                    PeopleOnFloor(
+                        t / 10, t, np.array([3]), place, none, none, np.ones(1), np.ones((1, 2), bool), (), ()
+                    )
+                )
+    events = [json.loads(line) for line in file.read_text().splitlines()]
+    (crossed,) = (event for event in events if event["type"] == "tsuiseki.crossed")
+    assert (crossed["source"], crossed["data"]["line"], crossed["data"]["metres"]) == ("floor", "gate", [2.4, 1.0])
+
+
+def test_recorded_cameras_of_a_floor_are_not_watched(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["track", "floor", "a.mp4", "b.mp4", "--events", "-", "--out", str(tmp_path / "o")]) == 2
+    assert "expected live cameras, or --roll, with --events" in capsys.readouterr().err
