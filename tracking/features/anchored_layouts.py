@@ -20,10 +20,16 @@ from tsuiseki.tracking.types import FloatArray
 SSD_STRIDES = (16, 32, 64, 128, 256, 512)
 # Widths over heights of its anchors; the first map has the first three only.
 ASPECTS = (1.0, 2.0, 0.5, 3.0, 1 / 3)
-# Sides of the anchors of the first and the last map, and of the first map's additional one, shares of the input.
-SMALLEST, LARGEST, ADDITIONAL = 0.2, 0.95, 0.1
-# What the codes of places and of sides are divided by.
-PLACE_CODE, SIDE_CODE = 10.0, 5.0
+# Side of the anchors of the first map, share of the input.
+SMALLEST = 0.2
+# Side of those of the last map, share of the input.
+LARGEST = 0.95
+# Side of the first map's additional anchor, share of the input.
+ADDITIONAL = 0.1
+# What the codes of places are divided by.
+PLACE_CODE = 10.0
+# What the codes of sides are divided by.
+SIDE_CODE = 5.0
 # Strides of BlazePose's maps with the number of anchors in each cell, which are points.
 BLAZEPOSE_MAPS = ((8, 2), (16, 2), (32, 6))
 # Width of a body over its length.

@@ -234,6 +234,7 @@ _YOLO = ImageInput()
 _YOLOX = ImageInput(colour="BGR", pixels="bytes")
 _PLAIN = ImageInput("stretch")
 _NANODET = ImageInput("stretch", "BGR", "bytes", BYTES_MEAN, BYTES_STD)
+# Pictures in [-1, 1], as networks of TensorFlow take them.
 _SYMMETRIC = ImageInput("stretch", mean=(0.5, 0.5, 0.5), std=(0.5, 0.5, 0.5))
 _Row = partial(DetectorLayout, values=lambda outputs: outputs[0][:, 4:])
 _Pair = partial(DetectorLayout, values=lambda outputs: paired(outputs)[1], outputs=2, paired=True)

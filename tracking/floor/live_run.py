@@ -33,6 +33,7 @@ DELAY = 3.0
 HOURS = 1.0
 # Of the shortest time between frames: cameras of one rate have a frame each in all moments but the first.
 HALF = 0.5
+# Names of the columns of a covariance on the floor.
 COVARIANCE = covariance_names(2)
 
 

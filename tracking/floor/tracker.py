@@ -99,7 +99,7 @@ class SolvedPeople:
 
 
 def solved_people(measured: MeasuredFloor, rates: SensorRates | None = None, first_id: int = 1) -> SolvedPeople:
-    """See `flow_on_one_floor`.
+    """The people on a floor by one flow over all cameras, with how well the sensors detect; see `flow_on_one_floor`.
 
     Args:
         measured: measurements; certain names in them stay ids.

@@ -44,9 +44,10 @@ class Signs:
         return np.array(astuple(self))
 
 
-# Of the logistic regression, for `Signs.row` of a frame and for the running means: fitted with NanoTrack's response to
+# Weights of the logistic regression for `Signs.row` of a frame, fitted with NanoTrack's response to
 # generated clips (`python -m benchmarks.single.on_target`). No real picture is in them.
 NOW = np.array([0.30, -0.01, 0.19, 5.13, -1.25])
+# Weights for the running means of those rows, fitted likewise.
 LASTING = np.array([0.25, 0.14, -0.17, 3.94, -1.27])
 # Log-odds where all signs are zero. The shift of 0.75 is chosen on real clips, whose targets change more.
 OFFSET = -7.69 + 0.75

@@ -56,8 +56,10 @@ NANO_TEMPLATE = 127
 NANO_SEARCH = 255
 # Distance of two of its cells, pixels of the search picture.
 NANO_STRIDE = 16.0
-# Means and deviations of the pictures of ImageNet, which VitTrack learnt with.
-MEAN, DEVIATION = (0.485, 0.456, 0.406), (0.229, 0.224, 0.225)
+# Means of the colours of ImageNet, with which VitTrack learnt.
+MEAN = (0.485, 0.456, 0.406)
+# Their deviations.
+DEVIATION = (0.229, 0.224, 0.225)
 EXPECTED = (
     "expected a tracker of one target: NanoTrack's backbone and head, VitTrack's one file, or template.onnx and "
     "search.onnx of `tsuiseki export tracker`"

@@ -23,6 +23,7 @@ _FIELDS = {
     **{"list": 1, "s": 2, "i": 3, "f": 4, "b": 5, "type": 6, "shape": 7, "tensor": 8},
     **{"dtype": 1, "tensorShape": 2, "tensorContent": 4, "dim": 2, "size": 1, "unknownRank": 3, "name": 1},
 }
+# Numbers of the types of values in TensorFlow's messages.
 _TYPES = {"DT_FLOAT": 1, "DT_INT32": 3, "DT_STRING": 7, "DT_INT64": 9, "DT_BOOL": 10}
 # Of constants, by the name that the weights' manifest has.
 _CONSTANTS = {"float32": "DT_FLOAT", "int32": "DT_INT32"}

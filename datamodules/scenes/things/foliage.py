@@ -14,8 +14,9 @@ from tsuiseki.datamodules.scenes.things.street_things import clutter_around
 from tsuiseki.tracking.cameras.camera_files import AnyCamera
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 
-# Colours of fresh and of fallen leaves, sRGB.
+# Colours of fresh leaves, sRGB.
 _FRESH = np.array([[0.20, 0.34, 0.12], [0.30, 0.44, 0.16], [0.12, 0.24, 0.10], [0.40, 0.46, 0.22]])
+# Colours of fallen leaves, sRGB.
 _FALLEN = np.array([[0.55, 0.32, 0.12], [0.70, 0.50, 0.15], [0.42, 0.22, 0.12], [0.62, 0.20, 0.10], [0.35, 0.27, 0.16]])
 # Colours that the leaves of one patch have.
 _SHADES = 14
@@ -137,7 +138,7 @@ class Branch(Thing):
         self.picture = picture
 
     def trace(self, camera: RayCamera, samples: int) -> Layer | None:
-        """See `Thing.trace`."""
+        """The leaves over the whole picture, nearer than anything else; see `Thing.trace`."""
         size = camera.width * samples, camera.height * samples
         fine = cv2.resize(self.picture, size, interpolation=cv2.INTER_NEAREST)
         there = fine[..., 3] > 127
@@ -147,7 +148,7 @@ class Branch(Thing):
         return Layer(0, 0, distance, np.zeros(there.shape, np.int16), fine[..., :3])
 
     def shade(self, layer: Layer, visible: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
-        """See `Thing.shade`."""
+        """Half in the sun and half in the light of sky and ground; see `Thing.shade`."""
         del camera, samples
         albedo = np.square(layer.picture[visible].astype(np.float32) / np.float32(255))
         return np.asarray(albedo * (0.5 * light.sun + 0.5 * (light.sky + light.ground)), dtype=np.float32)
