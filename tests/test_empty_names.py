@@ -21,7 +21,7 @@ from tsuiseki.tracking.video.source import open_source
 # Commands that have options alone.
 OPTIONS_ALONE = ("simulate", "export", "demo")
 # They read their words themselves.
-LIGHTNING = [("train", name) for name in ("detector", "appearance", "action", "association")]
+LIGHTNING = [("train", name) for name in ("detector", "appearance", "action", "association", "tracker")]
 IMAGES = [np.zeros((48, 64, 3), np.uint8)] * 3
 RESULT = Result([Track(1, np.arange(5), np.tile([1.0, 1, 9, 9], (5, 1)), np.ones(5))], "v", 10.0, (64, 48))
 
@@ -45,7 +45,7 @@ def test_every_command_refuses_an_empty_name_in_its_place(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    out = [] if words[0] in ("evaluate", "review") else ["--out", "out"]
+    out = [] if words[0] in ("evaluate", "review", "forget") else ["--out", "out"]
     assert main([*words, empty, *out]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "empty" in line

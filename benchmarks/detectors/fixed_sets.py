@@ -180,5 +180,5 @@ def _drawn(sprites: Path, name: str) -> list[tuple[ImageArray, FloatArray, Float
                 picture = random_training_scene(rng, replace(settings, people=(2, 12), rendered=1.0), library)
             arrays |= {f"{part}{number}": value for part, value in zip("ibv", picture, strict=True)}
         np.savez(file, **arrays)
-    with np.load(file) as kept:
+    with np.load(file, allow_pickle=False) as kept:
         return [(kept[f"i{n}"], kept[f"b{n}"], kept[f"v{n}"]) for n in range(len(kept.files) // 3)]

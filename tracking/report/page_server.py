@@ -81,7 +81,7 @@ def serving(application: Starlette, opened: socket.socket) -> Iterator[threading
     """The thread that serves an application on a socket of `listening`, until the ``with`` block ends."""
     import uvicorn
 
-    server = uvicorn.Server(uvicorn.Config(application, log_level="critical", lifespan="off"))
+    server = uvicorn.Server(uvicorn.Config(application, log_config=None, log_level="critical", lifespan="off"))
     thread = threading.Thread(target=server.run, args=([opened],), name="tsuiseki-page", daemon=True)
     thread.start()
     try:

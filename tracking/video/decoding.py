@@ -53,6 +53,7 @@ class Decoder:
         promised: number of frames, by the header; 0 where it has none.
         size: width and height by the header, pixels, before they are turned.
         finite: whether the video ends by itself.
+        held_back: whether its server waits for who reads, as one that sends a file by HTTP does.
         broken: whether frames ended because no more could be read.
         head: time and bytes of the first packet that was read; None where the format counts no time.
 
@@ -130,6 +131,8 @@ class Decoder:
         self.size: Size = (stream.width, stream.height)
         self.finite = self.duration > 0 or (container.size > 0 and not set(LISTS) & set(formats))
         self._timed = "mpjpeg" not in formats
+        by_http = self._file is None and self.name.startswith(("http://", "https://"))
+        self.held_back = by_http and self._timed and not set(LISTS) & set(formats)
 
     def frames(self) -> Iterator[VideoFrame]:
         """Frames from the beginning, or from where `seek` went; a packet that is damaged is passed over."""

@@ -79,6 +79,7 @@ class LiveSource(Source):
     Attributes:
         give_up: seconds without a picture after which it has ended; None waits for it as long as it takes.
         awaited: it need not be there at first.
+        held_back: see `Decoder`.
         state: what it has given.
         origin: from which the times of frames count, of the clock that never falls; by default the first attempt.
         told: is called with None when it is lost, and with the seconds of the gap when it is back.
@@ -91,6 +92,7 @@ class LiveSource(Source):
     stream: int = 1
     give_up: float | None = None
     awaited: bool = False
+    held_back: bool = False
     clock: LiveClock = field(default=LiveClock(), compare=False)
     origin: float | None = field(default=None, compare=False)
     state: CameraState = field(default_factory=lambda: CameraState(""), compare=False)
@@ -115,12 +117,13 @@ class LiveSource(Source):
                 size=decoder.size,
                 frames_wanted=frame_range,
                 ends=decoder.finite,
+                held_back=decoder.held_back,
             )
 
     @property
     def waits(self) -> bool:
         """Whether a picture waits until it is taken, as those of a recording do; others give way to the next."""
-        return self.ends
+        return self.ends or self.held_back
 
     def frames(self) -> Iterator[Frame]:
         with closing(self.numbered()) as frames:

@@ -269,7 +269,8 @@ def test_the_command_line_stays_small() -> None:
 def test_the_help_of_tracking_people_fits_two_screens(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setenv("COLUMNS", "100")
+    # The console lives as long as the process, and knows the terminal of its first use.
+    monkeypatch.setattr(APP.console, "_width", 100)
     assert main(["track", "people", "--help"]) == 0
     assert capsys.readouterr().out.count("\n") <= 48
 
