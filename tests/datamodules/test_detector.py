@@ -134,7 +134,7 @@ def test_shares_say_where_examples_come_from(walker: Path) -> None:
 def test_what_a_scene_does_not_show_is_refused(tmp_path: Path, scene: Any, given: dict[str, Any]) -> None:
     source = TrainingSource(str(tmp_path / "generated"), generate=1, scene=scene, **given)
     (name,) = given
-    with pytest.raises(RequestError, match=f"expected `{name}` with a varied, .* or overhead scene, got {scene}"):
+    with pytest.raises(RequestError, match=f"expected `{name}` with a scene of people .*, got {scene}"):
         DetectionData([source], [source], height=48, width=64)
 
 

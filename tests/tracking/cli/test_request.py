@@ -10,6 +10,7 @@ from typing import Annotated, Any, Literal
 import pytest
 from pydantic import Field
 from pydantic.dataclasses import dataclass
+from rich.console import Console
 
 from tsuiseki.tracking.bounds import SETTINGS
 from tsuiseki.tracking.cli import main
@@ -269,8 +270,8 @@ def test_the_command_line_stays_small() -> None:
 def test_the_help_of_tracking_people_fits_two_screens(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # The console lives as long as the process, and knows the terminal of its first use.
-    monkeypatch.setattr(APP.console, "_width", 100)
+    # rich holds the environment of its own import.
+    monkeypatch.setattr(Console, "_environ", {"COLUMNS": "100"})
     assert main(["track", "people", "--help"]) == 0
     assert capsys.readouterr().out.count("\n") <= 48
 

@@ -109,4 +109,4 @@ def test_the_drone_is_tracked_with_what_was_learnt(clip: Path, tmp_path: Path) -
 def test_costs_of_pairs_are_refused(clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["track", "drone", str(clip), "--affinity", str(shipped("affinity_people")), "--out", str(tmp_path / "out")]
     assert main(words) == 2
-    assert "expected a model of kind 'association'" in capsys.readouterr().err
+    assert "got costs learnt on pairs; use --preset printed" in capsys.readouterr().err
