@@ -29,7 +29,7 @@ demo: $(VENV)/.base
 	$(BIN)/tsuiseki demo --out out/demo --overwrite
 
 test: $(VENV)/.dev
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "not gpu and not slow and not browser"
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --max-worker-restart 0 -m "not gpu and not slow and not browser"
 
 test-browser: $(VENV)/.dev
 	$(BIN)/python -m pytest -m browser tests
@@ -38,7 +38,7 @@ test-readers: $(VENV)/.dev $(VENV)/.readers
 	$(BIN)/python -m pytest -rs tests/tracking/formats/test_readers.py
 
 test-slow: $(VENV)/.dev
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile -m "slow and not gpu and not browser"
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --max-worker-restart 0 -m "slow and not gpu and not browser"
 
 # Without torch: what trains has its own lower bounds.
 test-lowest: $(LOWEST)/.made

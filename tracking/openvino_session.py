@@ -5,7 +5,9 @@ OpenVINO reads the three of them, so that none needs a converter. A session here
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Mapping, Sequence
+from functools import cache
 from pathlib import Path
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
@@ -26,6 +28,8 @@ LOOK = 100
 _TYPES = {"f32": "float", "f16": "float16", "u8": "uint8", "i32": "int32", "i64": "int64"}
 # The network gives the same with any number of threads, and its threads go where the system puts them.
 _SETTINGS = {"PERFORMANCE_HINT": "LATENCY", "INFERENCE_PRECISION_HINT": "f32", "ENABLE_CPU_PINNING": False}
+# What OpenVINO imports where it is there.
+_TELEMETRY = "openvino_telemetry"
 
 
 class OpenvinoSession:
@@ -46,15 +50,15 @@ class OpenvinoSession:
             if not file.is_file():
                 raise RequestError(f"expected a network at {path}, found no {file}; keep its files together")
         try:
-            import openvino
+            core = _core()
         except ImportError as error:
             raise RequestError(
                 f"{path} needs openvino, which is not installed; install the extra: pip install 'tsuiseki[openvino]'"
             ) from error
         try:
-            model = _channels_first(openvino.Core().read_model(path))
+            model = _channels_first(core.read_model(path))
             settings = {**_SETTINGS, "INFERENCE_NUM_THREADS": threads}
-            self._compiled = openvino.Core().compile_model(model, "CPU", settings)
+            self._compiled = core.compile_model(model, "CPU", settings)
         except RuntimeError as error:
             reason = " ".join(str(error).split())[-160:]
             raise RequestError(f"{path} is not a readable network; OpenVINO says: {reason}") from error
@@ -94,8 +98,28 @@ class OpenvinoSession:
         return [request.get_tensor(self._outputs[name]).data.copy() for name in outputs or self._outputs]
 
 
+@cache
+def _core() -> openvino.Core:
+    """OpenVINO's core, one for the whole process.
+
+    Each core gives its thread a stack for signals. The end of the second core leaves that thread with freed memory,
+    and the next signal ends the process.
+
+    Without its package of telemetry, the import writes no number of this machine and calls nobody.
+
+    Raises:
+        ImportError: OpenVINO is not installed.
+    """
+    if "openvino" not in sys.modules:
+        sys.modules[_TELEMETRY] = None  # type: ignore[assignment]  # how Python marks what cannot be imported
+    import openvino
+
+    return openvino.Core()
+
+
 def _channels_first(model: openvino.Model) -> openvino.Model:
     """The network with pictures (N, 3, H, W) in, where it takes floats (N, H, W, 3)."""
+    from openvino import Layout
     from openvino.preprocess import PrePostProcessor
 
     (first, *rest), shapes = model.inputs, [x.partial_shape for x in model.inputs]
@@ -103,15 +127,9 @@ def _channels_first(model: openvino.Model) -> openvino.Model:
     if rest or not last or not first.element_type.is_real():
         return model
     steps = PrePostProcessor(model)
-    steps.input().tensor().set_layout(_layout("NCHW"))
-    steps.input().model().set_layout(_layout("NHWC"))
+    steps.input().tensor().set_layout(Layout("NCHW"))
+    steps.input().model().set_layout(Layout("NHWC"))
     return steps.build()
-
-
-def _layout(axes: str) -> openvino.Layout:
-    import openvino
-
-    return openvino.Layout(axes)
 
 
 def _name(port: Any) -> str:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 import threading
 
 import numpy as np
 import pytest
 
+from tsuiseki.tracking import openvino_session
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.exported import as_describer, open_detector
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
@@ -123,5 +125,25 @@ def test_a_network_that_refuses_its_input_is_said_in_one_line(tmp_path):
 def test_without_openvino_the_extra_is_named(tmp_path, monkeypatch):
     (tmp_path / "ours.tflite").write_bytes(b"x")
     monkeypatch.setitem(sys.modules, "openvino", None)
+    monkeypatch.setattr(openvino_session, "_core", openvino_session._core.__wrapped__)
     with pytest.raises(RequestError, match=r"needs openvino, .* pip install 'tsuiseki\[openvino\]'"):
         OpenvinoSession(tmp_path / "ours.tflite", 1)
+
+
+# A process of its own: where this fails, the process ends.
+AFTER_TWO = """
+import signal, sys
+from pathlib import Path
+from tsuiseki.tracking.openvino_session import OpenvinoSession
+first, second = (OpenvinoSession(Path(sys.argv[1]), 1) for _ in range(2))
+del first
+del second
+signal.signal(signal.SIGINT, lambda *_: print("heard", flush=True))
+signal.raise_signal(signal.SIGINT)
+"""
+
+
+def test_a_signal_is_heard_after_networks_were_opened_and_dropped(tmp_path):
+    file = saved(tmp_path / "ours.xml", lambda ops, image: ops.relu(image))
+    done = subprocess.run([sys.executable, "-c", AFTER_TWO, str(file)], capture_output=True, text=True, timeout=60)
+    assert (done.returncode, done.stdout) == (0, "heard\n")

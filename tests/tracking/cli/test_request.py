@@ -270,8 +270,8 @@ def test_the_command_line_stays_small() -> None:
 def test_the_help_of_tracking_people_fits_two_screens(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    # rich holds the environment of its own import.
-    monkeypatch.setattr(Console, "_environ", {"COLUMNS": "100"})
+    # A command keeps the console of its first use, and that the width it began with.
+    monkeypatch.setattr(Console, "width", 100)
     assert main(["track", "people", "--help"]) == 0
     assert capsys.readouterr().out.count("\n") <= 48
 
