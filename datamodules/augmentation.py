@@ -218,11 +218,16 @@ def _blur(rng: np.random.Generator, image: ImageArray) -> ImageArray:
     if rng.random() < 0.6:
         return np.asarray(cv2.GaussianBlur(image, (0, 0), rng.uniform(0.4, 1.6)), dtype=np.uint8)
     length = int(rng.integers(3, 8))
+    return np.asarray(cv2.filter2D(image, -1, motion_kernel(rng, length)), dtype=np.uint8)
+
+
+def motion_kernel(rng: np.random.Generator, length: int) -> NDArray[np.float32]:
+    """``(length, length)`` weights, 1 in all, of a straight motion in a random direction."""
     kernel = np.zeros((length, length), dtype=np.float32)
     direction = np.array([np.cos(angle := rng.uniform(0, np.pi)), np.sin(angle)]) * (length - 1) / 2
     ends = np.round((length - 1) / 2 + np.stack([-direction, direction])).astype(int)
     cv2.line(kernel, ends[0].tolist(), ends[1].tolist(), 1.0)
-    return np.asarray(cv2.filter2D(image, -1, kernel / kernel.sum()), dtype=np.uint8)
+    return np.asarray(kernel / kernel.sum(), dtype=np.float32)
 
 
 def _add_noise(rng: np.random.Generator, image: ImageArray) -> ImageArray:

@@ -24,7 +24,7 @@ from tsuiseki.tracking.types import FloatArray
 from tsuiseki.tracking.weights import FOLDER, shipped
 from tsuiseki.trainers.exporting.export import ModelFiles
 from tsuiseki.trainers.exporting.exported_weights import Normalisation, opened_onnx, unfold
-from tsuiseki.trainers.exporting.written_networks import write_streams
+from tsuiseki.trainers.exporting.written_networks import model_files, write_streams
 from tsuiseki.trainers.metrics.actions import ActionPrecision
 from tsuiseki.trainers.network_module import (
     NetworkModule,
@@ -265,7 +265,7 @@ class Action(NetworkModule):
         Returns:
             Of each file the largest difference to torch, as a share of the range of an output.
         """
-        return self.write(ModelFiles(out=Path(out), training_data=training_data, float16=float16, overwrite=overwrite))
+        return self.write(model_files(out, training_data, float16, overwrite))
 
     def write(self, output: ModelFiles) -> dict[Path, float]:
         """Write the streams, see `write_streams`."""

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.figures.library import SpriteLibrary
-from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, dressed, tilt_of
+from tsuiseki.datamodules.scenes.figures.standing_sprites import Standing, away_from, dressed, tilt_of
 from tsuiseki.datamodules.scenes.people.gait import random_manner
 from tsuiseki.datamodules.scenes.people.outfit import BRIGHT, DARK, LIGHT, MIDDLE, Outfit, any_colour, colour_of
 from tsuiseki.datamodules.scenes.people.person import Person, paste, person_thing, random_backdrop
@@ -172,8 +172,7 @@ def upright(rng: np.random.Generator, spot: FloatArray, picture: ImageArray) -> 
 
 def chair_under(rng: np.random.Generator, spot: FloatArray, camera: AnyCamera, heading: float) -> Thing:
     """A chair or a bench for who sits at ``spot`` ``(2,)``; ``heading`` is to the left of away from the camera."""
-    away = spot - camera.position[:2]
-    away = away / max(float(np.linalg.norm(away)), 1e-6)
+    away = away_from(camera, spot)
     facing = float(np.arctan2(away[1], away[0])) + heading
     # Behind who faces the camera, before who turns the back to it, and a little behind who is seen from the side.
     shift = 0.08 - _CHAIR * float(np.cos(heading))
@@ -182,8 +181,7 @@ def chair_under(rng: np.random.Generator, spot: FloatArray, camera: AnyCamera, h
 
 def screen_before(rng: np.random.Generator, spot: FloatArray, camera: AnyCamera) -> Thing:
     """A wall, counter, hedge or pillar that hides a part of who stands at ``spot`` ``(2,)``."""
-    away = spot - camera.position[:2]
-    away = away / max(float(np.linalg.norm(away)), 1e-6)
+    away = away_from(camera, spot)
     aside = np.array([-away[1], away[0]])
     low = rng.random() < 0.65
     half = rng.uniform([0.5, 0.05, 0.25], [1.4, 0.3, 0.65]) if low else rng.uniform([0.1, 0.1, 0.7], [0.28, 0.2, 1.4])

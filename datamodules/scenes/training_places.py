@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from tsuiseki.datamodules.scenes.figures.standing_sprites import away_from
 from tsuiseki.datamodules.scenes.room_clip import ceiling_lens, looking_down
 from tsuiseki.datamodules.scenes.things import street_things
 from tsuiseki.datamodules.scenes.training_settings import TrainingSettings
@@ -40,14 +41,12 @@ def count_between(rng: np.random.Generator, bounds: tuple[int, int]) -> int:
 def in_queues(rng: np.random.Generator, spots: FloatArray, camera: AnyCamera, share: float) -> FloatArray:
     """``spots`` ``(N, 2)``, of which a ``share`` lie behind the one before, on nearly the same line of sight."""
     moved = spots.copy()
-    eye = camera.position[:2]
     behind = (rng.random(len(spots)) < share) & (np.arange(len(spots)) % _QUEUE > 0)
     back = rng.uniform(*_BEHIND, len(spots))
     aside = rng.uniform(*_ASIDE, len(spots)) * rng.choice([-1.0, 1.0], len(spots))
     for k in np.flatnonzero(behind):
         # Each depends on where the one before came to stand.
-        away = moved[k - 1] - eye
-        away /= max(float(np.linalg.norm(away)), 1e-6)
+        away = away_from(camera, moved[k - 1])
         moved[k] = moved[k - 1] + back[k] * away + aside[k] * np.array([-away[1], away[0]])
     return moved
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 from pydantic import NonNegativeFloat, NonNegativeInt
@@ -127,11 +127,13 @@ SCENES: Mapping[str, TrainingSettings] = {
         _ANY_DAY, people=(0, 0), clutter=(4, 24), camera_height=(1.2, 8.0), town=(2, 16), likenesses=(0, 7), leaves=0.5,
     ),
 }  # fmt: skip
-VARIED: tuple[tuple[float, dict[str, Any]], ...] = (
-    (0.35, {}),
-    (0.3, {"people": (25, 60), "person_height": (20.0, 170.0), "camera_height": (1.8, 8.0), "beside": 0.6}),
-    (0.2, {"people": (8, 40), "person_height": (14.0, 80.0), "camera_height": (4.0, 15.0), "beside": 0.4}),
-    (0.15, {"people": (0, 0), "clutter": (8, 30)}),
+# A street by day or by night, which `VARIED` varies.
+_ANY_HOUR = replace(STREET, night=0.2)
+VARIED: tuple[tuple[float, TrainingSettings], ...] = (
+    (0.35, _ANY_HOUR),
+    (0.3, replace(_ANY_HOUR, people=(25, 60), person_height=(20.0, 170.0), camera_height=(1.8, 8.0), beside=0.6)),
+    (0.2, replace(_ANY_HOUR, people=(8, 40), person_height=(14.0, 80.0), camera_height=(4.0, 15.0), beside=0.4)),
+    (0.15, replace(_ANY_HOUR, people=(0, 0), clutter=(8, 30))),
 )
 """Shares and settings of a varied set: an ordinary street, a crowd, a view from afar, or no person at all."""
 EVERYDAY: tuple[tuple[float, TrainingSettings], ...] = (
@@ -142,6 +144,8 @@ EVERYDAY: tuple[tuple[float, TrainingSettings], ...] = (
     (0.16, SCENES["lifeless"]),
 )
 """Shares and settings of an everyday set: a street, a crowd, people in any pose, a view from afar, or nobody."""
+# Scenes whose pictures each show one of several.
+_DRAWN = {"varied": VARIED, "everyday": EVERYDAY}
 
 
 def settings_of_scene(scene: str, rng: np.random.Generator, size: tuple[int, int]) -> TrainingSettings:
@@ -149,10 +153,8 @@ def settings_of_scene(scene: str, rng: np.random.Generator, size: tuple[int, int
 
     Of ``varied`` it draws one of `VARIED`, of ``everyday`` one of `EVERYDAY`.
     """
-    if scene == "varied":
-        chosen = int(rng.choice(len(VARIED), p=[share for share, _ in VARIED]))
-        return replace(STREET, size=size, night=0.2, **VARIED[chosen][1])
-    if scene == "everyday":
-        return replace(EVERYDAY[int(rng.choice(len(EVERYDAY), p=[share for share, _ in EVERYDAY]))][1], size=size)
+    if scene in _DRAWN:
+        rows = _DRAWN[scene]
+        return replace(rows[int(rng.choice(len(rows), p=[share for share, _ in rows]))][1], size=size)
     settings = replace(SCENES[scene], size=size)
     return replace(settings, person_height=(80.0, 0.95 * size[1])) if scene == "near" else settings

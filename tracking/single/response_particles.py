@@ -20,8 +20,9 @@ import cv2
 import numpy as np
 
 from tsuiseki.tracking.filters.resampling import systematic
+from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.single.on_target import RATE, Signs, logit, look, probability
-from tsuiseki.tracking.single.siamese import Response, SiameseNetwork, Square, Template, square_side
+from tsuiseki.tracking.single.siamese import Response, SiameseNetwork, Square, Template, size_change, square_side
 from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
@@ -165,10 +166,7 @@ class ResponseParticles:
     def _penalty(self, boxes: FloatArray) -> FloatArray:
         """``(S, S)`` factors in [0, 1] for a change of size and shape; see `siamese_loop`."""
         sizes = np.maximum(boxes[..., 2:] - boxes[..., :2], 1e-3)
-        pads = sizes.mean(axis=-1, keepdims=True)
-        size = np.sqrt(np.prod(sizes + pads, axis=-1)) / square_side(self._size)
-        shape = self._size[0] / self._size[1] * sizes[..., 1] / sizes[..., 0]
-        change = np.maximum(size, 1 / size) * np.maximum(shape, 1 / shape)
+        change = size_change(sizes, square_side(self._size), self._size[0] / self._size[1])
         return np.asarray(np.exp(-PENALTY * (change - 1)))
 
     def _expected(self, square: Square, count: int) -> FloatArray:
@@ -183,7 +181,7 @@ class ResponseParticles:
     def _weigh(self, penalised: FloatArray, boxes: FloatArray) -> None:
         """One step of the particle filter: each particle goes half of the way to the boxes that explain it."""
         cells = np.argpartition(-penalised.ravel(), CELLS)[:CELLS]
-        places = ((boxes[..., :2] + boxes[..., 2:]) / 2).reshape(-1, 2)[cells]
+        places = centres(boxes).reshape(-1, 2)[cells]
         places_now = self._particles[:, :2]
         squares = ((places_now[:, None] - places) ** 2).sum(axis=2) / (REACH * self._side) ** 2
         votes = np.exp(-0.5 * squares) * penalised.ravel()[cells] ** SHARPNESS
@@ -199,7 +197,7 @@ class ResponseParticles:
     ) -> Candidate:
         """The place of a cell, and the signs that it is the target's."""
         box = boxes.reshape(-1, 4)[cell]
-        places = (boxes[..., :2] + boxes[..., 2:]) / 2
+        places = centres(boxes)
         centre = np.clip(box_centre(box), 0, image.shape[1::-1])
         size = np.maximum(box[2:] - box[:2], LEAST_SIDE)
         apart = (np.abs(places - centre) > 0.6 * self._size).any(axis=-1)

@@ -31,6 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.features.foreign_options import IMAGENET_MEAN, IMAGENET_STD
 from tsuiseki.tracking.network_trial import noise
 from tsuiseki.tracking.onnx import (
     METADATA_KEY,
@@ -56,10 +57,6 @@ NANO_TEMPLATE = 127
 NANO_SEARCH = 255
 # Distance of two of its cells, pixels of the search picture.
 NANO_STRIDE = 16.0
-# Means of the colours of ImageNet, with which VitTrack learnt.
-MEAN = (0.485, 0.456, 0.406)
-# Their deviations.
-DEVIATION = (0.229, 0.224, 0.225)
 EXPECTED = (
     "expected a tracker of one target: NanoTrack's backbone and head, VitTrack's one file, or template.onnx and "
     "search.onnx of `tsuiseki export tracker`"
@@ -164,6 +161,19 @@ def square_side(size: FloatArray) -> float:
     20.0
     """
     return math.sqrt(float(np.prod(size + size.mean())))
+
+
+def size_change(sizes: FloatArray, side: float, shape: float) -> FloatArray:
+    """``(S, S)`` how many times larger or smaller squares about ``sizes`` are than one of a side, times that of shapes.
+
+    Args:
+        sizes: ``(S, S, 2)`` widths and heights.
+        side: of the square that they are compared with, in their unit.
+        shape: width over height that theirs are compared with.
+    """
+    size = np.sqrt(np.prod(sizes + sizes.mean(axis=-1, keepdims=True), axis=-1)) / side
+    shapes = shape * sizes[..., 1] / sizes[..., 0]
+    return np.asarray(np.maximum(size, 1 / size) * np.maximum(shapes, 1 / shapes))
 
 
 def cell_centres(count: int, stride: float, middle: float) -> FloatArray:
@@ -358,7 +368,7 @@ def _side(shape: Sequence[int | str | None], path: Path) -> int:
 
 
 def _as_imagenet(picture: ImageArray) -> Template:
-    return standardised(picture[None], 255.0, MEAN, DEVIATION)
+    return standardised(picture[None], 255.0, IMAGENET_MEAN, IMAGENET_STD)
 
 
 def _of_any_side(path: Path, side: int) -> onnxruntime.InferenceSession:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.single.siamese import SiameseNetwork, Square, square_side
+from tsuiseki.tracking.single.siamese import SiameseNetwork, Square, size_change, square_side
 from tsuiseki.tracking.single.tracker import TargetState
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
 
@@ -51,7 +51,9 @@ class SiameseLoop:
         square = _square(self._centre, side * (self._network.search_pixels // pixels))
         (response,) = self._network.respond(image, square, self._templates)
         sizes = response.boxes[..., 2:] - response.boxes[..., :2]
-        penalty = np.exp(-PENALTY * (self._change(sizes) - 1))
+        # OpenCV compares with the target's place, see the module.
+        change = size_change(sizes, square_side(self._centre), self._size[0] / self._size[1])
+        penalty = np.exp(-PENALTY * (change - 1))
         window = cv2.createHanningWindow(response.scores.shape[::-1], cv2.CV_64F)
         decisive = penalty * response.scores * (1 - WINDOW) + window * WINDOW
         cell = np.unravel_index(int(np.argmax(decisive)), decisive.shape)
@@ -64,13 +66,6 @@ class SiameseLoop:
         score = float(response.scores[cell])
         status: Status = "tracking" if score >= TRACKED else "searching"
         return TargetState(np.concatenate([corner, corner + np.trunc(self._size)]), score, status)
-
-    def _change(self, sizes: FloatArray) -> FloatArray:
-        """How many times sizes ``(S, S, 2)`` in the search picture are larger or smaller, times the same of shapes."""
-        pads = sizes.mean(axis=-1, keepdims=True)
-        size = np.sqrt(np.prod(sizes + pads, axis=-1)) / square_side(self._centre)
-        shape = self._size[0] / self._size[1] * sizes[..., 1] / sizes[..., 0]
-        return np.asarray(np.maximum(size, 1 / size) * np.maximum(shape, 1 / shape))
 
 
 def _square(centre: FloatArray, side: float) -> Square:

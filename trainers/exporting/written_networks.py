@@ -153,7 +153,7 @@ def write_tracker(network: TrackerNetwork, card: ModelCard, output: ModelFiles) 
         side = next(reversed(examples.values())).shape[-1]
         settings = {**card.settings, "part": part}
         own = dataclasses.replace(card, input_height=side, input_width=side, settings=settings)
-        own = dataclasses.replace(own, training_data=output.training_data)
+        own = dataclasses.replace(own, training_data=output.training_data, licence=output.licence)
         # Cells of features have length 1.
         spread = [network.channels**-0.5, 1.0][-len(examples) :]
         how = output.float16, output.overwrite, spread

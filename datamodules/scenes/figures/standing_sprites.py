@@ -89,20 +89,15 @@ class Standing(Thing):
         """Where feet and head of the `Sprite` are seen, ``(2, 2)`` pixels, and their depths ``(2,)``."""
         ends = np.array([[*self.spot, self.base + self.sprite.middle]] * 2)
         if self.sprite.middle:
-            away = self._away(camera)
+            away = away_from(camera, self.spot)
             ends[:, :2] += 0.5 * self.sprite.height * np.array([[-away[1], away[0]], [away[1], -away[0]]])
         else:
             ends[1, 2] += self.sprite.height
         return camera.project(ends)
 
-    def _away(self, camera: RayCamera) -> FloatArray:
-        """``(2,)`` unit vector on the ground from below the camera to the person."""
-        away = self.spot - camera.position[:2]
-        return np.asarray(away / max(float(np.linalg.norm(away)), 1e-6))
-
     def shade(self, layer: Layer, visible: BoolArray, camera: RayCamera, samples: int, light: Light) -> Float32:
         del samples
-        away, sprite = self._away(camera), layer.picture
+        away, sprite = away_from(camera, self.spot), layer.picture
         axes = np.array([[away[0], -away[1], 0], [away[1], away[0], 0], [0, 0, 1]], dtype=np.float32)
         normal = sprite.normal[visible].astype(np.float32) / np.float32(127) @ axes.T
         albedo = np.square(sprite.albedo[visible].astype(np.float32) / np.float32(255))
@@ -145,6 +140,12 @@ def dressed(rng: np.random.Generator, sprite: Sprite) -> Sprite:
         sprite, albedo=albedo, normal=normal, label=labels, feet=feet, head=head, steady=width - sprite.steady[::-1],
         heading=-sprite.heading, pose=pose,
     )  # fmt: skip
+
+
+def away_from(camera: AnyCamera | RayCamera, spot: FloatArray) -> FloatArray:
+    """``(2,)`` unit vector on the ground from below the camera to a ``spot``."""
+    away = spot - camera.position[:2]
+    return np.asarray(away / max(float(np.linalg.norm(away)), 1e-6))
 
 
 def tilt_of(camera: RayCamera, spot: FloatArray) -> float:

@@ -16,7 +16,7 @@ from tsuiseki.datamodules.scenes.pairs.textures import SIDE as TEXTURE_SIDE
 from tsuiseki.datamodules.scenes.pairs.textures import random_texture
 from tsuiseki.datamodules.scenes.people.gait import walking
 from tsuiseki.datamodules.scenes.people.person import random_person, render_person_sprite
-from tsuiseki.datamodules.scenes.render.photographs import Photographs
+from tsuiseki.datamodules.scenes.render.photographs import OPAQUE, Photographs
 from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
 from tsuiseki.tracking.openers.images import decoded_image
@@ -24,8 +24,6 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 
 # Longer side of a cut-out, pixels: a target fills about half of a template of 127.
 SIDE = 112
-# Opacity of 255 from which a pixel belongs to a thing.
-OPAQUE = 128
 # Least opaque pixels of a thing: of fewer nothing is seen.
 _LEAST_PIXELS = 150
 # Textures of an epoch: enough that a pair rarely shows what another did.

@@ -14,9 +14,11 @@ from typing import NamedTuple, TypeAlias
 import cv2
 import numpy as np
 
-from tsuiseki.datamodules.augmentation import compressed
-from tsuiseki.datamodules.scenes.pairs.looks import OPAQUE, Look, Silhouette, Wardrobe, outlined
+from tsuiseki.datamodules.augmentation import compressed, motion_kernel
+from tsuiseki.datamodules.scenes.pairs.looks import Look, Silhouette, Wardrobe, outlined
+from tsuiseki.datamodules.scenes.render.photographs import OPAQUE
 from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 # Chance that the search picture does not show the target.
@@ -80,14 +82,14 @@ def draw_pair(rng: np.random.Generator, wardrobe: Wardrobe, template_side: int, 
     place, zoom = rng.random(2), float(np.exp(rng.uniform(-0.7, 0.9)))
     first = _scaled(before, template_side, habit, 1.0)
     template = _background(rng, ground, template_side, place, zoom)
-    middle = template_side / 2 - _centre(_box(first, np.zeros(2), habit)) + rng.normal(0, 0.7, 2)
+    middle = template_side / 2 - centres(_box(first, np.zeros(2), habit)) + rng.normal(0, 0.7, 2)
     _others(rng, template, wardrobe, look, first, middle, int(rng.integers(0, 3)))
     _lay(template, first, middle)
     growth, shift = _change(rng, search_side)
     later = _scaled(after, template_side, habit, growth)
     ground = ground if rng.random() < 0.75 else wardrobe.texture(rng)
     search = _background(rng, ground, search_side, place + rng.normal(0, 0.05, 2), zoom / growth)
-    middle = search_side / 2 + shift - _centre(_box(later, np.zeros(2), habit))
+    middle = search_side / 2 + shift - centres(_box(later, np.zeros(2), habit))
     _others(rng, search, wardrobe, look, later, middle, int(rng.integers(0, 5)))
     present = bool(rng.random() >= ABSENT)
     if present:
@@ -137,13 +139,9 @@ def _bent(rng: np.random.Generator, thing: Silhouette) -> Silhouette:
 def _box(thing: Placement, middle: FloatArray, habit: Habit) -> FloatArray:
     """``(4,)`` the box as its drawer has the habit to draw it."""
     extent = thing.extent()
-    half, centre = (extent[2:] - extent[:2]) / 2, _centre(extent)
+    half, centre = (extent[2:] - extent[:2]) / 2, centres(extent)
     centre = middle + centre + habit[1] * 2 * half
     return np.concatenate([centre - half * habit[0], centre + half * habit[0]])
-
-
-def _centre(box: FloatArray) -> FloatArray:
-    return np.asarray((box[:2] + box[2:]) / 2)
 
 
 def _scaled(thing: Placement, template_side: int, habit: Habit, growth: float) -> Placement:
@@ -268,12 +266,8 @@ def _blurred(rng: np.random.Generator, picture: Float32) -> Float32:
     """A picture, often out of focus or moved while it was taken."""
     kind = rng.random()
     if kind < 0.25:
-        length = int(rng.integers(3, 12))
-        kernel = np.zeros((length, length), dtype=np.float32)
-        step = np.array([np.cos(turn := rng.uniform(0, np.pi)), np.sin(turn)]) * (length - 1) / 2
-        ends = np.round((length - 1) / 2 + np.stack([-step, step])).astype(int)
-        cv2.line(kernel, ends[0].tolist(), ends[1].tolist(), 1.0)
-        return np.asarray(cv2.filter2D(picture, -1, kernel / kernel.sum()), dtype=np.float32)
+        kernel = motion_kernel(rng, int(rng.integers(3, 12)))
+        return np.asarray(cv2.filter2D(picture, -1, kernel), dtype=np.float32)
     if kind < 0.5:
         return np.asarray(cv2.GaussianBlur(picture, (0, 0), float(rng.uniform(0.4, 2.5))), dtype=np.float32)
     return picture
@@ -287,7 +281,7 @@ def _beyond(rng: np.random.Generator, search: ImageArray, box: FloatArray, prese
     edge = int(rng.integers(round(0.1 * side), round(0.5 * side)))
     horizontal, last = rng.random() < 0.5, rng.random() < 0.5
     if present:
-        along = float(_centre(box)[0 if horizontal else 1])
+        along = float(centres(box)[0 if horizontal else 1])
         edge = min(edge, int((side - along if last else along) - 2))
     if edge < 1:
         return search

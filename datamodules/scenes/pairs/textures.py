@@ -13,6 +13,7 @@ import cv2
 import numpy as np
 
 from tsuiseki.datamodules.scenes.render.solids import Float32
+from tsuiseki.datamodules.scenes.render.tracing import overlap
 from tsuiseki.tracking.types import ImageArray
 
 # Side of a texture, pixels: a little more than a search picture.
@@ -53,13 +54,10 @@ def paste_at(canvas: Float32, thing: ImageArray, middle: np.ndarray, scale: floa
     size = max(2, round(thing.shape[1] * scale)), max(2, round(thing.shape[0] * scale))
     pixels = cv2.resize(thing, size, interpolation=cv2.INTER_AREA if scale < 1 else cv2.INTER_LINEAR)
     left, top = round(float(middle[0]) - size[0] / 2), round(float(middle[1]) - size[1] / 2)
-    x1, y1 = max(left, 0), max(top, 0)
-    x2, y2 = min(left + size[0], canvas.shape[1]), min(top + size[1], canvas.shape[0])
-    if x2 > x1 and y2 > y1:
-        part = pixels[y1 - top : y2 - top, x1 - left : x2 - left].astype(np.float32)
-        there = canvas[y1:y2, x1:x2]
-        there *= 1 - part[..., 3:] / 255
-        there += part[..., :3]
+    window, seen = overlap(canvas.shape, (top, left), pixels.shape)
+    part, there = pixels[seen].astype(np.float32), canvas[window]
+    there *= 1 - part[..., 3:] / 255
+    there += part[..., :3]
 
 
 def noise(rng: np.random.Generator) -> Float32:

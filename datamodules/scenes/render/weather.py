@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from tsuiseki.datamodules.augmentation import compressed
 from tsuiseki.tracking.types import ImageArray
 
 # Width that a cheap recorder keeps of a picture, pixels.
@@ -48,9 +49,8 @@ def recorded(image: ImageArray, rng: np.random.Generator) -> ImageArray:
         small[1::2] = np.roll(small, int(rng.integers(-3, 4)), axis=1)[1::2]
     if rng.random() < _WRITTEN:
         _write(small, rng)
-    code = cv2.imencode(".jpg", small[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, int(rng.integers(*_QUALITY))])[1]
-    blocks = cv2.imdecode(code, cv2.IMREAD_COLOR)
-    return np.ascontiguousarray(cv2.resize(np.asarray(blocks), (width, height))[..., ::-1], dtype=np.uint8)
+    blocks = compressed(small[..., ::-1], int(rng.integers(*_QUALITY)))
+    return np.ascontiguousarray(cv2.resize(blocks, (width, height))[..., ::-1], dtype=np.uint8)
 
 
 def _infrared(image: ImageArray, rng: np.random.Generator) -> ImageArray:
