@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
+from datetime import time as time_of_day
 from pathlib import Path
 from typing import TypeAlias
 
@@ -105,6 +106,11 @@ class LongTraining:
         with self.record.open("a") as file:
             file.write(json.dumps(asdict(step) | {"scores": rounded}) + "\n")
         print(f"step {step.number}: {self.headline} {step.scores[self.headline]:.4f}; {step.why or 'kept'}", flush=True)
+
+
+def today_at(text: str) -> datetime:
+    """The time ``text``, such as 16:50, of today, UTC; raises ValueError."""
+    return datetime.combine(datetime.now(UTC).date(), time_of_day.fromisoformat(text), UTC)
 
 
 def command(words: Sequence[str]) -> None:

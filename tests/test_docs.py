@@ -286,7 +286,7 @@ TRAINING = re.compile(r"^\s*tsuiseki (train|export|adapt) ", re.MULTILINE)
 LONGEST_BLOCK = 240
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def without_torch(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     """An environment whose Python has neither torch nor lightning, as after ``pip install .``."""
     folder = tmp_path_factory.mktemp("without_torch")

@@ -14,8 +14,8 @@ import time
 from pathlib import Path
 
 import numpy as np
-from scipy.stats import t
 
+from benchmarks.papers.tables import interval
 from tsuiseki.datamodules.labelled_images import labelled_images
 from tsuiseki.datamodules.video_pictures import read_image
 from tsuiseki.tracking.cli import main as tsuiseki
@@ -53,10 +53,9 @@ def main() -> None:
             assert tsuiseki(words.split()) == 0
         changes.append(measured(clip, arguments.frames * 2 // 3, arguments.frames, options))
     if len(changes) > 1:
-        mean, error = np.mean(changes, axis=0), np.std(changes, axis=0, ddof=1) / len(changes) ** 0.5
-        half = t.ppf(0.975, len(changes) - 1) * error
-        for name, m, h in zip(("AP50", "AP75"), mean, half, strict=True):
-            print(f"change in {name}: {m:+.3f} [{m - h:+.3f}, {m + h:+.3f}] over {len(changes)} streets", flush=True)
+        for name, values in zip(("AP50", "AP75"), np.array(changes).T, strict=True):
+            mean, low, high = interval(values)
+            print(f"change in {name}: {mean:+.3f} [{low:+.3f}, {high:+.3f}] over {len(changes)} streets", flush=True)
     if arguments.pets is not None:
         link = arguments.out / "pets"
         if not link.exists():

@@ -17,14 +17,13 @@ import argparse
 import json
 import shutil
 from collections.abc import Sequence
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from benchmarks.detectors.fixed_sets import FALSE, PARTS, scores_of
-from benchmarks.long_training import LongTraining, command, draw_curve
+from benchmarks.long_training import LongTraining, command, draw_curve, today_at
 from tsuiseki import configs
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
@@ -42,7 +41,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("run", "validate", "plot"))
     parser.add_argument("files", type=Path, nargs="*")
-    parser.add_argument("--until", default="23:59", help="no step begins after this time of today, UTC")
+    parser.add_argument("--until", type=today_at, default="23:59", help="no step begins after this time of today, UTC")
     parser.add_argument("--option", action="append", default=[], help="of `tsuiseki train detector`, behind =")
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("--sprites", type=Path, default=Path("out/cache/sprites-val"))
@@ -58,10 +57,7 @@ def main() -> None:
             words.out,
         )
     else:
-        hour, minute = map(int, words.until.split(":"))
-        training(words.data, words.sprites, words.option).run(
-            words.work, datetime.now(UTC).replace(hour=hour, minute=minute, second=0)
-        )
+        training(words.data, words.sprites, words.option).run(words.work, words.until)
 
 
 def training(data: Path, sprites: Path, options: Sequence[str]) -> LongTraining:

@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -24,8 +23,9 @@ import cv2
 import numpy as np
 import torch
 
-from benchmarks.long_training import LongTraining, command, draw_curve
+from benchmarks.long_training import LongTraining, command, draw_curve, today_at
 from benchmarks.papers.single_target import Loaded, TargetClip, drawn_clips, read_clip
+from benchmarks.papers.tables import bootstrap
 from tsuiseki import configs
 from tsuiseki.datamodules.tracker import TrackerData
 from tsuiseki.tracking.evaluation.success_curves import SequenceScores, evaluate_boxes
@@ -46,8 +46,6 @@ PAIRS = 256
 HEADLINE = "overlap of pairs"
 # Generated clips.
 CLIPS = 6
-# Samples of clips for an interval.
-SAMPLES = 10_000
 
 # Boxes of all frames but the first, from the images and the first box.
 Follow = Callable[[Sequence[ImageArray], FloatArray], FloatArray]
@@ -57,7 +55,7 @@ def main() -> None:
     """Do what the words ask for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("run", "compare", "plot"))
-    parser.add_argument("--until", default="23:59", help="no step begins after this time of today, UTC")
+    parser.add_argument("--until", type=today_at, default="23:59", help="no step begins after this time of today, UTC")
     parser.add_argument("--options", nargs="*", default=[], help="of `tsuiseki train tracker`")
     parser.add_argument("--photographs", type=Path, help="of configs/tracker_generated.yaml")
     parser.add_argument("--files", type=Path, nargs=2, default=BEST, help="exported, to compare")
@@ -71,11 +69,8 @@ def main() -> None:
     elif words.what == "plot":
         draw_curve(RECORD, (HEADLINE, "generated AUC", "real AUC"), words.out)
     else:
-        hour, minute = map(int, words.until.split(":"))
         pictures = [] if words.photographs is None else ["--data.photographs", str(words.photographs)]
-        training(words.data, [*pictures, *words.options]).run(
-            words.work, datetime.now(UTC).replace(hour=hour, minute=minute, second=0)
-        )
+        training(words.data, [*pictures, *words.options]).run(words.work, words.until)
 
 
 def training(data: Path, options: Sequence[str]) -> LongTraining:
@@ -185,13 +180,10 @@ def table(data: Path, files: Sequence[Path]) -> str:
 
 def _gains(areas: FloatArray, names: Sequence[str]) -> Iterator[str]:
     """Lines of what the first of the trackers gains over each other, with 95 % intervals over clips."""
-    rng = np.random.default_rng(0)
-    sample = rng.integers(len(areas), size=(SAMPLES, len(areas)))
     for column, name in enumerate(names[1:], 1):
         gain = areas[:, 0] - areas[:, column]
-        low, high = np.quantile(gain[sample].mean(axis=1), (0.025, 0.975))
-        better = f"better on {(gain > 0).sum()} of {len(gain)}"
-        yield f"ours over {name}: {gain.mean():+.1f} [{low:.1f}, {high:.1f}], {better}"
+        mean, low, high = bootstrap(gain)
+        yield f"ours over {name}: {mean:+.1f} [{low:.1f}, {high:.1f}], better on {(gain > 0).sum()} of {len(gain)}"
 
 
 if __name__ == "__main__":

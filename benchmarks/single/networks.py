@@ -108,11 +108,15 @@ def calibration_error(chances: FloatArray, on: BoolArray) -> float:
     return float(sum(abs(chances[part].mean() - on[part].mean()) * part.mean() for part in parts))
 
 
-def on_and_off(run: ClipRun, boxes: FloatArray, visible: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """``(T,)`` frames on the target: IoU above 0.5, half of it visible; and off it: no overlap, or all hidden."""
-    count = min(len(run.boxes), len(boxes) - 1)
+def on_and_off(found: FloatArray, boxes: FloatArray, visible: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """Which of the boxes ``found`` ``(F, 4)`` from the second frame on are on the target, and which are off it.
+
+    On it: IoU above 0.5 with its box, of which half is visible. Off it: no overlap, or all hidden and IoU below 0.3.
+    Neither, where it has no label. Both are ``(F,)``, or shorter where the labels end before.
+    """
+    count = min(len(found), len(boxes) - 1)
     truth, seen = boxes[1 : count + 1], visible[1 : count + 1]
-    overlaps, labelled = iou_pairs(truth, run.boxes[:count]), np.isfinite(truth).all(axis=1)
+    overlaps, labelled = iou_pairs(truth, found[:count]), np.isfinite(truth).all(axis=1)
     on = (overlaps > 0.5) & (seen >= 0.5) & labelled
     off = ((overlaps <= 0) | ((seen < 0.1) & (overlaps < 0.3))) & labelled
     return on, off
@@ -120,7 +124,7 @@ def on_and_off(run: ClipRun, boxes: FloatArray, visible: FloatArray) -> tuple[Bo
 
 def status_line(name: str, runs: Sequence[ClipRun], truths: Sequence[tuple[FloatArray, FloatArray]]) -> str:
     """Whether the status is true, over clips."""
-    parts = [on_and_off(run, *truth) for run, truth in zip(runs, truths, strict=True)]
+    parts = [on_and_off(run.boxes, *truth) for run, truth in zip(runs, truths, strict=True)]
     on, off = (np.concatenate(side) for side in zip(*parts, strict=True))
     tracking = np.concatenate([run.tracking[: len(a)] for run, (a, _) in zip(runs, parts, strict=True)])
     chances = np.concatenate([run.scores[: len(a)] for run, (a, _) in zip(runs, parts, strict=True)])
@@ -171,7 +175,7 @@ def real_part(files: Sequence[Path], data: Path, python: str | None) -> None:
     print(f"\n{'':16}{'AUC':>7}{'lowest':>8}{'P@20':>7}{'ms':>7}   gain over siamese")
     for entry, of in runs.items():
         areas = np.array([100 * _area(run, boxes) for run, (boxes, _) in zip(of, truths, strict=True)])
-        precision = np.mean([_scores(run, boxes).precision for run, (boxes, _) in zip(of, truths, strict=True)])
+        precision = np.mean([_scores(run, boxes).precision_20 for run, (boxes, _) in zip(of, truths, strict=True)])
         _, low, high = bootstrap(areas - base)
         print(
             f"{entry:16}{areas.mean():7.1f}{areas.min():8.1f}{100 * precision:7.1f}"

@@ -17,8 +17,8 @@ import numpy as np
 from sklearn.linear_model import LogisticRegression
 
 from benchmarks.single.disappearances import drawn
+from benchmarks.single.networks import on_and_off
 from tsuiseki.datamodules.scenes.single_clip import SingleClip, SingleClipSettings
-from tsuiseki.tracking.geometry import iou_pairs
 from tsuiseki.tracking.single.response_particles import ResponseParticles
 from tsuiseki.tracking.single.siamese import SiameseNetwork, open_network
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
@@ -56,9 +56,7 @@ def signs_of(
     for image in images[1:]:
         seen.append(tracker.follow(image))
         rows.append(tracker.signs)
-    overlaps = iou_pairs(boxes[1:], np.array([target.box for target in seen]))
-    on = (overlaps > 0.5) & (visible[1:] >= 0.5)
-    off = (overlaps <= 0) | ((visible[1:] < 0.1) & (overlaps < 0.3))
+    on, off = on_and_off(np.array([target.box for target in seen]), boxes, visible)
     # A frame that shows nothing has no signs.
     clear = (on | off) & np.array([target.score > 0 for target in seen])
     return np.array(rows)[clear], on[clear]

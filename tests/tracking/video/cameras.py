@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -83,8 +83,3 @@ def camera(plan: Sequence[Sends], rate: float = 1.0, last: int | None = None, **
     return ScriptedCamera(
         name="door", frames_wanted=wanted, frame_rate=rate, hours=hours, clock=hours.clock, plan=plan, **details
     )
-
-
-def again(source: ScriptedCamera) -> ScriptedCamera:
-    hours = Hours()
-    return replace(source, hours=hours, clock=hours.clock)
