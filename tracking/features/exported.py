@@ -348,7 +348,7 @@ def as_describer(
     """
     if isinstance(source, str | Path):
         entry, path = find_model(str(source), "appearance"), shipped_or_file("appearance", source)
-        if entry is not None and options is None:
+        if entry is not None and options in (None, AppearanceOptions()):
             options = AppearanceOptions(**entry.options)
         try:
             appearance = Appearance(path, threads, device)

@@ -301,10 +301,16 @@ def test_an_appearance_network_goes_by_its_name_too(entry, server, tmp_path, mon
     from tests.tracking.features.test_foreign_appearance import mean_colour
 
     server.content = mean_colour(tmp_path / "a.onnx", ("n", 3, 24, 12)).read_bytes()
-    made = replace(entry, name="ours-reid", kind="appearance", sha256="", size=0, options={})
+    made = replace(entry, name="ours-reid", kind="appearance", sha256="", size=0)
+    made = replace(made, options={"mean": (0, 0, 0), "std": (1, 1, 1)})
     monkeypatch.setattr(catalogue, "CATALOGUE", (made,))
     fetched(made)
     assert as_describer("ours-reid").feature_length == 3
+    image, boxes = np.full((40, 40, 3), (0, 150, 200), np.uint8), np.array([[0, 0, 20, 40.0]])
+    # The command line gives the default options where a user gives none.
+    for options in (None, AppearanceOptions()):
+        described = as_describer("ours-reid", options=options).describe(image, boxes)
+        np.testing.assert_allclose(described, [[0, 0.6, 0.8]], atol=1e-6)
     with pytest.raises(RequestError, match="detector: expected an ONNX file or one of the shipped"):
         open_detector("ours-reid")
 
