@@ -25,7 +25,7 @@ EventType = Literal[
     "correction", "dropped",
 ]  # fmt: skip
 TYPES: tuple[EventType, ...] = get_args(EventType)
-_CREDENTIALS = re.compile(r"(?<=://)[^/@]*@")
+_CREDENTIALS = re.compile(r"(?<=://)[^/?#]*@")
 
 
 @dataclass(frozen=True)

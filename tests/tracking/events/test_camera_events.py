@@ -165,6 +165,7 @@ def test_people_on_a_floor_have_places_and_cross_its_lines_as_seen_from_above() 
 def test_a_camera_is_named_without_its_password(name: str) -> None:
     assert public_name(name.replace("://", "://admin:secret@")) == name
     people = Targets.empty(0)
+    assert public_name(name.replace("://", "://admin:s@c:ret@")) == name
     (line,) = (event.line for event in events_of([PeopleInFrame(0, name, 1e9, Frame(0, 0.0, IMAGE), people)]))
     assert "secret" not in line
 
