@@ -17,7 +17,7 @@ from typing import Any
 
 from tsuiseki.tracking.batch.addresses import opened
 from tsuiseki.tracking.cli.commands import command_of
-from tsuiseki.tracking.cli.request import Request, request_of
+from tsuiseki.tracking.cli.request import Request, recorded, request_of
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.mot_sequence import is_sequence, read_sequence
 from tsuiseki.tracking.openers.json_files import read_json
@@ -143,7 +143,7 @@ def key_of(job: Job, source: str, circumstances: Any = None) -> str:
 def settings_of(job: Job, source: str) -> dict[str, Any]:
     """Options that make a difference, plain, with all defaults; without the source."""
     settings, place = job.request(source, Path("unused")).settings, options_of(job.command)[0]
-    return {name: value for name, value in settings.items() if name not in (*IDLE, place)}
+    return {name: value for name, value in recorded(settings).items() if name not in (*IDLE, place)}
 
 
 @dataclass(frozen=True)

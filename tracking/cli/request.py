@@ -94,7 +94,8 @@ def request_of(words: Sequence[str], options: Mapping[str, Any] | None = None, s
         _check_files(name, value)
     for name, value in bound.arguments.items():
         if isinstance(value, Output):
-            value = bound.arguments[name] = replace(value, command=(PROGRAM, *chain), settings=settings, page=_paged)
+            value = replace(value, command=(PROGRAM, *chain), settings=recorded(settings), page=_paged)
+            bound.arguments[name] = value
         if isinstance(value, Output | Files):
             value.check()
     return Request(function, bound, settings, chosen, list(left[0]) if spare else ())
@@ -105,6 +106,15 @@ def _paged(result: Result[Any]) -> Result[Any]:
     from tsuiseki.tracking.counts.page import with_page
 
     return with_page(result)
+
+
+def recorded(settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings as files keep them: without the name and password that a receiver of events asks for."""
+    if settings.get("events") is None:
+        return dict(settings)
+    from tsuiseki.tracking.events.event import public_name
+
+    return {**settings, "events": public_name(settings["events"])}
 
 
 def _split_off(words: Sequence[str], name: str) -> tuple[list[str], list[str]]:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
 
+import cv2
 import numpy as np
 import pytest
 
@@ -107,6 +109,24 @@ def test_a_receiver_that_is_not_there_lets_the_run_go_on(
     assert "secret" not in error
     assert (tmp_path / "o/tracks.txt").stat().st_size
     assert (tmp_path / "o/.events.sqlite").stat().st_size
+    assert json.loads((tmp_path / "o/run.json").read_text())["settings"]["events"] == "http://127.0.0.1:9/events"
+
+
+def test_a_run_without_end_keeps_no_password(sequence: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from tsuiseki.tracking.events import delivery
+
+    monkeypatch.setattr(delivery.Delivery.__init__, "__defaults__", (0.2,))
+    filmed = tmp_path / "gate"
+    shutil.copytree(sequence, filmed)
+    (filmed / "img1").mkdir()
+    for frame in range(50):
+        cv2.imwrite(str(filmed / f"img1/{frame + 1:06d}.jpg"), np.zeros((240, 320, 3), np.uint8))
+    address = "http://user:s@c:ret@127.0.0.1:9/events"
+    assert main(words_of(filmed, tmp_path / "o", "--method", "sort", "--events", address, "--roll", "1")) == 0
+    for name in ("live.json", "run.json"):
+        text = (tmp_path / "o" / name).read_text()
+        assert "http://127.0.0.1:9/events" in text
+        assert "ret@" not in text
 
 
 @pytest.mark.parametrize(
