@@ -112,19 +112,35 @@ def places_of(track: Track, rate: float, size: tuple[int, int], last: int, heads
         np.abs(frames - detections[np.minimum(following, len(detections) - 1)]),
         np.abs(frames - detections[np.maximum(following - 1, 0)]),
     )
-    wide, high = boxes[:, 2] - boxes[:, 0], boxes[:, 3] - boxes[:, 1]
-    margin = np.column_stack([wide, high] * 2) * (BASE + SCORE * (1 - scores))[:, None] + RESIDUAL * residual
-    margin += np.outer(high * np.minimum(away / rate, HOLD), SPREAD)
-    bare, held = boxes.copy(), np.where(away > 0, 2, 0)
+    bare, held = boxes, np.where(away > 0, 2, 0)
     held[frames < begin], held[frames > end] = -1, 1
-    if heads:
-        boxes[:, 3] = boxes[:, 1] + HEAD * high
-    boxes = clip_boxes(boxes + margin * [-1, -1, 1, 1], *size)
+    boxes = clip_boxes(widened(bare, scores, away / rate, heads, residual), *size)
     ids = np.full(len(frames), track.id)
     middle = centres(bare)
     held[(held != 0) & ((middle < 0) | (middle > size)).any(axis=1)] = WEAK
     in_view: BoolArray = np.all(boxes[:, 2:] > boxes[:, :2], axis=1)
     return Places(frames, boxes, ids, bare, held).select(in_view)
+
+
+def widened(
+    boxes: FloatArray, scores: FloatArray, away: FloatArray, heads: bool, residual: FloatArray | float = 0.0
+) -> FloatArray:
+    """``(N, 4)`` boxes made wider by m(t), see the module.
+
+    Args:
+        boxes: ``(N, 4)`` of whole people, pixels.
+        scores: ``(N,)`` from 0 to 1.
+        away: ``(N,)`` seconds to the nearest detection.
+        heads: the heads alone.
+        residual: ``(N, 4)`` how far each box lies from the mean of its neighbours, pixels.
+    """
+    wide, high = boxes[:, 2] - boxes[:, 0], boxes[:, 3] - boxes[:, 1]
+    margin = np.column_stack([wide, high] * 2) * (BASE + SCORE * (1 - scores))[:, None] + RESIDUAL * residual
+    margin += np.outer(high * np.minimum(away, HOLD), SPREAD)
+    hidden = boxes.copy()
+    if heads:
+        hidden[:, 3] = boxes[:, 1] + HEAD * high
+    return hidden + margin * [-1, -1, 1, 1]
 
 
 def _smooth(track: Track, reach: int) -> FloatArray:

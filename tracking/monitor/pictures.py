@@ -11,7 +11,7 @@ import numpy as np
 from tsuiseki.tracking.features.exported import Detect
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.geometry import clip_boxes, iou_matrix
-from tsuiseki.tracking.hiding.places import BASE, HEAD, HOLD, SAME, SCORE, SPREAD, paint
+from tsuiseki.tracking.hiding.places import HOLD, SAME, paint, widened
 from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray, Targets, Track
 
@@ -83,26 +83,8 @@ def places(
     """``(N, 4)`` where to hide people who are known by their last time, box and score."""
     rows = [row for number, row in known.items() if number not in visible]
     boxes = np.array([box for _, box, _ in rows]).reshape(-1, 4)
-    ages = np.array([seconds - time for time, _, _ in rows])
-    return widened(boxes, np.array([score for _, _, score in rows]), ages, heads)
-
-
-def widened(boxes: FloatArray, scores: FloatArray, ages: FloatArray, heads: bool) -> FloatArray:
-    """``(N, 4)`` boxes made wider by their doubt, see `hiding.places`.
-
-    Args:
-        boxes: ``(N, 4)`` of whole people, pixels.
-        scores: ``(N,)`` from 0 to 1.
-        ages: ``(N,)`` seconds since each was there.
-        heads: the heads alone.
-    """
-    wide, high = boxes[:, 2] - boxes[:, 0], boxes[:, 3] - boxes[:, 1]
-    margin = np.column_stack([wide, high] * 2) * (BASE + SCORE * (1 - scores.clip(0, 1)))[:, None]
-    margin += np.outer(high * ages.clip(0, HOLD), SPREAD)
-    boxes = boxes.copy()
-    if heads:
-        boxes[:, 3] = boxes[:, 1] + HEAD * high
-    return boxes + margin * [-1, -1, 1, 1]
+    ages = np.abs([seconds - time for time, _, _ in rows])
+    return widened(boxes, np.clip([score for _, _, score in rows], 0, 1), ages, heads)
 
 
 def drawn(frame: Frame, people: Targets) -> ImageArray:
