@@ -153,37 +153,36 @@ def _body(part: Columns) -> BodyTrack:
     return BodyTrack(int(part["id"][0]), part["frame"], state, part["score"], statuses)
 
 
-def _axes(dimensions: int) -> tuple[str, list[str], list[tuple[int, int]]]:
-    """Names of axes and of the state x, vx, y, …, and the places in the covariance's upper triangle."""
-    axes = "xyz"[:dimensions]
+def _covariance_columns(axes: str) -> dict[str, tuple[int, int]]:
+    """Row and column of each entry of the upper triangle of the covariance of x, vx, y, …, by its name."""
     state = [name for axis in axes for name in (axis, f"v{axis}")]
-    return axes, state, list(combinations_with_replacement(range(len(state)), 2))
+    triangle = combinations_with_replacement(range(len(state)), 2)
+    return {f"cov_{state[row]}_{state[column]}": (row, column) for row, column in triangle}
 
 
 def covariance_names(dimensions: int) -> list[str]:
     """Columns of the upper triangle of the covariance of x, vx, y, …"""
-    _, state, triangle = _axes(dimensions)
-    return [f"cov_{state[a]}_{state[b]}" for a, b in triangle]
+    return list(_covariance_columns("xyz"[:dimensions]))
 
 
 def sensed_table(track: SensedTrack) -> Columns:
     """The table of one target that a sensor measured."""
-    axes, state, triangle = _axes(track.positions.shape[1])
+    axes = "xyz"[: track.positions.shape[1]]
     modes = {f"mode{k + 1}": column for k, column in enumerate(track.modes.T)}
     return {
         **{"frame": track.scans, "time": track.times, "id": np.full(len(track), track.id)},
         **dict(zip(axes, track.positions.T, strict=True)),
         **dict(zip([f"v{axis}" for axis in axes], track.velocities.T, strict=True)),
-        **{f"cov_{state[a]}_{state[b]}": track.covariances[:, a, b] for a, b in triangle},
+        **{name: track.covariances[:, row, column] for name, (row, column) in _covariance_columns(axes).items()},
         **{"existence": track.existence, **modes},
     }
 
 
 def _sensed(part: Columns) -> SensedTrack:
-    axes, state, triangle = _axes(3 if "z" in part else 2)
-    covariances = np.empty((len(part["id"]), len(state), len(state)))
-    for a, b in triangle:
-        covariances[:, a, b] = covariances[:, b, a] = part[f"cov_{state[a]}_{state[b]}"]
+    axes = "xyz" if "z" in part else "xy"
+    covariances = np.empty((len(part["id"]), 2 * len(axes), 2 * len(axes)))
+    for name, (row, column) in _covariance_columns(axes).items():
+        covariances[:, row, column] = covariances[:, column, row] = part[name]
     positions, velocities = (np.column_stack([part[prefix + axis] for axis in axes]) for prefix in ("", "v"))
     modes = np.array([column for name, column in part.items() if name.startswith("mode")]).reshape(-1, len(covariances))
     times, existence = part["time"], part["existence"]
