@@ -41,7 +41,6 @@ class _View:
         counter: of lines and zones; None without a scene.
         away: seconds without a picture, of outages that are over.
         since: when the latest frames were answered.
-        number: of answered frames.
     """
 
     state: CameraState
@@ -52,7 +51,6 @@ class _View:
     answered: float = 0.0
     away: float = 0.0
     since: deque[float] = field(default_factory=deque)
-    number: int = 0
 
 
 class Board:
@@ -152,7 +150,7 @@ class Board:
 
     def _show(self, camera: int, name: str, frame: Frame, people: Targets, taken: float) -> None:
         view, now = self._of(camera, name), time.monotonic()
-        view.frame, view.people, view.taken, view.answered, view.number = frame, people, taken, now, view.number + 1
+        view.frame, view.people, view.taken, view.answered = frame, people, taken, now
         view.since.append(now)
         while view.since[0] < now - RECENT:
             view.since.popleft()
@@ -160,7 +158,8 @@ class Board:
         if view.counter is not None:
             view.counter.update(people)
         if self._counted_here:
-            view.state.frames, view.state.last, view.state.away = view.number, taken, False
+            view.state.frames += 1
+            view.state.last, view.state.away = taken, False
 
     def _about(self, view: _View, now: float) -> dict[str, Any]:
         state, recent = view.state, [moment for moment in view.since if moment > now - RECENT]
