@@ -133,7 +133,7 @@ class DelayedFloor:
         self._window: deque[FloorMoment] = deque()
         self._answers: deque[FloorAnswer] = deque()
         self._rates: SensorRates | None = None
-        self._count = self._decided = self._answered = 0
+        self._count = self._decided = 0
         self._memory: dict[int, Remembered] = {}
 
     def add(self, time: float, people: Sequence[StandingPeople | None]) -> Iterator[FloorAnswer]:
@@ -141,11 +141,12 @@ class DelayedFloor:
         names = [np.full(0 if standing is None else len(standing), -1) for standing in people]
         self._window.append(FloorMoment(self._count, time, people, names))
         self._count += 1
-        times = {moment.number: moment.time for moment in self._window}
-        while self._answered < self._count and time - times[self._answered] >= self.delay:
-            if self._answered >= self._decided:
-                self._decide(times[self._answered] + self.delay / DECISIONS)
-            self._answered += 1
+        while self._answers or self._decided < self._count:
+            due = self._answers[0].moment if self._answers else self._window[self._decided - self._window[0].number]
+            if time - due.time < self.delay:
+                return
+            if not self._answers:
+                self._decide(due.time + self.delay / DECISIONS)
             yield self._answers.popleft()
 
     def rest(self) -> Iterator[FloorAnswer]:
@@ -153,7 +154,6 @@ class DelayedFloor:
         if self._decided < self._count:
             self._decide(np.inf)
         yield from self._answers
-        self._answered = self._count
         self._answers.clear()
 
     def _decide(self, end: float) -> None:
@@ -188,7 +188,7 @@ class DelayedFloor:
         """Ids for those who are there up to the moment ``last`` of the window and have none: old ones, or the next."""
         before = self.ids
         new = [person for person in solved.people if person.id > before and person.scans[0] <= last]
-        features = [self._feature(measured, solved.owner == person.id) for person in new]
+        features = [self._feature(measured, np.flatnonzero(solved.owner == person.id)) for person in new]
         last_times = {person.id: float(person.times[-1]) for person in solved.people if person.id <= before}
         ids = self._again(new, features, last_times)
         for person in new:
@@ -224,7 +224,7 @@ class DelayedFloor:
             and likeness[row, column] >= max([-1.0, *np.delete(likeness[row], column)]) + BETTER
         }
 
-    def _feature(self, measured: MeasuredFloor, rows: BoolArray) -> FloatArray:
+    def _feature(self, measured: MeasuredFloor, rows: IntArray) -> FloatArray:
         features = measured.points.features
         return np.empty(0) if features is None else np.asarray(features[rows].sum(axis=0))
 
@@ -243,7 +243,7 @@ class DelayedFloor:
                 ours = rows[solved.owner[rows] == person.id]
                 memory = self._memory.setdefault(person.id, Remembered(0.0, person.positions[0]))
                 memory.time, memory.place = float(person.times[inside[-1]]), person.positions[inside[-1]]
-                added = self._feature(measured, np.isin(np.arange(len(points)), ours))
+                added = self._feature(measured, ours)
                 memory.sum = added if memory.sum.shape != added.shape else memory.sum + added
 
     def _forget(self, time: float) -> None:

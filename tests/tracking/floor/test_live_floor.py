@@ -190,6 +190,21 @@ def test_after_an_outage_of_all_cameras_the_ids_are_those_of_the_appearance() ->
     assert not before & after
 
 
+@pytest.mark.parametrize("delay", [1.0, 24.0])
+def test_each_moment_is_answered_once_as_soon_as_the_delay_is_over(delay: float) -> None:
+    """A delay of 24 seconds settles more at a time than the window keeps."""
+    world = small(make_world(6, people=2, miss=0.0, false=0.0), 3)
+    solver = DelayedFloor([feed.placed for feed in world.feeds], FLOOR, delay)
+    answered = list[tuple[float, int]]()
+    for second in range(len(world.feeds[0].times)):
+        people = [feed.people[second] for feed in world.feeds]
+        answered += [(second, answer.moment.number) for answer in solver.add(float(second), people)]
+    answered += [(np.inf, answer.moment.number) for answer in solver.rest()]
+    assert [number for _, number in answered] == [*range(40)]
+    assert all(at in (number + delay, np.inf) for at, number in answered)
+    assert solver.ids == 2
+
+
 def test_two_names_for_one_camera_are_told_and_the_run_goes_on() -> None:
     world = small(make_world(4, people=3), 3)
     twin = World([world.feeds[0], replace(world.feeds[0], placed=replace(world.feeds[0].placed, name="twin")),
