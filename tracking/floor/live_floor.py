@@ -12,6 +12,7 @@ from tsuiseki.tracking.cameras.camera_files import CameraOverFloor
 from tsuiseki.tracking.cameras.multicamera import StandingPeople
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import Describe, Detect
+from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.floor.delayed_floor import DelayedFloor, FloorAnswer
 from tsuiseki.tracking.floor.moments import ComingMoments, Together
 from tsuiseki.tracking.types import Detections, Frame, ImageArray, IntArray, Targets
@@ -141,14 +142,11 @@ class FloorLoop:
             groups.setdefault(id(self.detect[arrival.camera]), []).append(row)
         people: list[Detections] = [Detections.empty()] * len(arrivals)
         for rows in groups.values():
-            images = [arrivals[row].frame.image for row in rows]
-            detections = self.detect[arrivals[rows[0]].camera].detect(images)
-            for row, found in zip(rows, detections, strict=True):
-                people[row] = found
-        for arrival, found in zip(arrivals, people, strict=True):
-            if self.describe is not None:
-                found = found.with_features(self.describe.describe(arrival.frame.image, found.boxes))
-            self._add(arrival, StandingPeople.of(found))
+            frames, detect = [arrivals[row].frame for row in rows], self.detect[arrivals[rows[0]].camera]
+            for row, (_, detections) in zip(rows, stream(frames, detect, self.describe, len(rows)), strict=True):
+                people[row] = detections
+        for arrival, detections in zip(arrivals, people, strict=True):
+            self._add(arrival, StandingPeople.of(detections))
 
     def _add(self, arrival: Arrival, people: StandingPeople) -> None:
         camera, frame = arrival.camera, arrival.frame

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 
 from tsuiseki.tracking.features.exported import Detector
+from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.people.detections import PeopleInputs
 from tsuiseki.tracking.people.following import Following
 from tsuiseki.tracking.people.opening import OpenedPeople
@@ -93,16 +94,8 @@ def detected(inputs: Sequence[PeopleInputs], frames: Sequence[Frame]) -> list[De
     for row, one in enumerate(inputs):
         groups.setdefault(id(one.detect) if isinstance(one.detect, Detector) else -1 - row, []).append(row)
     for rows in groups.values():
-        for row, detections in zip(rows, _of_one_network(inputs[rows[0]], [frames[r] for r in rows]), strict=True):
-            describe = inputs[row].describe
-            if describe is not None:
-                detections = detections.with_features(describe.describe(frames[row].image, detections.boxes))
+        first = inputs[rows[0]]
+        answers = stream([frames[row] for row in rows], first.detect, first.describe, len(rows))
+        for row, (_, detections) in zip(rows, answers, strict=True):
             result[row] = detections
     return result
-
-
-def _of_one_network(inputs: PeopleInputs, frames: Sequence[Frame]) -> list[Detections]:
-    detect = inputs.detect
-    if isinstance(detect, Sequence):
-        return [detect[f.index] if f.index < len(detect) else Detections.empty() for f in frames]
-    return detect.detect([frame.image for frame in frames])
