@@ -7,6 +7,8 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from tsuiseki.tracking.video.synchronise import paired
+
 T = TypeVar("T")
 
 
@@ -60,7 +62,7 @@ class ComingMoments(Generic[T]):
             begin = min(time for time, _ in heads.values())
             if any(camera not in heads for camera in waited_for) and now - begin <= self.hold:
                 return
-            group = {camera: head for camera, head in heads.items() if head[0] - begin <= self.tolerance}
+            group = paired(heads, self.tolerance)
             for camera in group:
                 self._coming[camera].popleft()
             self._last = sum(time for time, _ in group.values()) / len(group)

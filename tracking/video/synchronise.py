@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -101,13 +102,14 @@ def moments_with_images(
         yield moment, images
 
 
+T = TypeVar("T")
 # When a frame came, seconds of a clock that never falls; and it.
 Stamped = tuple[float, Frame]
 # Seconds for which a reader is waited for at the end; one that hangs in its camera's driver is left behind.
 PATIENCE = 2.0
 
 
-def paired(newest: Mapping[int, Stamped], tolerance: float) -> dict[int, Stamped]:
+def paired(newest: Mapping[int, tuple[float, T]], tolerance: float) -> dict[int, tuple[float, T]]:
     """Of the newest frames by camera: the oldest, and those that came within ``tolerance`` seconds after it."""
     oldest = min(stamp for stamp, _ in newest.values())
     return {view: stamped for view, stamped in newest.items() if stamped[0] - oldest <= tolerance}
