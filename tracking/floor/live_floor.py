@@ -10,7 +10,7 @@ import numpy as np
 
 from tsuiseki.tracking.cameras.camera_files import CameraOverFloor
 from tsuiseki.tracking.cameras.multicamera import StandingPeople
-from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.errors import InputWarning
 from tsuiseki.tracking.features.exported import Describe, Detect
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.floor.delayed_floor import DelayedFloor, FloorAnswer
@@ -19,6 +19,7 @@ from tsuiseki.tracking.types import Detections, Frame, ImageArray, IntArray, Tar
 from tsuiseki.tracking.types.live import LiveEvent, PeopleOnFloor
 from tsuiseki.tracking.video.frame_source import Source
 from tsuiseki.tracking.video.several import Arrival, SeveralSources
+from tsuiseki.tracking.video.source import check_size
 
 # Share of the delay for which a moment waits for a camera that is late.
 HELD = 0.5
@@ -127,11 +128,7 @@ class FloorLoop:
 
     def _wanted(self, arrival: Arrival) -> bool:
         camera, image = self.placed[arrival.camera].camera, arrival.frame.image
-        if image.shape[:2] != (camera.height, camera.width):
-            raise RequestError(
-                f"{self.videos[arrival.camera].name}: expected {camera.width}x{camera.height} pixels as in the camera "
-                f"file, got {image.shape[1]}x{image.shape[0]}"
-            )
+        check_size(self.videos[arrival.camera].name, image, camera.width, camera.height)
         self.same.add(arrival.camera, image)
         return arrival.camera not in self.same.out
 

@@ -128,6 +128,13 @@ def named(source: SourceLike) -> str:
     return str(source) if isinstance(source, str | Path | int) else "images"
 
 
+def check_size(name: str, image: ImageArray, width: int, height: int) -> None:
+    """Refuse a picture of the source ``name`` that has not the size of its camera, pixels; raises RequestError."""
+    high, wide = image.shape[:2]
+    if (wide, high) != (width, height):
+        raise RequestError(f"{name}: expected {width}x{height} pixels as in the camera file, got {wide}x{high}")
+
+
 def frames_of_size(source: Source, width: int, height: int) -> Iterator[Frame]:
     """The frames of ``source``, each of the size that its camera has, pixels.
 
@@ -135,11 +142,7 @@ def frames_of_size(source: Source, width: int, height: int) -> Iterator[Frame]:
         RequestError: one has another size.
     """
     for frame in source.frames():
-        high, wide = frame.image.shape[:2]
-        if (wide, high) != (width, height):
-            raise RequestError(
-                f"{source.name}: expected {width}x{height} pixels as in the camera file, got {wide}x{high}"
-            )
+        check_size(source.name, frame.image, width, height)
         yield frame
 
 
