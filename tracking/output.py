@@ -61,7 +61,7 @@ def output_folder(folder: Path, overwrite: bool) -> Iterator[Path]:
         # Of two runs at once, only one can make the folder and lock it.
         is_new = not folder.exists()
         if is_new:
-            stack.callback(_remove_if_empty, folder)
+            stack.callback(remove_if_empty, folder)
         with writable(folder):
             folder.mkdir(parents=True, exist_ok=True)
         hold(folder, BUSY.format(folder), stack)
@@ -320,7 +320,8 @@ def _unfinished(parent: Path, name: str) -> list[Path]:
     return [p for p in parent.iterdir() if p.name.startswith(f".{name}.") and p.name.endswith(UNFINISHED)]
 
 
-def _remove_if_empty(folder: Path) -> None:
+def remove_if_empty(folder: Path) -> None:
+    """Remove a folder in which nothing lies, where that may be."""
     with suppress(OSError):
         folder.rmdir()
 
@@ -361,7 +362,7 @@ def _publish(work: Path, folder: Path) -> None:
             move(path, folder / path.name)
         undo.pop_all()
     for name in stale:
-        _remove_if_empty((folder / name).parent)
+        remove_if_empty((folder / name).parent)
 
 
 def listed_files(folder: Path) -> set[str]:

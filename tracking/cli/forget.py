@@ -9,7 +9,7 @@ from typing import Any
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.openers.json_files import read_json
-from tsuiseki.tracking.output import BUSY, RUN_FILE, hold, listed_files
+from tsuiseki.tracking.output import BUSY, RUN_FILE, hold, listed_files, remove_if_empty
 from tsuiseki.tracking.privacy import PRIVACY, Days, last_day, today
 
 
@@ -66,10 +66,5 @@ def _delete(folder: Path) -> None:
             (folder / name).unlink(missing_ok=True)
         (folder / RUN_FILE).unlink()
         for inner in sorted((path for path in folder.rglob("*") if path.is_dir()), reverse=True):
-            _remove_if_empty(inner)
-        _remove_if_empty(folder)
-
-
-def _remove_if_empty(folder: Path) -> None:
-    if not any(folder.iterdir()):
-        folder.rmdir()
+            remove_if_empty(inner)
+        remove_if_empty(folder)

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from tsuiseki.tracking.output import RunRecord, check_there, naming
+from tsuiseki.tracking.output import RunRecord, check_there, naming, remove_if_empty
 from tsuiseki.tracking.privacy import PRIVACY
 from tsuiseki.tracking.runs.messages import NOTES
 from tsuiseki.tracking.runs.reading import facts_of_sources
@@ -71,8 +70,7 @@ class RunFiles:
             return part.replace(final)
         except BaseException:
             part.unlink(missing_ok=True)
-            with suppress(OSError):
-                final.parent.rmdir()
+            remove_if_empty(final.parent)
             raise
 
     def fill(self, write: Callable[[Path], object]) -> None:
