@@ -22,7 +22,7 @@ from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.live import CameraOutage, CameraState
 from tsuiseki.tracking.video.frame_source import Source
 from tsuiseki.tracking.video.live import LiveClock, LiveSource
-from tsuiseki.tracking.video.source import SourceLike, is_live, open_source
+from tsuiseki.tracking.video.source import SourceLike, is_live, live_name, open_source, split_stream
 
 # Seconds after which somebody who waits for frames looks whether to stop, and how late it is.
 LOOK = 0.2
@@ -47,8 +47,8 @@ class Arrival:
 
 def check_different(sources: Sequence[Source]) -> None:
     """Refuse one camera under two names; raises RequestError."""
-    addresses = Counter(source.address for source in sources if source.live)
-    if twice := [address for address, count in addresses.items() if count > 1]:
+    addresses = Counter((source.address, source.stream) for source in sources if isinstance(source, LiveSource))
+    if twice := [address for (address, _), count in addresses.items() if count > 1]:
         raise RequestError(f"expected different cameras, got {twice[0]} twice; leave one out")
 
 
@@ -82,13 +82,14 @@ def open_several(
     if len(missing) == len(opened):
         raise next(iter(missing.values()), RequestError("expected sources, got none"))
     for number in missing:
-        address = str(sources[number])
-        name = f"webcam {address}" if address.isdecimal() else address.split("?")[0]
+        address, stream = split_stream(str(sources[number]))
+        name = live_name(address) or address
         warnings.warn(f"{name} is not there yet, it is waited for", InputWarning, stacklevel=2)
         rate = frame_rate or next(source.frame_rate for source in opened if source is not None)
         opened[number] = LiveSource(
-            name=name, address=address, frames_wanted=frames or FrameRange(), frame_rate=rate, awaited=True
-        )
+            name=name, address=address, stream=stream or 1, frames_wanted=frames or FrameRange(), frame_rate=rate,
+            awaited=True,
+        )  # fmt: skip
     given = [source for source in opened if source is not None]
     return [replace(source, give_up=give_up) if isinstance(source, LiveSource) else source for source in given]
 

@@ -78,9 +78,7 @@ def open_source(
 
 
 def _opened(text: str, frame_range: FrameRange, stream: int | None) -> Source:
-    chosen = CHOSEN_STREAM.fullmatch(text)
-    if chosen is not None and stream is None and not Path(text).exists():
-        text, stream = chosen[1], int(chosen[2])
+    text, stream = split_stream(text, stream)
     if not text.strip():
         raise RequestError(
             "expected a video file, a folder of images, a webcam number or an address, got an empty name"
@@ -92,29 +90,43 @@ def _opened(text: str, frame_range: FrameRange, stream: int | None) -> Source:
         if path.suffix.lower() in IMAGE_SUFFIXES:
             return ImageFolder.open(path, frame_range)
         return VideoFile.open(path, frame_range, stream)
-    if text.isdecimal() and len(text) < 10:
-        return LiveSource.open(text, f"webcam {text}", frame_range)
-    if "://" in text:
-        return LiveSource.open(text, text.split("?")[0], frame_range, stream)
+    if (name := live_name(text)) is not None:
+        return LiveSource.open(text, name, frame_range, stream)
     raise RequestError(f"expected a video file, a folder of images, a webcam number or an address, found no {text}")
+
+
+def split_stream(address: str, stream: int | None = None) -> tuple[str, int | None]:
+    """An address without the number of a stream at its end, and ``stream`` or that number; None for the first one."""
+    chosen = CHOSEN_STREAM.fullmatch(address)
+    if chosen is None or stream is not None or _is_there(address):
+        return address, stream
+    return chosen[1], int(chosen[2])
+
+
+def live_name(address: str) -> str | None:
+    """What a webcam or a stream is called; None of an address that names neither."""
+    if address.isdecimal() and len(address) < 10:
+        return f"webcam {address}"
+    return address.split("?")[0] if "://" in address else None
 
 
 def is_live(address: object) -> bool:
     """Whether an address names a webcam or a stream, not a file."""
     text = str(address)
-    return (text.isdecimal() or "://" in text) and file_of(text) is None
+    return file_of(text) is None and live_name(split_stream(text)[0]) is not None
 
 
 def file_of(address: str | Path) -> Path | None:
     """The file or folder that an address names, with or without the number of a stream; None where there is none."""
-    path = Path(address)
+    text = str(address)
+    return next((Path(name) for name in (text, split_stream(text)[0]) if name and _is_there(name)), None)
+
+
+def _is_there(name: str) -> bool:
     try:
-        if not str(address) or path.exists():
-            return path if str(address) else None
-        chosen = CHOSEN_STREAM.fullmatch(str(address))
-        return Path(chosen[1]) if chosen and Path(chosen[1]).exists() else None
+        return Path(name).exists()
     except OSError:  # a name that no file can have
-        return None
+        return False
 
 
 def absolute(address: str) -> str:

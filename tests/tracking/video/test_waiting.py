@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import warnings
+from dataclasses import replace
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.types.live import CameraOutage
-from tsuiseki.tracking.video.live import LONGEST_PAUSE, SKIPPED
-from tsuiseki.tracking.video.several import Arrival, SeveralSources, check_different
+from tsuiseki.tracking.video.live import LONGEST_PAUSE, SKIPPED, LiveSource
+from tsuiseki.tracking.video.several import Arrival, SeveralSources, check_different, open_several
+from tsuiseki.tracking.video.source import is_live
 
 from .cameras import Hours, Sends, camera
 
@@ -88,3 +91,28 @@ def test_one_camera_twice_is_refused() -> None:
     source = camera([Sends(span(0, 3))], address="rtsp://door/1")
     with pytest.raises(RequestError, match="expected different cameras, got rtsp://door/1 twice"):
         check_different([source, source])
+
+
+@pytest.mark.parametrize(
+    ("address", "name", "bare", "stream"),
+    [
+        ("http://127.0.0.1:1/door?key=1#stream=2", "http://127.0.0.1:1/door", "http://127.0.0.1:1/door?key=1", 2),
+        ("http://127.0.0.1:1/door?key=1", "http://127.0.0.1:1/door", "http://127.0.0.1:1/door?key=1", 1),
+        ("77", "webcam 77", "77", 1),
+    ],
+)
+def test_a_camera_that_is_not_there_yet_keeps_its_name_address_and_stream(
+    address: str, name: str, bare: str, stream: int, street: Path
+) -> None:
+    with pytest.warns(InputWarning, match=f"{name} is not there yet, it is waited for"):
+        _, source = open_several([street, address])
+    assert isinstance(source, LiveSource)
+    assert (source.name, source.address, source.stream, source.awaited) == (name, bare, stream, True)
+    check_different([source, replace(source, stream=stream + 1)])
+
+
+def test_a_number_too_long_for_a_webcam_is_none(street: Path) -> None:
+    assert is_live("123456789")
+    assert not is_live("1234567890")
+    with pytest.raises(RequestError, match="a webcam number or an address, found no 1234567890"):
+        open_several([street, "1234567890"])
