@@ -17,6 +17,7 @@ from tsuiseki.tracking.runs.options import Output
 from tsuiseki.tracking.runs.rolling import LiveOptions
 
 if TYPE_CHECKING:
+    from tsuiseki.tracking.counts.scene import Scene
     from tsuiseki.tracking.hiding.run import HideChoice, Hiding
     from tsuiseki.tracking.people.opening import OpenedPeople
     from tsuiseki.tracking.result import Result
@@ -83,6 +84,8 @@ def track(
     if corrections is not None:
         check_corrections(corrections, source)
     record = _record(privacy)
+    watching.check_scene(video.overlay)
+    scene = watching.scene_of([source]) if video.overlay else None
     opened = open_people(source, finding, linking, 0)
     _check(watching, while_it_runs := answers_while_it_runs(opened.tracker))
     if live.roll is not None:
@@ -107,6 +110,7 @@ def track(
         report_blank(opened.inputs.detect)
         if corrections is not None:
             result = result.corrected(corrections)
+        result = result if scene is None else _with_scene(result, scene)
         hiding = None if choice is None else _hiding(run, source, result, choice, finding)
         again = None if hiding is None else lambda: hiding.hidden(run.replay(source))
         run.save(
@@ -115,6 +119,14 @@ def track(
         )
         run.done(f"{counted(result.tracks)} in {count(run.count, 'frame', 'frames')}: {output.out / 'tracks.txt'}")
     return run.status
+
+
+def _with_scene(result: Result[Track], scene: Scene) -> Result[Track]:
+    """The result, whose overlay shows the scene with its counts so far."""
+    from tsuiseki.tracking.counts import counting
+    from tsuiseki.tracking.counts.scene_drawing import with_scene
+
+    return with_scene(result, counting.count(result, scene))
 
 
 def _check(watching: Watching, while_it_runs: bool) -> None:

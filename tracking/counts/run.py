@@ -36,32 +36,45 @@ COUNTING, SCENE_FILE = CountSettings(), SceneFile()
 
 
 def count(
-    result: Path, *, scene: Path, how: CountSettings = COUNTING, output: Output, fps: FrameRate | None = None
+    result: Path,
+    *,
+    scene: Path,
+    how: CountSettings = COUNTING,
+    output: Output,
+    fps: FrameRate | None = None,
+    overlay: bool = False,
 ) -> int:
     """Count the people of a result: crossings of lines, people in zones, and how long they stay.
 
-    DIR gets answers.json, a CSV for each table, plots, report.html and run.json.
+    DIR gets answers.json, a CSV for each table, plots, report.html, run.json and, with --overlay, overlay.webm.
 
     Args:
         result: folder of a result, or a file of tracks.
         scene: YAML of lines and zones; tsuiseki scene draws it.
         fps: frames a second, where the result does not say.
+        overlay: also write the video with tracks, lines, zones and the counts so far.
     """
     from tsuiseki.tracking.counts import counting
     from tsuiseki.tracking.counts.page import TrackedPage, summary
+    from tsuiseki.tracking.counts.scene_drawing import with_scene
     from tsuiseki.tracking.result import Result
 
     loaded: Result[Any] = Result.load(result)
     privacy = read_scene(scene).privacy
+    if overlay and loaded.settings.get("hide"):
+        raise RequestError("expected a result without `hide` for `overlay`, which would show everybody; leave it out")
     with output.run() as run:
         if privacy is not None:
             run.facts.setdefault(PRIVACY, privacy.facts(today()))
         loaded = replace(loaded, facts={**loaded.facts, **run.facts})
         with run.times.measure("count"):
             answers = counting.count(loaded, str(scene), how, frame_rate=fps)
+        if overlay:
+            run.draw("overlay.webm", with_scene(loaded, answers).overlay)
+        shown = run.work if overlay or not result.is_dir() else result
         for name, write in TrackedPage(loaded, answers=answers).files().items():
-            run.write(name, write, result if result.is_dir() else run.work)
-        run.done("\n".join([*summary(answers), f"answers: {output.out}"]))
+            run.write(name, write, shown)
+        run.done("\n".join([*summary(answers), f"open {output.out / 'report.html'}"]))
     return run.status
 
 

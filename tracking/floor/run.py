@@ -312,6 +312,7 @@ def floor(
         opened_live = open_live_floor(
             source, cameras, detecting, settings.delay, settings.tolerance, settings.floor, live.give_up
         )
+        watching.check_scene(overlay=False)
         with watching.own_output():
             seen = partial(watching.observers, output.out, opened_live.videos, on_floor=True)
             number = floor_live(output, opened_live, live, seen)
@@ -339,6 +340,7 @@ def floor(
 
 def _check_recorded(watching: Watching, live: LiveOptions) -> None:
     """Refuse what recorded videos cannot have."""
+    watching.check_scene(overlay=False)
     if watching.wanted:
         raise RequestError("expected live cameras, or `roll`, with `events`, `page` and `show`, got recorded ones")
     if live.give_up is not None:

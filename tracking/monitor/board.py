@@ -17,6 +17,7 @@ from typing import Any
 
 from tsuiseki.tracking.counts.online import Counter
 from tsuiseki.tracking.counts.scene import Scene
+from tsuiseki.tracking.counts.scene_drawing import texts_of
 from tsuiseki.tracking.events.event import public_name
 from tsuiseki.tracking.monitor.pictures import PictureMaker
 from tsuiseki.tracking.types import Frame, ImageArray, Targets
@@ -75,7 +76,7 @@ class Board:
         waiting: Callable[[], int] = lambda: 0,
     ) -> None:
         self.name, self._scene, self._recorded, self.waiting = name, scene, recorded, waiting
-        self.pictures = pictures or PictureMaker()
+        self.pictures = pictures or PictureMaker(scene=scene)
         self.started, self._start = time.time(), time.monotonic()
         self._lock = threading.Lock()
         self._counted_here = not any(isinstance(camera, CameraState) for camera in cameras)
@@ -105,8 +106,9 @@ class Board:
             view = self._views[camera] if camera < len(self._views) else None
             if view is None or view.frame is None:
                 return None
-            frame, people = view.frame, view.people
-        return self.pictures.picture(camera, frame, people)
+            frame, people, counter = view.frame, view.people, view.counter
+            counts = {} if counter is None else texts_of(counter.counts, counter.occupancy)
+        return self.pictures.picture(camera, frame, people, counts)
 
     def cameras(self) -> list[dict[str, Any]]:
         """What is known of each camera."""

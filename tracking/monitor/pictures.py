@@ -5,9 +5,12 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
+from tsuiseki.tracking.counts.scene import Scene
+from tsuiseki.tracking.counts.scene_drawing import draw_scene
 from tsuiseki.tracking.features.exported import Detect
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.geometry import clip_boxes, iou_matrix
@@ -32,14 +35,14 @@ class Hidden:
 
 
 class PictureMaker:
-    """Draws people into the pictures of cameras; hides them first, where that is asked for.
+    """Draws people and the scene into the pictures of cameras; hides people first, where that is asked for.
 
     Hidden are the boxes of all tracks, widened by their doubt and held for a second, as `tsuiseki hide` does it; and
     whatever a second, more sensitive detection finds in that very picture.
     """
 
-    def __init__(self, hidden: Hidden | None = None) -> None:
-        self._hidden = hidden
+    def __init__(self, hidden: Hidden | None = None, scene: Scene | None = None) -> None:
+        self._hidden, self._scene = hidden, scene
         # By camera and id: seconds, box and score of the last frame.
         self._recent: dict[int, dict[int, tuple[float, FloatArray, float]]] = {}
         self._lock = threading.Lock()
@@ -53,13 +56,20 @@ class PictureMaker:
         rows = zip(people.ids.tolist(), people.boxes, np.nan_to_num(people.scores).tolist(), strict=True)
         self._recent[camera] = recent | {number: (frame.time, box, score) for number, box, score in rows}
 
-    def picture(self, camera: int, frame: Frame, people: Targets) -> ImageArray:
-        """The image of a frame with its people, ``(H, W, 3)`` uint8 RGB; asked again for a frame it is made once."""
+    def picture(
+        self, camera: int, frame: Frame, people: Targets, counts: Mapping[str, str] = MappingProxyType({})
+    ) -> ImageArray:
+        """The image of a frame with its people, ``(H, W, 3)`` uint8 RGB; asked again for a frame it is made once.
+
+        ``counts`` stand beside the names of the scene, see `draw_scene`.
+        """
         with self._lock:
             made = self._made.get(camera)
             if made is None or made[0] is not frame:
                 image = frame.image if self._hidden is None else self._without_people(camera, frame, self._hidden)
                 made = self._made[camera] = frame, drawn(Frame(frame.index, frame.time, image), people)
+                if self._scene is not None:
+                    draw_scene(made[1], self._scene, counts)
             return made[1]
 
     def _without_people(self, camera: int, frame: Frame, hidden: Hidden) -> ImageArray:

@@ -35,17 +35,13 @@ class Watching(Options):
         events: send events to -, a file, or an address http://… or mqtt://….
         page: port of a live page for this computer, with /health and /metrics.
         show: show pictures in a window.
-        scene: YAML of lines and zones for events and page; tsuiseki scene draws it.
+        scene: YAML of lines and zones for events, page and overlay; tsuiseki scene draws it.
     """
 
     events: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
     page: Annotated[int, Field(ge=0, le=65_535)] | None = None
     show: bool = False
     scene: Path | None = None
-
-    def __post_init__(self) -> None:
-        if self.scene is not None and not self.wanted:
-            raise RequestError("expected `scene` with `events` or `page`, got it alone; tsuiseki count takes it, too")
 
     @property
     def wanted(self) -> bool:
@@ -67,6 +63,13 @@ class Watching(Options):
             from tsuiseki.tracking.monitor.window import check_window
 
             check_window()
+
+    def check_scene(self, overlay: bool) -> None:
+        """Refuse a scene that nothing shows or takes events from; raises RequestError."""
+        if self.scene is not None and not (self.wanted or overlay):
+            raise RequestError(
+                "expected `scene` with `events`, `page` or `overlay`, got it alone; tsuiseki count takes it, too"
+            )
 
     @contextmanager
     def own_output(self) -> Iterator[None]:
@@ -97,7 +100,7 @@ class Watching(Options):
         Raises:
             RequestError: a receiver, the scene, the page or the window cannot be had.
         """
-        scene, recorded = self._scene([] if on_floor else sources), not any(source.live for source in sources)
+        scene, recorded = self.scene_of([] if on_floor else sources), not any(source.live for source in sources)
         if on_floor and scene is not None:
             scene.on_floor()
         self.check()
@@ -116,13 +119,13 @@ class Watching(Options):
 
                 hidden = None if hide is None else hidden_people(sources, hide, finding)
                 waiting = events.waiting if events is not None else lambda: 0
-                names = [source.name for source in sources]
+                names, in_pictures = [source.name for source in sources], None if on_floor else scene
                 board = Board(
                     out.resolve().name,
-                    None if on_floor else scene,
+                    in_pictures,
                     cameras or names,
                     recorded,
-                    PictureMaker(hidden),
+                    PictureMaker(hidden, in_pictures),
                     waiting,
                 )
                 stack.callback(board.close)
@@ -150,7 +153,12 @@ class Watching(Options):
         stack.callback(window.close)
         return [window]
 
-    def _scene(self, sources: Sequence[Source]) -> Scene | None:
+    def scene_of(self, sources: Sequence[Source]) -> Scene | None:
+        """The scene, which fits the pictures of all sources; None without one.
+
+        Raises:
+            RequestError: it is wrong, or of another size.
+        """
         from tsuiseki.tracking.counts.scene import read_scene
 
         if self.scene is None:

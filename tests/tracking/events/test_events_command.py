@@ -134,7 +134,7 @@ def test_a_run_without_end_keeps_no_password(sequence: Path, tmp_path: Path, mon
     [
         (["--events", "ftp://h"], "--events: expected -, a file, or an address"),
         (["--events", "/nowhere/\0"], "--events"),
-        (["--scene", "scene.yaml"], "expected --scene with --events or --page, got it alone"),
+        (["--scene", "scene.yaml"], "expected --scene with --events, --page or --overlay, got it alone"),
         (["--events", "-", "--scene", "none.yaml"], "expected YAML with lines and zones at none.yaml"),
     ],
 )
