@@ -35,7 +35,7 @@ class Watching(Options):
         events: send events to -, a file, or an address http://… or mqtt://….
         page: port of a live page for this computer, with /health and /metrics.
         show: show pictures in a window.
-        scene: YAML of lines and zones for events, page and overlay; tsuiseki scene draws it.
+        scene: lines and zones for events, page, overlay; tsuiseki scene draws them.
     """
 
     events: Annotated[str | None, Parameter(allow_leading_hyphen=True)] = None
