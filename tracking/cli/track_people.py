@@ -84,10 +84,8 @@ def track(
     if corrections is not None:
         check_corrections(corrections, source)
     record = _record(privacy)
-    watching.check_scene(video.overlay)
-    scene = watching.scene_of([source]) if video.overlay else None
     opened = open_people(source, finding, linking, 0)
-    _check(watching, while_it_runs := answers_while_it_runs(opened.tracker))
+    _check(watching, while_it_runs := answers_while_it_runs(opened.tracker), source, video.overlay)
     if live.roll is not None:
         _check_rolling(video.overlay or bool(corrections) or (bool(hide) and not watching.pictured))
         with watching.own_output():
@@ -100,8 +98,7 @@ def track(
             detections = opened.inputs.detections(frames, run.times, watching.pictured)
         else:
             opened, detections = replayed(run, opened)
-        numbered = run.kept("detections.txt", detections, None if finding.detections else detection_lines)
-        steps = run.steps(numbered)
+        steps = run.steps(run.kept("detections.txt", detections, None if finding.detections else detection_lines))
         told = {"method": linking.method, "source": video.source, "hide": hide}
         result, lines = people_result(opened, steps, run.times, told, watched.people)
         watched.rest(result.tracks, result.frames["frame"])
@@ -110,7 +107,7 @@ def track(
         report_blank(opened.inputs.detect)
         if corrections is not None:
             result = result.corrected(corrections)
-        result = result if scene is None else _with_scene(result, scene)
+        result = _with_scene(result, watching.scene_of([source])) if video.overlay else result
         hiding = None if choice is None else _hiding(run, source, result, choice, finding)
         again = None if hiding is None else lambda: hiding.hidden(run.replay(source))
         run.save(
@@ -121,17 +118,21 @@ def track(
     return run.status
 
 
-def _with_scene(result: Result[Track], scene: Scene) -> Result[Track]:
-    """The result, whose overlay shows the scene with its counts so far."""
+def _with_scene(result: Result[Track], scene: Scene | None) -> Result[Track]:
+    """The result, whose overlay shows the scene, where there is one, with its counts so far."""
+    if scene is None:
+        return result
     from tsuiseki.tracking.counts import counting
     from tsuiseki.tracking.counts.scene_drawing import with_scene
 
     return with_scene(result, counting.count(result, scene))
 
 
-def _check(watching: Watching, while_it_runs: bool) -> None:
-    """Refuse to show what comes at the end only, or what cannot be shown here."""
+def _check(watching: Watching, while_it_runs: bool, source: Source, overlay: bool) -> None:
+    """Refuse to show what comes at the end only, or what cannot be shown here; and a scene that does not fit."""
     watching.check()
+    watching.check_scene(overlay)
+    watching.scene_of([source])
     if watching.pictured and not while_it_runs:
         raise RequestError("`page` and `show` need a method that answers while it runs: give `delay`, or `method` sort")
 
