@@ -38,6 +38,7 @@ from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.following import Drawing, count
 from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.runs.rolling import LiveOptions
+from tsuiseki.tracking.runs.run import Run
 from tsuiseki.tracking.sphere.settings import FrameTimes
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
@@ -303,6 +304,7 @@ def floor(
         positions: of other sensors, a CSV with time,x,y and optionally sd,id; an id is certain.
         output.seed: of the particles of --method lmb.
     """
+    watching.check_scene(overlay=False)
     if live.roll is not None or any(map(is_live, source)):
         if drawing.overlay or detections or positions or settings.method != "flow" or times != TIMES:
             raise RequestError(
@@ -312,9 +314,8 @@ def floor(
         opened_live = open_live_floor(
             source, cameras, detecting, settings.delay, settings.tolerance, settings.floor, live.give_up
         )
-        watching.check_scene(overlay=False)
+        seen = partial(watching.observers, output.out, opened_live.videos, on_floor=True)
         with watching.own_output():
-            seen = partial(watching.observers, output.out, opened_live.videos, on_floor=True)
             number = floor_live(output, opened_live, live, seen)
             print(f"{count(number, 'person', 'people')} on the floor: {output.out}")
         return 0
@@ -325,22 +326,24 @@ def floor(
     with output.run() as run:
         run.sources += opened.sources
         result, tracks = opened.result(run.times, output.settings, run.steps if opened.people is None else None)
-
-        def draw() -> None:
-            if drawing.overlay:
-                for video, placed, camera_tracks in zip(opened.sources, opened.placed, tracks, strict=True):
-                    rate = placed.frame_rate or video.frame_rate
-                    painted = replace(result, painter=Overlay(camera_tracks, rate).draw, frame_rate=rate)
-                    drawing.draw(run, video, painted, placed.name)
-
-        run.save(result, draw)
+        run.save(result, partial(_draw_cameras, run, drawing, opened, result, tracks))
         run.done(f"{count(len(result), 'person', 'people')} on the floor: {output.out / 'world.csv'}")
     return run.status
 
 
+def _draw_cameras(
+    run: Run, drawing: Drawing, opened: FloorRun, result: Result[PersonOnFloor], tracks: Sequence[Sequence[Track]]
+) -> None:
+    """Draw the tracks of each camera into its video, where that is wanted."""
+    if drawing.overlay:
+        for video, placed, camera_tracks in zip(opened.sources, opened.placed, tracks, strict=True):
+            rate = placed.frame_rate or video.frame_rate
+            painted = replace(result, painter=Overlay(camera_tracks, rate).draw, frame_rate=rate)
+            drawing.draw(run, video, painted, placed.name)
+
+
 def _check_recorded(watching: Watching, live: LiveOptions) -> None:
     """Refuse what recorded videos cannot have."""
-    watching.check_scene(overlay=False)
     if watching.wanted:
         raise RequestError("expected live cameras, or `roll`, with `events`, `page` and `show`, got recorded ones")
     if live.give_up is not None:
