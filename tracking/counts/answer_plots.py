@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+# What people in a shop call the sides of the picture.
+IN_SHOP = {"top": "far end", "bottom": "near end", "within": "in view"}
 Draw = Callable[[Answers, str], "Figure"]
 
 
@@ -72,7 +74,7 @@ def matrix(table: Any) -> tuple[list[str], list[str], Any]:
     counts = np.zeros((len(origins), len(destinations)), dtype=np.int64)
     for origin, destination, count in zip(*table.values(), strict=True):
         counts[origins.index(origin), destinations.index(destination)] = count
-    return origins, destinations, counts
+    return [IN_SHOP.get(side, side) for side in origins], [IN_SHOP.get(side, side) for side in destinations], counts
 
 
 FIGURES: dict[str, Draw] = {
@@ -92,13 +94,16 @@ def _up_to_the_end(
 
 def _steps(ink: str, up: str, lines: Iterable[tuple[str, Any, Any]], paired: bool = False) -> Figure:
     """Step functions of time, each with its name; of pairs the second is dashed."""
+    from matplotlib.ticker import MaxNLocator
+
     figure, axes = _axes(ink, "seconds", up)
     for number, (name, times, values) in enumerate(lines):
         colour, style = (number // 2, "--" if number % 2 else "-") if paired else (number, "-")
         axes.step(times, values, style, where="post", color=COLOURS[colour % len(COLOURS)], label=literal(name))
     axes.set_ylim(bottom=0)
+    axes.yaxis.set_major_locator(MaxNLocator("auto", integer=True))
     if any(axes.get_legend_handles_labels()[1]):
-        axes.legend(frameon=False, labelcolor=ink, loc="upper left", bbox_to_anchor=(1, 1))
+        figure.legend(frameon=False, labelcolor=ink, loc="outside lower center", ncols=4)
     return figure
 
 

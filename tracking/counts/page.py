@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import json
 import warnings
-from collections import Counter
+from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -23,12 +23,14 @@ from tsuiseki.tracking.counts.counting import Answers, Table, count
 from tsuiseki.tracking.counts.scene import Scene
 from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
+from tsuiseki.tracking.output import versions
 from tsuiseki.tracking.privacy import PRIVACY
 from tsuiseki.tracking.report.page import BOXES_NOTE, Timeline
 from tsuiseki.tracking.report.pictures import Pictures, frames_to_show, heat_picture, paths_picture, pictures_of
 from tsuiseki.tracking.report.rendering import overlay_in, render
 from tsuiseki.tracking.report.track_bars import counted, followed
 from tsuiseki.tracking.result import PageContent, Result, Writer
+from tsuiseki.tracking.runs.files import CHOSEN
 from tsuiseki.tracking.types import FloatArray, ImageArray, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.tracks import boxes_about
@@ -40,6 +42,13 @@ if TYPE_CHECKING:
 AnyResult = TypeVar("AnyResult", bound=Result[Any])
 # Rows of a table on the page, and tracks with crops; the files have all.
 MOST = 100
+# Endings of the columns that hold the ends of an interval.
+ENDS = ("low", "high")
+HEADINGS = {
+    ("zones", "people"): "people at a time", ("zones", "most"): "most at a time", ("zones", "stay"): "stay, s",
+    ("zones", "longest"): "longest stay, s", ("zones", "density"): "people a square metre",
+    ("gatherings", "start"): "start, s", ("gatherings", "end"): "end, s", ("gatherings", "most"): "most at a time",
+}  # fmt: skip
 UNITS = {"first": "first in view, s", "last": "last in view, s", "seconds": "in view, s", "path": "path, px",
          "metres": "path, m", "speed": "speed, m/s"}  # fmt: skip
 
@@ -176,24 +185,42 @@ class TrackedPage:
             frames=len(numbers),
             overlay=overlay_in(folder),
             note=BOXES_NOTE.replace("person", self.nouns[0]) if boxes else "",
-            bars=Timeline([followed(track, self.nouns[0]) for track in self.tracks], first, length),
-            made={
-                **{name: result.settings[name] for name in ("method", "source") if name in result.settings},
-                **result.facts.get(PRIVACY, {}),
-            },
+            bars=Timeline([followed(track, self.nouns[0]) for track in self.tracks], first, length, rate),
+            made=self._made(),
         )
+
+    def _made(self) -> dict[str, Any]:
+        """How it was made: the source, what was asked for, the share of boxes that are detections, and the versions."""
+        settings, options = self.result.settings, self.result.facts.get(CHOSEN, {})
+        boxes = [track.observed for track in boxes_about(self.result, self.result.names)]
+        share = f"{100 * np.concatenate(boxes).mean():.0f} %" if boxes else None
+        asked = {name: "see run.json" if isinstance(value, Mapping) else value for name, value in options.items()}
+        return {
+            **{name: settings[name] for name in ("method", "source") if name in settings},
+            "options": {name: value for name, value in asked.items() if name not in ("method", "source")},
+            "boxes that a detection supports": share,
+            "versions": versions(),
+            **self.result.facts.get(PRIVACY, {}),
+        }
 
     def figure(self, name: str) -> Callable[[str], Figure]:
         """The plot of a table, by the colour of its text."""
         return partial(FIGURES[name], self.answers)
 
     def headings(self, name: str) -> list[str]:
-        """Of the columns of a table."""
-        return [column.replace("_", " ") for column in self.answers.tables[name]]
+        """Of the columns of a table, but the ends of intervals, which stand with their numbers."""
+        names = (column for column in self._columns(name) if not column.endswith(ENDS))
+        return [HEADINGS.get((name, column), column.replace("_", " ")) for column in names]
 
     def rows(self, name: str) -> list[list[str]]:
         """The cells of a table, row by row."""
-        return [[_cell(value) for value in row] for row in zip(*self.answers.tables[name].values(), strict=True)]
+        table = self._columns(name)
+        return [_cells(dict(zip(table, row, strict=True))) for row in zip(*table.values(), strict=True)]
+
+    def _columns(self, name: str) -> Table:
+        """The columns of a table that say something."""
+        table = self.answers.tables[name]
+        return {column: values for column, values in table.items() if any(value not in (None, "") for value in values)}
 
     def ways(self, name: str) -> list[list[str]]:
         """How many went from where to where: headings, then a row for each origin; nothing where nobody did."""
@@ -202,18 +229,18 @@ class TrackedPage:
             return []
         origins, destinations, counts = matrix(table)
         rows = zip(origins, counts.tolist(), strict=True)
-        return [["from, to", *destinations], *([origin, *map(str, row)] for origin, row in rows)]
+        return [["from / to", *destinations], *([origin, *map(str, row)] for origin, row in rows)]
 
     def people(self) -> PeopleRows:
         """A row for each track that is shown: times, path, and time in zones."""
         table, stays = self.answers.tables["people"], self.answers.tables["stays"]
-        within = Counter[tuple[int, str]]()
+        within = defaultdict[tuple[int, str], float](float)
         for who, zone, seconds in zip(*(stays[name] for name in ("id", "zone", "seconds")), strict=True):
             within[who, zone] += seconds
         names = [name for name in table if name not in ("id", "class") or (name == "class" and any(table[name]))]
         zones, ids = [zone.name for zone in self.answers.scene.zones], {track.id for track in self.tracks}
         rows = {
-            who: [*(_cell(table[name][number]) for name in names), *(f"{within[who, zone]:.1f}" for zone in zones)]
+            who: [*(_cell(table[name][number]) for name in names), *(_cell(within[who, zone]) for zone in zones)]
             for number, who in enumerate(table["id"])
             if who in ids
         }
@@ -225,8 +252,27 @@ def _alone(write: Callable[[Path], object], path: Path, _: Path) -> object:
     return write(path)
 
 
+def _cells(row: Mapping[str, Any]) -> list[str]:
+    """The cells of a row; a number stands with the ends of its interval, where it has some."""
+    cells = []
+    for name in (name for name in row if not name.endswith(ENDS)):
+        # Of `count` the ends are `low` and `high`, of `stay` they are `stay_low` and `stay_high`.
+        low, high = (_cell(row.get(end if name == "count" else f"{name}_{end}")) for end in ENDS)
+        cells.append(_cell(row[name]) if low == high else f"{_cell(row[name])} ({low}-{high})")
+    return cells
+
+
 def _cell(value: Any) -> str:
-    return "" if value is None else f"{value:g}" if isinstance(value, float) else str(value)
+    """Two digits of a number that is none of whole ones, and all that stand before the point.
+
+    >>> [_cell(value) for value in (1234.5, 12.34, 1.26, 0.0421, 3, None)]
+    ['1234', '12', '1.3', '0.042', '3', '']
+    """
+    if value is None:
+        return ""
+    if not isinstance(value, float):
+        return str(value)
+    return f"{value:.0f}" if abs(value) >= 10 else f"{value:.2g}"
 
 
 def write_csv(table: Callable[[], Table], path: Path) -> None:
@@ -239,17 +285,11 @@ def write_csv(table: Callable[[], Table], path: Path) -> None:
 
 def summary(answers: Answers) -> Sequence[str]:
     """A line for each line and zone."""
-    table, zones = answers.tables["lines"], answers.tables["zones"]
-    head = [
-        f"{line} {way}: {number} ({low}-{high})" if low != high else f"{line} {way}: {number}"
-        for line, way, number, low, high in zip(*table.values(), strict=True)
-    ]
-    names = ("zone", "people", "people_low", "people_high", "most", "stay", "stay_low", "stay_high")
-    return [
-        *head,
-        *(
-            f"{zone}: {people:g} people on average ({low:g}-{high:g}), {peak} at most, "
-            f"{stay:g} s ({least:g}-{longest:g})"
-            for zone, people, low, high, peak, stay, least, longest in zip(*(zones[n] for n in names), strict=True)
-        ),
-    ]
+    lines, zones = (
+        [dict(zip(table, row, strict=True)) for row in zip(*table.values(), strict=True)]
+        for table in (answers.tables["lines"], answers.tables["zones"])
+    )
+    crossed = ["{} {}: {}".format(*_cells(row)) for row in lines]
+    names = ("zone", *(f"{name}{end}" for name in ("people", "most", "stay") for end in ("", "_low", "_high")))
+    inside = [_cells({name: row[name] for name in names if name in row}) for row in zones]
+    return [*crossed, *("{}: {} people on average, {} at most, {} s".format(*cells) for cells in inside)]

@@ -48,4 +48,4 @@ def _timeline(person: ActingTrack, result: Result[ActingTrack], threshold: float
             acting = spans(track.frames, called[:, a].astype(np.int64))
             name = result.names[a]
             rows.append((name, [Bar(span.first, span.last, name, track.id) for span in acting if span.value]))
-    return Timeline(rows, frames[0], frames[-1] - frames[0] + 1, left=150)
+    return Timeline(rows, frames[0], frames[-1] - frames[0] + 1, result.frame_rate)

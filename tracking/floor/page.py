@@ -64,7 +64,7 @@ def floor_files(
             introduction="Each colour and number is one person in all cameras. Triangles are cameras.",
             paths=partial(floor_figure, walked, plan, stands),
             dwell=partial(dwell_figure, walked, plan, rate),
-            people=[_followed(person, measured) for person in sorted(longest, key=lambda person: person.id)],
+            people=[_followed(person, measured, rate) for person in sorted(longest, key=lambda person: person.id)],
             left_out=len(people) - len(longest),
             overlays={name: overlay for name in names if (overlay := overlay_in(folder / name))},
             seconds={name: f"{1000 * spent:.0f} ms" for name, spent in seconds.items()},
@@ -114,7 +114,7 @@ class FollowedPerson:
     line: Timeline
 
 
-def _followed(person: PersonOnFloor, measured: MeasuredFloor) -> FollowedPerson:
+def _followed(person: PersonOnFloor, measured: MeasuredFloor, rate: float) -> FollowedPerson:
     rows = [
         (name, _bars(person, cameras))
         for name, cameras in zip(measured.names, person.detected.T, strict=True)
@@ -126,7 +126,7 @@ def _followed(person: PersonOnFloor, measured: MeasuredFloor) -> FollowedPerson:
         person.id,
         "#{:02x}{:02x}{:02x}".format(*track_colour(person.id)),
         ", ".join([stay, *(name for name, _ in rows)]),
-        Timeline(rows, 0, len(measured.moments)),
+        Timeline(rows, 0, len(measured.moments), rate),
     )
 
 

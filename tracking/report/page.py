@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
+import numpy as np
+
 from tsuiseki.tracking.evaluation.coverage import coverage, spans
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation
 from tsuiseki.tracking.evaluation.tables import COLUMNS, cells
@@ -20,11 +22,9 @@ from tsuiseki.tracking.report.rendering import render
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
 
-# Width of all frames of a timeline, pixels.
-TIMELINE = 800
-# Frames between two numbers of a timeline, the first with which there are at most `MOST_TICKS`.
-TICKS = (1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10000)
-MOST_TICKS = 10  # numbers that stay apart on a narrow screen
+# Frames or seconds between two numbers of a timeline, the first with which there are at most `MOST_TICKS`.
+TICKS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 30, 60, 120, 300, 600, 1200, 1800, 3600, 7200, 21600)
+MOST_TICKS = 6  # numbers that stay apart on a narrow screen
 LOWER_IS_BETTER = {"id_switches", "false_positives", "false_negatives"}
 BOXES_NOTE = "Each colour and number is one person. A dashed box is filled in: no detection supports it."
 
@@ -36,7 +36,7 @@ class Bar:
     Attributes:
         first: 0-based frame.
         last: 0-based frame, included.
-        tip: text shown under the pointer, before the frames.
+        tip: text shown under the pointer, before its time.
         identity: whose colour it has; None takes the colour of the text.
         pale: drawn faintly.
     """
@@ -55,36 +55,34 @@ class Bar:
 
 @dataclass(frozen=True)
 class Timeline:
-    """Rows of bars over numbered frames: the macro ``timeline`` draws them.
+    """Rows of bars over time: the macro ``timeline`` draws them.
 
     Attributes:
         rows: the label of each, and its bars.
         first: 0-based frame at the left end.
         length: number of frames.
-        left: room for the labels, pixels.
-        width: of all frames, pixels.
+        rate: frames a second, for seconds since frame 0; 0 for the numbers of frames.
     """
 
     rows: Sequence[tuple[str, Sequence[Bar]]]
     first: int
     length: int
-    left: int = 90
-    width: int = TIMELINE
+    rate: float = 0.0
 
     @property
-    def scale(self) -> float:
-        """Pixels a frame."""
-        return self.width / max(self.length, 1)
+    def ticks(self) -> list[tuple[float, str]]:
+        """What is written below: the place of each, percent of the width, and its text."""
+        rate, begin = (self.rate, self.first) if self.rate else (1.0, self.first + 1)
+        extent, start = max(self.length, 1) / rate, begin / rate
+        step = next((t for t in TICKS if (self.rate or t >= 1) and extent / t <= MOST_TICKS), extent / MOST_TICKS)
+        numbers = step * np.arange(np.ceil(start / step), np.floor((start + extent) / step) + 1)
+        return [(float(100 * (n - start) / extent), f"{n:g}{' s' if self.rate else ''}") for n in numbers.round(6)]
 
-    def at(self, frame: float) -> float:
-        """Where a 0-based frame begins, pixels from the left."""
-        return self.left + (frame - self.first) * self.scale
-
-    @property
-    def ticks(self) -> range:
-        """The frames whose numbers, from 1, are written below."""
-        step = next((tick for tick in TICKS if self.length / tick <= MOST_TICKS), TICKS[-1])
-        return range((self.first // step + 1) * step, self.first + self.length + 1, step)
+    def when(self, bar: Bar) -> str:
+        """From when to when a bar is."""
+        if self.rate:
+            return f"{bar.first / self.rate:.1f} to {(bar.last + 1) / self.rate:.1f} s"
+        return f"frames {bar.first + 1}-{bar.last + 1}"
 
 
 @dataclass(frozen=True)
@@ -148,4 +146,4 @@ def _timeline(report: Report, method: str) -> Timeline:
             for span in spans(person.frames, person.track_ids)
         ]
         rows.append((str(person.id), bars))
-    return Timeline(rows, 0, report.length, left=44)
+    return Timeline(rows, 0, report.length)

@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 COLOURS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
 SHARES = (("HOTA", "hota"), ("DetA", "det_a"), ("AssA", "ass_a"), ("MOTA", "mota"), ("IDF1", "idf1"))
+# Inches across of a figure on a telephone.
+NARROW = 4.4
 COUNTS = (("Id switches", "id_switches"), ("False boxes", "false_positives"), ("Missed boxes", "false_negatives"))
 
 
@@ -80,8 +82,14 @@ def count_figure(truth: GroundTruth, results: Mapping[str, Sequence[Track]], len
     return figure
 
 
-def inline_svg(draw: Callable[[str], Figure], name: str) -> Markup:
-    """A figure in the page's own text colour, from behind ``<svg``; ``name`` is unlike that of others on the page."""
+def inline_svg(draw: Callable[[str], Figure], name: str, narrow: bool = False) -> Markup:
+    """A figure in the page's own text colour, from behind ``<svg``.
+
+    Args:
+        draw: gives the figure, by the colour of its text.
+        name: unlike that of others on the page.
+        narrow: as wide as a telephone shows it with letters of their size.
+    """
     import matplotlib
     from markupsafe import Markup
 
@@ -89,7 +97,15 @@ def inline_svg(draw: Callable[[str], Figure], name: str) -> Markup:
     stand_in = "#010203"
     buffer = io.StringIO()
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "font.family": "sans-serif"}):
-        draw(stand_in).savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
+        figure = draw(stand_in)
+        if narrow:
+            figure.set_size_inches(NARROW, max(NARROW * 0.6, 0.9 * figure.get_figheight()))
+            for legend in figure.legends[:]:
+                lines = [line for line in legend.legend_handles if line is not None]
+                texts = [text.get_text() for text in legend.get_texts()]
+                legend.remove()
+                figure.legend(lines, texts, loc="outside lower center", ncols=2, frameon=False, labelcolor=stand_in)
+        figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     return Markup(buffer.getvalue().partition("<svg")[2].replace(stand_in, "currentColor"))
 
 

@@ -1,12 +1,13 @@
 """Pages from the templates beside this file: a page looks as its one template says, and text from inputs is escaped.
 
 `parts.html.j2` has what several pages share. A picture ``(H, W, 3)`` uint8 RGB becomes its place by ``| jpeg``, a
-figure by ``| svg(name)``, a video by ``| video``.
+figure by ``| svg(name)``, a video by ``| video``, a setting or fact its text by ``| words``.
 """
 
 from __future__ import annotations
 
 import base64
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
@@ -55,8 +56,23 @@ def _environment() -> Environment:
     environment = Environment(
         loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
     )
-    environment.filters |= {"jpeg": jpeg_place, "svg": inline_svg, "video": video_place}
+    environment.filters |= {"jpeg": jpeg_place, "svg": inline_svg, "video": video_place, "words": words}
     return environment
+
+
+def words(value: Any) -> str:
+    """A value of a setting or fact as people write it; empty for None and for what holds nothing."""
+    if value is None:
+        return ""
+    if isinstance(value, bool):
+        return "on" if value else "off"
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name.replace('_', ' ')} {text}" for name, inner in value.items() if (text := words(inner)))
+    if isinstance(value, list | tuple):
+        return ", ".join(text for inner in value if (text := words(inner)))
+    return str(value)
 
 
 def jpeg_place(image: ImageArray) -> str:

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.video.source import Source
 
 T = TypeVar("T")
+# Name of the fact that says which settings the user gave, with their values.
+CHOSEN = "options"
+# Settings that say where a result goes, not what it is.
+PLACES = ("out", "overwrite", "overlay", "overlay_format")
 # Sub-folder of files that are not whole yet.
 PARTS = ".parts"
 
@@ -34,6 +38,7 @@ class RunFiles:
         command: the program's words, for ``run.json``.
         settings: every option with its value; likewise.
         page: adds the page to a result that has `PageContent`; None for none.
+        chosen: names of the settings that the user gave.
         work: the working folder.
         times: seconds of each stage.
         columns: what happened in each frame, for ``run.json``: one list a column.
@@ -48,6 +53,7 @@ class RunFiles:
     command: Sequence[str] = ("tsuiseki",)
     settings: Mapping[str, Any] = field(default_factory=dict)
     page: Callable[[Any], Any] | None = None
+    chosen: Sequence[str] = ()
     work: Path = field(init=False)
     times: StageTimes = field(default_factory=StageTimes)
     columns: Mapping[str, Sequence[Any]] = field(default_factory=dict)
@@ -90,6 +96,8 @@ class RunFiles:
         ``draw`` makes what the pages of the result show, when all other files are written; ``folder`` lies inside the
         output folder.
         """
+        if asked := {name: self.settings[name] for name in self.chosen if name not in PLACES}:
+            result = replace(result, facts={**result.facts, CHOSEN: asked})
         if PRIVACY in self.facts:
             result = replace(result, facts={**result.facts, PRIVACY: self.facts[PRIVACY]})
         if self.page is not None and result.page is not None:

@@ -42,6 +42,7 @@ class Output(Options):
         command: the program's words, for ``run.json``.
         settings: every option with its value, as a file for ``--config`` has them; likewise.
         page: adds the page to a result that has `PageContent`; None for none.
+        chosen: names of the settings that the user gave.
     """
 
     out: Path
@@ -49,6 +50,7 @@ class Output(Options):
     command: Annotated[tuple[str, ...], HIDDEN] = ("tsuiseki",)
     settings: Annotated[dict[str, Any], HIDDEN] = field(default_factory=dict)
     page: Annotated[Callable[[Any], Any] | None, HIDDEN] = None
+    chosen: Annotated[tuple[str, ...], HIDDEN] = ()
 
     def check(self) -> None:
         """Refuse, before anything is computed, a folder that cannot be filled; raises RequestError.
@@ -59,7 +61,7 @@ class Output(Options):
 
     def run(self) -> AbstractContextManager[Run]:
         """A run that writes there."""
-        return Run(self.out, self.overwrite, self.command, self.settings, self.page).opened()
+        return Run(self.out, self.overwrite, self.command, self.settings, self.page, self.chosen).opened()
 
 
 @dataclass(frozen=True, config=SETTINGS)

@@ -148,11 +148,13 @@ def test_a_browser_shows_it_without_errors_or_sideways_scrolling(tmp_path, video
     page.on("pageerror", lambda error: wrong.append(str(error)))
     page.goto((tmp_path / "report.html").as_uri())
     assert page.evaluate("document.documentElement.scrollWidth") == width
+    hidden = "[...document.querySelectorAll('.wide')].filter(part => part.scrollWidth > part.clientWidth)"
+    assert page.evaluate(f"{hidden}.length") == 0
     assert page.evaluate("[...document.images].every(image => image.complete && image.naturalWidth > 0)")
     ground = page.evaluate("getComputedStyle(document.body).backgroundColor")
     assert (sum(map(int, re.findall(r"\d+", ground))) < 200) == (scheme == "dark")
     lines = page.locator("table").first.locator("tbody tr").all_inner_texts()
-    assert [line.split("\t")[:3] for line in lines] == [["<b>door", "in", "4"], ["<b>door", "out", "0"]]
+    assert [line.split("\t")[:3] for line in lines] == [["<b>door", "in", "4 (3-4)"], ["<b>door", "out", "0"]]
     focused = []
     for _ in range(12):
         page.keyboard.press("Tab")

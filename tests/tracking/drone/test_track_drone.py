@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import Any
@@ -71,7 +72,7 @@ def test_report_overlay_and_evaluation(
     assert main(words(clip, action_streams, out, "--overlay")) == 0
     page = (out / "report.html").read_text()
     assert page.count("person ") >= 5
-    assert "Sitting, frames 1-22" in page
+    assert re.search(r"Sitting, 0\.0 to \d+\.\d s", page)
     assert "data:video/webm" in page
     assert {"decode", "camera", "actions", "link"} <= values(out)["seconds"].keys()
     capsys.readouterr()

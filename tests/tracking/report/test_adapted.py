@@ -26,10 +26,10 @@ def report() -> AdaptedReport:
 
 def test_the_table_holds_every_round(report: AdaptedReport) -> None:
     page = adapted_page(report)
-    tables = re.findall(r"<table>.*?</table>", page, re.DOTALL)
-    assert [table.count("<tr>") for table in tables] == [3]
+    tables = re.findall(r"<table.*?</table>", page, re.DOTALL)
+    assert [table.count("<tr") for table in tables] == [3]
     assert tables[0].count("0.250") == tables[0].count("0.750") == len(HEADINGS)
-    assert '<td class="best">0.750</td>' in tables[0]
+    assert 'class="best">0.750</td>' in tables[0]
     assert "a<b" not in page
 
 

@@ -13,8 +13,8 @@ import pytest
 from tsuiseki.tracking.evaluation.coverage import coverage, spans
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
 from tsuiseki.tracking.report import rendering
-from tsuiseki.tracking.report.page import Report, report_page
-from tsuiseki.tracking.report.rendering import section, video_place
+from tsuiseki.tracking.report.page import Bar, Report, Timeline, report_page
+from tsuiseki.tracking.report.rendering import section, video_place, words
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
 
@@ -86,14 +86,32 @@ def test_the_page_is_whole_and_needs_nothing_else(tmp_path: Path) -> None:
     assert base64.b64encode(b"video bytes").decode() in text
 
 
-def test_every_table_and_plot_scrolls_by_itself(tmp_path: Path) -> None:
+def test_every_table_and_plot_scrolls_by_itself_or_fits(tmp_path: Path) -> None:
     text = report_page(make_report(tmp_path))
-    tables, plots = re.findall(r"<table>", text), re.findall(r'<svg class="plot"', text)
-    assert (
-        len(re.findall(r'<div class="wide" tabindex="0"><(?:table>|svg class="plot")', text))
-        == len(tables) + len(plots)
-        == 6
-    )
+    tables, plots = re.findall(r"<table", text), re.findall(r'<svg class="plot"', text)
+    inside = re.findall(r'<div class="wide" tabindex="0"><(?:table|svg class="plot")', text)
+    assert len(inside) == len(tables) + len(plots) == 3
+    assert len(re.findall(r'<svg class="plot on-(?:wide|narrow)"', text)) == 2
+
+
+def test_a_timeline_says_seconds_where_the_rate_is_known() -> None:
+    bar = Bar(10, 19, "person 1", 1)
+    line = Timeline([("person 1", [bar])], 5, 30, 10.0)
+    # From 0.5 to 3.5 seconds.
+    assert line.ticks == [(pytest.approx(100 * (n - 0.5) / 3), f"{n:g} s") for n in (0.5, 1, 1.5, 2, 2.5, 3, 3.5)]
+    assert line.when(bar) == "1.0 to 2.0 s"
+    frames = Timeline([("1", [bar])], 0, 20)
+    assert [text for _, text in frames.ticks] == ["5", "10", "15", "20"]
+    assert frames.when(bar) == "frames 11-20"
+
+
+def test_settings_read_as_people_write_them() -> None:
+    values = {"a": None, "b": [], "on": True, "view": [1, 2], "flow": {"delay": None, "min_time": 0.5}}
+    assert words(values) == "on on, view 1, 2, flow min time 0.5"
+    page = section("{% import 'parts.html.j2' as parts %}{{ parts.listing(values) }}", values=values)
+    assert "None" not in page
+    assert "[" not in page
+    assert page.count("<dt>") == 3
 
 
 def test_text_from_inputs_stays_text(tmp_path: Path) -> None:
