@@ -18,6 +18,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.fields import FrameRate
 from tsuiseki.tracking.privacy import PRIVACY, today
 from tsuiseki.tracking.report.drawing import drawn_on
+from tsuiseki.tracking.runs.following import count as counted
 from tsuiseki.tracking.runs.options import Output, OutputFile
 
 
@@ -99,4 +100,5 @@ def scene(video: Path, *, output: SceneFile = SCENE_FILE) -> None:
 
     drawn = drawn_on(image, "scene.html", taken, "draw the scene", "write the scene by hand instead")
     output.write(output.out, lambda path: path.write_text(scene_text(drawn), encoding="utf-8"))
-    print(f"{len(drawn.lines)} lines, {len(drawn.zones)} zones: {output.out}")
+    lines, zones = counted(len(drawn.lines), "line", "lines"), counted(len(drawn.zones), "zone", "zones")
+    print(f"{lines}, {zones}: {output.out}")

@@ -124,6 +124,13 @@ def test_a_question_leads_to_its_place_and_a_track_is_parted_there(reviewable, s
     assert len(ids_at(page, at)) == PEOPLE
 
 
+def test_the_bars_fit_a_telephone(reviewable, started, opened):
+    page = opened(started(reviewable)[1], viewport={"width": 390, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    bars = "[...document.querySelectorAll('header *, #transport *')].map(part => part.getBoundingClientRect().right)"
+    assert max(page.evaluate(bars)) <= 390
+
+
 def test_boxes_are_moved_added_and_named_with_a_finger(reviewable, started, opened):
     page = opened(started(reviewable)[1], viewport={"width": 820, "height": 1180}, has_touch=True)
     to_frame(page, 10)

@@ -8,7 +8,21 @@ const make = (tag, given, text) => {
  Object.entries(given).forEach(([key, value]) => made.setAttribute(key, value));
  if (text) made.textContent = text;
  svg.append(made);
+ return made;
 };
+const meet = (a, b) => a.x < b.x + b.width && b.x < a.x + a.width && a.y < b.y + b.height && b.y < a.y + a.height;
+// The name at a point, within the picture and below the names that stand there.
+function label([x, y], size, text, taken) {
+ const made = make("text", {"font-size": size}, text), {naturalWidth: width} = image;
+ const place = down => {
+  made.setAttribute("y", Math.max(y, size) + down * size);
+  made.setAttribute("x", Math.max(0, Math.min(x, width - made.getBBox().width)));
+  return made.getBBox();
+ };
+ let box = place(0);
+ for (let down = 1; down < 20 && taken.some(other => meet(other, box)); down++) box = place(down);
+ taken.push(box);
+}
 function arrow([a, b], size) {
  const m = [0, 1].map(k => (a[k] + b[k]) / 2), l = Math.hypot(b[0] - a[0], b[1] - a[1]) || 1;
  const n = [-(b[1] - a[1]) / l, (b[0] - a[0]) / l], t = [0, 1].map(k => m[k] + n[k] * size);
@@ -18,13 +32,15 @@ function arrow([a, b], size) {
 function show() {
  svg.setAttribute("viewBox", `0 0 ${image.naturalWidth} ${image.naturalHeight}`);
  svg.replaceChildren();
- const size = image.naturalWidth / 40, paint = {fill: "none", stroke: "#e8590c", "stroke-width": 3};
+ frame.style.setProperty("--aspect", image.naturalWidth / image.naturalHeight);
+ const taken = [], size = image.naturalWidth / 40, paint = {fill: "none", stroke: "#e8590c", "stroke-width": 3};
+ const letters = Math.max(size * .7, 14 * image.naturalWidth / image.clientWidth);
  for (const one of [...scene, {kind: kind.value, name: "", points}]) {
   const filled = !straight(one.kind) && one.points !== points;
   const inner = filled ? {fill: "#e8590c33"} : {};
   make(filled ? "polygon" : "polyline", {...paint, points: one.points.join(" "), ...inner});
   if (one.kind === "lines" && one.points.length === 2) make("path", {...paint, d: arrow(one.points, size)});
-  if (one.points.length) make("text", {x: one.points[0][0], y: one.points[0][1], "font-size": size * .7}, one.name);
+  if (one.points.length && one.name) label(one.points[0], letters, one.name, taken);
   if (one.points === points) points.forEach(([x, y]) => make("circle", {cx: x, cy: y, r: size / 6, fill: "#e8590c"}));
  }
  if (cursor) make("path", {...paint, d: `M${cursor}m${-size},0h${2 * size}m${-size},${-size}v${2 * size}`});
@@ -35,7 +51,8 @@ function show() {
    button.onclick = () => { action(); show(); };
    row.append(button, " ");
   };
-  row.append(`${kind.querySelector(`[value=${one.kind}]`).textContent} ${one.name} `);
+  const what = kind.querySelector(`[value=${one.kind}]`).textContent;
+  row.append(one.name.startsWith(what) ? `${one.name} ` : `${what} ${one.name} `);
   does("Remove", () => scene.splice(k, 1));
   if (one.kind === "lines") does("Turn", () => one.points.reverse());
   return row;
@@ -82,7 +99,7 @@ document.onkeydown = event => {
 };
 kind.onchange = next;
 byId("close").onclick = done;
-image.onload = show;
+image.onload = window.onresize = show;
 byId("save").onclick = async () => {
  const of = what => scene.filter(one => one.kind === what), regions = of("region"), known = of("length").at(-1);
  const long = known && Math.hypot(known.points[1][0] - known.points[0][0], known.points[1][1] - known.points[0][1]);
