@@ -109,11 +109,14 @@ class CameraEvents:
         self._add_to_interval(int(here.sum()))
         return self._events
 
-    def outage(self, seconds: float | None, time: float | None = None) -> list[Event]:
-        """The camera is away from now on, or is back after so many seconds."""
+    def outage(self, seconds: float | None, time: float | None = None, last: float | None = None) -> list[Event]:
+        """The camera is away from now on, or is back after so many seconds; ``last``: of its last frame, see `update`.
+
+        By default that is the last frame of which there were people.
+        """
         self._events, self._time = [], time
         if seconds is None:
-            self._tell("camera_lost", {"seconds": round(self._seconds, 3)})
+            self._tell("camera_lost", {"seconds": round(self._seconds if last is None else last, 3)})
         else:
             self._tell("camera_back", {"gap": round(seconds, 3)})
         return self._events

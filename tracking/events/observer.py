@@ -45,7 +45,9 @@ class EventMaker:
         """The events that follow from the next frame, moment or outage."""
         time = None if self._recorded else happening.time
         if isinstance(happening, CameraOutage):
-            return self._of(happening.name).outage(happening.seconds, time)
+            # The seconds of a floor's cameras are those of the floor.
+            last = None if self._first is None else max(0.0, happening.time - self._first)
+            return self._of(happening.name).outage(happening.seconds, time, last)
         if isinstance(happening, PeopleInFrame):
             return self._of(happening.name).update(happening.people, happening.frame.time, time)
         if self._first is None:
