@@ -36,6 +36,10 @@ class RequestError(ValueError):
         super().__init__(in_a_line(message))
 
 
+class AbsentCameraError(RequestError):
+    """Nothing answers at the address of a camera."""
+
+
 def a_path(value: object, name: str = "path") -> Path:
     """``value`` as a path; raises RequestError where the argument ``name`` is none, or empty."""
     if not isinstance(value, str | Path):

@@ -80,7 +80,8 @@ def track(
     from tsuiseki.tracking.result import PageContent, check_corrections
 
     choice = None if hide is None else HideChoice.parse(hide)
-    source = live.applied(video.open(images=choice is not None or watching.pictured, timed=True))
+    images = choice is not None or watching.pictured
+    source = live.applied(live.opened(output.out, lambda: video.open(images=images, timed=True)))
     if corrections is not None:
         check_corrections(corrections, source)
     record = _record(privacy)

@@ -311,9 +311,8 @@ def floor(
                 "expected live cameras, or `roll`, with the method flow and without `overlay`, `detections`, "
                 "`positions`, `offsets` and `timestamps`"
             )
-        opened_live = open_live_floor(
-            source, cameras, detecting, settings.delay, settings.tolerance, settings.floor, live.give_up
-        )
+        how = settings.delay, settings.tolerance, settings.floor, live.give_up
+        opened_live = live.opened(output.out, lambda: open_live_floor(source, cameras, detecting, *how))
         seen = partial(watching.observers, output.out, opened_live.videos, on_floor=True)
         with watching.own_output():
             number = floor_live(output, opened_live, live, seen)

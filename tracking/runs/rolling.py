@@ -13,17 +13,18 @@ from __future__ import annotations
 
 import json
 import time
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 from pydantic import PositiveFloat
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import AbsentCameraError, InputWarning, RequestError
 from tsuiseki.tracking.fields import Options
 from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import (
@@ -43,6 +44,7 @@ from tsuiseki.tracking.types.live import CameraOutage, CameraState, Observer
 if TYPE_CHECKING:
     from tsuiseki.tracking.video.source import Source
 
+T = TypeVar("T")
 OUTAGES_FILE = "outages.csv"
 OUTAGE_COLUMNS = ("what", "from", "to", "seconds")
 # Settings that say where a result goes, not what it is.
@@ -73,13 +75,35 @@ class LiveOptions(Options):
     roll: PositiveFloat | None = None
 
     def applied(self, source: Source) -> Source:
-        """The source, which is given up as these options say; raises RequestError where it is not live."""
-        if self.give_up is None:
-            return source
+        """The source, waited for as these options say; raises RequestError where it is given up and not live."""
         if not source.live:
-            raise RequestError(f"`give_up`: expected a live source, got {source.name}; leave it out")
-        changes: Any = {"give_up": self.give_up}
+            if self.give_up is not None:
+                raise RequestError(f"`give_up`: expected a live source, got {source.name}; leave it out")
+            return source
+        # It answered; what rolls waits where its first picture is late, too.
+        changes: Any = {"give_up": self.give_up, "awaited": self.roll is not None}
         return replace(source, **changes)
+
+    def opened(self, out: Path, open_cameras: Callable[[], T]) -> T:
+        """What ``open_cameras`` gives; it is asked again where a camera is away and the run in ``out`` goes on.
+
+        Raises:
+            RequestError: as it does; an absent camera of a run that begins, or that is given up.
+        """
+        from tsuiseki.tracking.video.live import LONGEST_PAUSE, PAUSE
+
+        begin, pause = time.monotonic(), PAUSE
+        while True:
+            try:
+                return open_cameras()
+            except AbsentCameraError as error:
+                passed = time.monotonic() - begin
+                if not (out / LIVE_FILE).is_file() or (self.give_up is not None and passed >= self.give_up):
+                    raise
+                if pause == PAUSE:
+                    warnings.warn(f"{error} The run goes on when it is back", InputWarning, stacklevel=2)
+            time.sleep(pause)
+            pause = min(2 * pause, LONGEST_PAUSE)
 
 
 class PartFile:

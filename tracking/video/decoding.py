@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 
-from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
+from tsuiseki.tracking.errors import AbsentCameraError, InputWarning, RequestError, RunError
 from tsuiseki.tracking.video.frame_source import Size
 from tsuiseki.tracking.video.levels import SAMPLES, Levels
 
@@ -85,7 +85,7 @@ class Decoder:
             if isinstance(error, RequestError | MemoryError):
                 raise
             if self._file is None:
-                raise RequestError(
+                raise AbsentCameraError(
                     f"expected pictures from {self.name}, got none; is it connected, and free?"
                 ) from error
             raise RequestError(f"{place}: expected a video that FFmpeg can decode, found something else") from error

@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
+from tsuiseki.tracking.errors import AbsentCameraError, InputWarning, RequestError, RunError
 from tsuiseki.tracking.types import Frame, ImageArray
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.live import CameraState
@@ -104,7 +104,7 @@ class LiveSource(Source):
         if address.isdecimal():
             with webcam(address) as capture:
                 if not capture.isOpened():
-                    raise RequestError(f"expected pictures from {name}, got none; is it connected, and free?")
+                    raise AbsentCameraError(f"expected pictures from {name}, got none; is it connected, and free?")
                 rate, ends = float(capture.get(cv2.CAP_PROP_FPS)), capture.get(cv2.CAP_PROP_FRAME_COUNT) > 0
             rate = rate if math.isfinite(rate) and 0 < rate <= FASTEST else DEFAULT_FRAME_RATE
             return cls(name=name, address=address, frame_rate=rate, frames_wanted=frame_range, ends=ends)

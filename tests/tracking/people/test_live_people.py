@@ -17,13 +17,14 @@ import pytest
 
 from tests.tracking.video.cameras import Hours, Sends, camera
 from tsuiseki.tracking.cli import main
-from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.errors import AbsentCameraError, InputWarning, RequestError
 from tsuiseki.tracking.people.api import follow_people
 from tsuiseki.tracking.people.live_run import people_live
 from tsuiseki.tracking.people.opening import OpenedPeople, open_people
 from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.options import Output
+from tsuiseki.tracking.runs.rolling import LiveOptions
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.types.live import CameraOutage, LiveEvent, PeopleInFrame
 from tsuiseki.tracking.video import live
@@ -190,6 +191,7 @@ from tests.tracking.people.test_live_people import opened, picture
 from tests.tracking.video.cameras import Hours, Sends, camera
 from tsuiseki.tracking.people.live_run import people_live
 from tsuiseki.tracking.runs.options import Output
+from tsuiseki.tracking.runs.rolling import LiveOptions
 
 begin = time.time()
 hours = Hours(begin)
@@ -218,6 +220,28 @@ def test_after_a_kill_at_any_moment_the_same_command_goes_on(tmp_path: Path) -> 
         assert min(now - before) > max(before, default=0)
         before = now
     assert len(before) >= 3
+
+
+def test_a_run_that_goes_on_waits_for_its_camera_and_one_that_begins_does_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live, "PAUSE", 0.001)
+    answers: list[str | None] = [None, None, None, "there"]
+
+    def open_camera() -> str:
+        if (answer := answers.pop(0)) is None:
+            raise AbsentCameraError("expected pictures from door, got none; is it connected, and free?")
+        return answer
+
+    with pytest.raises(AbsentCameraError):
+        LiveOptions(roll=1.0).opened(tmp_path, open_camera)
+    (tmp_path / "live.json").write_text("{}")
+    with pytest.warns(InputWarning, match="free. The run goes on when it is back") as told:
+        assert LiveOptions(roll=1.0).opened(tmp_path, open_camera) == "there"
+    assert len(told) == 1
+    answers[:] = [None] * 1000
+    with pytest.warns(InputWarning), pytest.raises(AbsentCameraError):
+        LiveOptions(roll=1.0, give_up=0.01).opened(tmp_path, open_camera)
 
 
 def test_several_files_are_followed_each_by_itself(street: Path) -> None:

@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import signal
+import subprocess
+import sys
+import time
 from collections.abc import Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
@@ -11,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.tracking.conftest import Inputs
 from tests.tracking.video.servers import Beginning, LabelReader, PlannedCamera, jpeg, number_of, numbered
 from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 from tsuiseki.tracking.people.live_run import people_live
@@ -90,3 +96,60 @@ def test_people_keep_their_ids_over_a_gap_within_the_delay_and_by_appearance_ove
         assert len(both) >= 3
         assert {person: before[person] for person in both} == {person: after[person] for person in both}
         assert all(len(before[person]) == 1 for person in both)
+
+
+def rows_of(out: Path) -> list[list[str]]:
+    """Whole rows of all parts."""
+    lines = [line for part in sorted(out.glob("*/tracks.csv")) for line in part.read_text().split("\n")[1:-1]]
+    return [line.split(",") for line in lines]
+
+
+# The command, and a note of each picture that is worked on.
+COMMAND = """
+import sys
+from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.people.several import FollowedCamera
+push = FollowedCamera.push
+def noting(camera, arrival, detections):
+    with open(sys.argv[1], "a") as file:
+        file.write(f"{arrival.time:.3f}\\n")
+    return push(camera, arrival, detections)
+FollowedCamera.push = noting
+sys.exit(main(sys.argv[2:]))
+"""
+
+
+@pytest.mark.slow
+def test_the_command_goes_on_after_three_kills_and_loses_at_most_the_delay(inputs: Inputs, tmp_path: Path) -> None:
+    """Killed at first, in the middle, and while the camera is away; somebody stands before it all the time."""
+    picture = jpeg(np.full((48, 64, 3), 120, np.uint8))
+    camera = PlannedCamera(Beginning(1), lambda seconds: None if 3.0 < seconds % 6.0 < 5.0 else picture, RATE)
+    out, file, seen = tmp_path / "out", tmp_path / "events.jsonl", tmp_path / "seen"
+    words = ["--method", "flow", "--delay", "1", "--fps", "8", "--roll", "1", "--out", str(out), "--events", str(file)]
+    words += ["--detector", str(inputs.detector), "--appearance", "none", "--affinity", "none"]
+    command = [sys.executable, "-W", "ignore", "-c", COMMAND, str(seen), "track", "people", camera.address, *words]
+    highest = 0
+    for moment, more in (("first", 1), ("middle", 12), ("away", 12), ("end", 1)):
+        before, end = len(rows_of(out)), time.monotonic() + 100
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:
+            while len(rows_of(out)) < before + more or (camera.shown is None) != (moment == "away"):
+                assert time.monotonic() < end
+                assert process.poll() is None
+                time.sleep(0.02)
+            process.send_signal(signal.SIGINT if moment == "end" else signal.SIGKILL)
+        rows = rows_of(out)[before:]
+        worked_on = np.array(seen.read_text().split(), dtype=float)
+        # A second of delay, and the picture that was being worked on.
+        assert (worked_on > float(rows[-1][1])).sum() <= RATE + 1
+        ids = {int(row[2]) for row in rows}
+        assert min(ids) > highest
+        highest = max(ids)
+    camera.close()
+    assert process.returncode == 0
+    assert [line.split(",")[0] for line in (out / "outages.csv").read_text().splitlines()].count("the run") == 3
+    events = [json.loads(line) for line in file.read_text().splitlines()]
+    assert len({event["id"] for event in events}) == len(events)
+    appeared = [event["data"]["person"] for event in events if event["type"] == "tsuiseki.appeared"]
+    assert len(appeared) == len(set(appeared))
+    # A kill may come between a row and its event.
+    assert set(appeared) <= {int(row[2]) for row in rows_of(out)} <= {*range(1, len(appeared) + 4)}

@@ -77,7 +77,9 @@ class PlannedCamera:
         noise: Callable[[int], bytes] = lambda _: b"",
     ) -> None:
         self.beginning, self.shows, self.rate, self.noise = beginning, shows, rate, noise
-        self.connections, self.sent, self.over = 0, 0, threading.Event()
+        self.connections, self.over = 0, threading.Event()
+        # When pictures were sent, seconds since 1970.
+        self.sent: list[float] = []
         self.listening = socket(AF_INET, SOCK_STREAM)
         self.listening.setsockopt(SOL_SOCKET, SO_REUSEADDR, 1)
         self.listening.bind(("127.0.0.1", 0))
@@ -101,11 +103,16 @@ class PlannedCamera:
         with there, suppress(OSError):
             there.recv(4096)
             there.sendall(HEAD)
-            while not self.over.is_set() and (data := self.shows(self.beginning.seconds)) is not None:
+            while not self.over.is_set() and (data := self.shown) is not None:
                 head = b"--next\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(data)
-                there.sendall(self.noise(self.sent) + head + data + b"\r\n")
-                self.sent += 1
+                there.sendall(self.noise(len(self.sent)) + head + data + b"\r\n")
+                self.sent.append(time.time())
                 self.over.wait(1 / self.rate)
+
+    @property
+    def shown(self) -> bytes | None:
+        """What it shows now."""
+        return self.shows(self.beginning.seconds)
 
     def close(self) -> None:
         self.over.set()
