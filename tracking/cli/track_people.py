@@ -80,8 +80,7 @@ def track(
     from tsuiseki.tracking.result import PageContent, check_corrections
 
     choice = None if hide is None else HideChoice.parse(hide)
-    images = choice is not None or watching.pictured
-    source = live.applied(live.opened(output.out, lambda: video.open(images=images, timed=True)))
+    source = live.opened(output.out, lambda: live.applied(video.open(images=bool(hide) or watching.pictured, timed=True)))
     if corrections is not None:
         check_corrections(corrections, source)
     record = _record(privacy)
