@@ -80,7 +80,8 @@ def track(
     from tsuiseki.tracking.result import PageContent, check_corrections
 
     choice = None if hide is None else HideChoice.parse(hide)
-    source = live.opened(output.out, lambda: live.applied(video.open(images=bool(hide) or watching.pictured, timed=True)))
+    opening = partial(video.open, images=choice is not None or watching.pictured, timed=True)
+    source = live.applied(live.opened(output.out, opening))
     if corrections is not None:
         check_corrections(corrections, source)
     record = _record(privacy)
@@ -102,8 +103,7 @@ def track(
         told = {"method": linking.method, "source": video.source, "hide": hide}
         result, lines = people_result(opened, steps, run.times, told, watched.people)
         watched.rest(result.tracks, result.frames["frame"])
-        for line in lines:
-            print(line)
+        print("".join(f"{line}\n" for line in lines), end="")
         report_blank(opened.inputs.detect)
         if corrections is not None:
             result = result.corrected(corrections)
