@@ -15,7 +15,7 @@ def train_detector(
     train: str | Path,
     out: str | Path,
     *,
-    start: str | Path = "figures",
+    start: str | Path = "people",
     classes: Sequence[str] | None = None,
     epochs: int = 5,
     batches: int = 60,

@@ -21,7 +21,7 @@ from tsuiseki.datamodules.video_pictures import read_image
 from tsuiseki.tracking.cli import main as tsuiseki
 from tsuiseki.tracking.evaluation.detection import LabelledBoxes, evaluate_detections
 from tsuiseki.tracking.features.exported import Detector
-from tsuiseki.tracking.weights import shipped
+from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 from tsuiseki.trainers.detector_labels import LOWEST_SCORE
 from tsuiseki.trainers.fit import fit_detector
 
@@ -73,7 +73,7 @@ def measured(clip: Path, learnt: int, last: int, options: list[str]) -> tuple[fl
     pictures = labelled_images(clip, (learnt + 1, last))
     truth = [LabelledBoxes(picture.boxes, picture.ignored) for picture in pictures]
     scores = []
-    for file in (shipped("detector_figures"), out / "detector.onnx"):
+    for file in (shipped(PEOPLE_DETECTOR), out / "detector.onnx"):
         detector = Detector(file, LOWEST_SCORE)
         detected = [detector.detect([read_image(picture.picture)])[0] for picture in pictures]
         scores.append([evaluate_detections(truth, detected, iou).average_precision for iou in (0.5, 0.75)])
