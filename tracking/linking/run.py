@@ -17,7 +17,7 @@ from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import AppearanceLike, Describe, as_describer
 from tsuiseki.tracking.fields import Commas, FrameRate
 from tsuiseki.tracking.formats.mot import write_tracks
-from tsuiseki.tracking.linking.transits import MARGIN, Passages, Transits, linked, people_of
+from tsuiseki.tracking.linking.transits import MARGIN, Passages, Transits, linked, people_of, standing_out
 from tsuiseki.tracking.people.tracks_of_source import boxes_of, frame_times, name_of, rates_of, tracked
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.options import Output
@@ -65,7 +65,8 @@ def link(
         starts: seconds at which each begins, by one clock; by default all at once.
         appearance: as of `track_people`; by default the shipped network, where the videos are there; ``"none"`` goes
             by times and places alone.
-        margin: least margin of a join that is made, natural logarithm, 0 or more; log 9 means nine to one.
+        margin: least margin of a join that is made, natural logarithm, 0 or more; log 9 means nine to one. A join must
+            also stand out from those that chance gives, see `linking.transits`; of strangers none is made.
         frame_rates: frames a second, where a result does not say: one number, or one a result.
 
     Raises:
@@ -161,7 +162,7 @@ def _centred(features: FloatArray) -> FloatArray:
 def _joined(
     names: Sequence[str], results: Sequence[Result[Track]], passages: Passages, links: Transits, margin: float
 ) -> Linked:
-    sure = links.margins >= margin
+    sure = standing_out(passages, links, margin)
     ids = people_of(len(passages.view), links, sure)
     tracks = [track for result in results for track in boxes_of(result)]
     rows: dict[bool, list[tuple[Any, ...]]] = {True: [], False: []}
@@ -225,6 +226,9 @@ def link_results(
             run.write(name, write_joins, rows)
         people = len({track.id for result in common.results for track in result})
         summary = f"{people} people, {len(common.joins)} joins, {len(common.unsure)} unsure ones not made"
+        if not common.joins:
+            when = "" if starts else ", or did not begin at once: give --starts"
+            summary += f"; nobody stands out from strangers: these cameras share nobody, or few{when}"
         run.done(f"{summary}: {output.out}")
     return run.status
 

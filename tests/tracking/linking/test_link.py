@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import cv2
 import numpy as np
@@ -13,13 +13,15 @@ import tsuiseki
 from tests.tracking.counts.walkers import walker
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.linking.transits import MARGIN, Passages, Transits, linked, people_of
+from tsuiseki.tracking.linking.transits import MARGIN, Passages, Transits, linked, people_of, standing_out
 from tsuiseki.tracking.people.tracks_of_source import tracked
 from tsuiseki.tracking.result import Result
 
 
-def street(seed: int, people: int = 40, every: float = 20.0, likeness: float = 0.6) -> tuple[Passages, np.ndarray]:
-    """Two cameras on one street, 15 s apart: three of four who leave one enter the other; and who each one is."""
+def street(
+    seed: int, people: int = 40, every: float = 20.0, likeness: float = 0.6, shared: float = 0.75
+) -> tuple[Passages, np.ndarray]:
+    """Two cameras on one street, 15 s apart: a share of those who leave one enter the other; and who each one is."""
     rng, rows, time = np.random.default_rng(seed), [], 0.0
 
     def seen() -> np.ndarray:
@@ -35,7 +37,7 @@ def street(seed: int, people: int = 40, every: float = 20.0, likeness: float = 0
         base /= np.linalg.norm(base)
         out = time + rng.uniform(8, 14)
         rows.append((int(back), time, out, *ends, seen(), person))
-        if rng.random() < 0.75:
+        if rng.random() < shared:
             again = out + 15 * np.exp(0.2 * rng.normal())
             rows.append((1 - int(back), again, again + 10, *ends, seen(), person))
     columns = [np.array(column) for column in zip(*(rows[k] for k in rng.permutation(len(rows))), strict=True)]
@@ -52,6 +54,39 @@ def test_appearance_and_times_find_people_again():
     scores = np.mean([scored(linked(street(seed, every=6)[0]), street(seed, every=6)[1]) for seed in range(4)], axis=0)
     assert scores[0] > 0.97
     assert scores[1] > 0.95
+
+
+def strangers(seed: int) -> tuple[Passages, np.ndarray]:
+    """Two streets of other people: of each, all in its first camera."""
+    (first, _), (second, _) = (
+        street(seed, people=25, every=12, shared=0),
+        street(seed + 50, people=25, every=12, shared=0),
+    )
+    both = [np.concatenate([getattr(side, f.name) for side in (first, second)]) for f in fields(Passages)]
+    return replace(Passages(*both), view=np.repeat([0, 1], 25)), np.arange(50)
+
+
+@pytest.mark.slow
+def test_of_strangers_nobody_is_joined():
+    """66.4: at nine to one alone, some would be."""
+    every = [linked(strangers(seed)[0]) for seed in range(8)]
+    assert sum((links.margins >= MARGIN).sum() for links in every) > 4
+    assert sum(standing_out(strangers(seed)[0], links).sum() for seed, links in enumerate(every)) == 0
+
+
+@pytest.mark.slow
+def test_of_joins_of_few_and_many_shared_people_one_in_twenty_is_false():
+    """66.4: and nearly as many are right as at nine to one alone."""
+    right, made, before = 0, 0, 0
+    for shared in (0.2, 0.4, 0.75):
+        for seed in range(3):
+            passages, who = street(seed, 30, 12, shared=shared)
+            links = linked(passages)
+            true, sure = who[links.earlier] == who[links.later], standing_out(passages, links)
+            right, made = right + (true & sure).sum(), made + sure.sum()
+            before += (true & (links.margins >= MARGIN)).sum()
+    assert made - right <= 0.05 * made
+    assert right >= 0.9 * before
 
 
 def test_times_alone_find_those_whom_nobody_else_follows():
