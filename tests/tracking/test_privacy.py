@@ -95,7 +95,7 @@ def test_counts_have_the_record_of_the_scene(kept: Path, tmp_path: Path) -> None
 def test_the_hidden_video_has_the_record(name: str, kept: Path, tmp_path: Path) -> None:
     import av
 
-    assert main(["hide", str(tmp_path / "clip"), str(kept), "--out", str(tmp_path / name)]) == 0
+    assert main(["hide", str(kept), str(tmp_path / "clip"), "--out", str(tmp_path / name)]) == 0
     with av.open(str(tmp_path / name)) as video:
         metadata = {key.lower(): value for key, value in video.metadata.items()}
     assert "purpose: count; area: door <east>; retention: 30; access: manager" in metadata["comment"]

@@ -5,7 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 
-def convert(result: Path, *, to: str, out: Path, video: str | None = None, overwrite: bool = False) -> None:
+def convert(
+    result: Path, out: Path, *, to: str | None = None, video: str | None = None, overwrite: bool = False
+) -> None:
     """Write a result into the file of another program; events of track people --events go into csv.
 
     Formats: csv, json, parquet, mot, dancetrack, kitti, coco, cvat, label-studio, yolo, sleap, sleap-analysis,
@@ -13,15 +15,18 @@ def convert(result: Path, *, to: str, out: Path, video: str | None = None, overw
 
     Args:
         result: folder of a result, or a file of tracks or events.
-        to: format of the file.
         out: file to write; for dancetrack, yolo and geff a folder.
+        to: format of the file; by default the first above that has the ending of OUT.
         video: what was tracked in, where the format needs the size of the frames and the result does not know it.
         overwrite: replace existing files.
     """
+    from tsuiseki.tracking.errors import RequestError
     from tsuiseki.tracking.events.table import is_event_file
-    from tsuiseki.tracking.formats.exports import format_named
+    from tsuiseki.tracking.formats.exports import SUFFIXES, format_named
     from tsuiseki.tracking.result import Result
 
+    if to is None and (to := SUFFIXES.get(out.suffix.lower())) is None:
+        raise RequestError(f"expected `to`, or the name of a file ending in {', '.join(SUFFIXES)}, got {out}")
     format_named(to)
     if is_event_file(result):
         _convert_events(result, to, out, overwrite)

@@ -268,8 +268,17 @@ def worded(error: CycloptsError) -> str:
     return str(error)
 
 
+# Options of ultralytics and of other trackers, and what they are called here.
+ELSEWHERE = {
+    "--conf": "--score-threshold", "--imgsz": "--view", "--iou": "--sort.min-iou", "--model": "--detector",
+    "--tracker": "--method", "--weights": "--detector", "--save": "--overlay",
+}  # fmt: skip
+
+
 def unknown(name: str, options: Iterable[str]) -> str:
     """What to say of an option that is not among ``options``."""
-    typed = "--" + name.lstrip("-").replace("_", "-")
+    typed, options = "--" + name.lstrip("-").replace("_", "-"), list(options)
+    if (ours := ELSEWHERE.get(typed)) in options:
+        return f"unknown option {typed}; here it is {ours}"
     hint = hint_at(typed, [option for option in options if option.startswith("--")])
     return f"unknown option {typed}; {hint if hint.startswith('did') else '--help lists them'}"

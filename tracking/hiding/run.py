@@ -285,8 +285,8 @@ hide_in = hide
 
 
 def hide_people(
-    video: Path,
     result: Path,
+    video: Path,
     *,
     output: OutputFile,
     hide: str = "people",
@@ -302,8 +302,8 @@ def hide_people(
     NAME.doubtful.csv lists where a place is hidden without a detection.
 
     Args:
-        video: that was tracked.
         result: of track people: its folder, or a file tracks.txt.
+        video: that was tracked.
         hide: people, heads, or all-but with the ids of tracks that stay as they are, such as all-but=3,5.
         style: pixelated or filled.
         detector: the second one; by default the shipped one. See track people.

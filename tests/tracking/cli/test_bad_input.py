@@ -232,6 +232,14 @@ def test_models_of_another_kind(option: str, other: str, inputs: Any, complaint:
 
 
 @pytest.mark.parametrize(
+    ("option", "ours"),
+    [("--conf", "--score-threshold"), ("--iou", "--sort.min-iou"), ("--imgsz", "--view"), ("--tracker", "--method")],
+)
+def test_options_of_other_programs_hint_at_ours(option: str, ours: str, inputs: Any, complaint: Complaint) -> None:
+    assert f"unknown option {option}; here it is {ours}" in complaint([*inputs.words(), option, "0.5"], 2)
+
+
+@pytest.mark.parametrize(
     ("yaml", "line"),
     [
         ("ovrlay: true", "unknown option --ovrlay; did you mean --overlay?"),

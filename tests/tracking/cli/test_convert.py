@@ -91,6 +91,15 @@ def test_a_table_has_time_class_box_score_and_place(tmp_path: Path) -> None:
     assert (back.track.class_name, back.places.tolist()) == ("car", [[1, 2], [1, 3], [1, 4]])
 
 
+@pytest.mark.parametrize(("file", "name"), [("t.csv", "csv"), ("t.xml", "cvat"), ("t.txt", "mot"), ("t.JSON", "json")])
+def test_the_ending_names_the_format(result: Result[Track], file: str, name: str, tmp_path: Path) -> None:
+    folder = str(result.save(tmp_path / "run"))
+    assert main(["convert", folder, str(tmp_path / file)]) == 0
+    assert main(["convert", folder, "--to", name, "--out", str(tmp_path / f"o{file}")]) == 0
+    one, other = ((tmp_path / begin).read_text() for begin in (file, f"o{file}"))
+    assert one == other
+
+
 @pytest.mark.parametrize("name", ["sleap", "sleap-analysis"])
 def test_what_needs_a_package_says_so(
     name: str, result: Result[Track], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -111,6 +120,7 @@ def test_what_cannot_be_written_is_said_in_a_line(
     for words, message in (
         (["--to", "voc", "--out", str(tmp_path / "a.xml")], f"expected one of {', '.join(FORMATS)}, got voc"),
         (["--to", "cvat", "--out", str(tmp_path / "a.json")], "expected the name of a .xml for cvat, got"),
+        ([str(tmp_path / "a.voc")], "expected --to, or the name of a file ending in .csv, .json"),
         (["--to", "yolo", "--out", str(tmp_path / "run/run.json")], "expected the name of a folder for yolo, got"),
         (["--to", "cvat", "--out", str(tmp_path / "run/run.json/a.xml")], "cannot write to"),
     ):

@@ -235,8 +235,8 @@ def test_the_command_hides_and_counts_doubtful_frames(
 ) -> None:
     words = [
         "hide",
-        str(inputs.images),
         str(result),
+        str(inputs.images),
         "--detector",
         str(inputs.detector),
         "--out",
@@ -268,7 +268,7 @@ def test_what_is_wrong_is_said_in_a_line(
     out = [] if "--out" in words else ["--out", str(tmp_path / "o.webm")]
     given = [word.format(folder=tmp_path) for word in words]
     capsys.readouterr()
-    status = main(["hide", str(inputs.images), str(result), "--detector", str(inputs.detector), *given, *out])
+    status = main(["hide", str(result), str(inputs.images), "--detector", str(inputs.detector), *given, *out])
     error = capsys.readouterr().err.splitlines()[-1]
     assert status == 2
     assert error.startswith(f"tsuiseki: {line.format(folder=tmp_path)}")
