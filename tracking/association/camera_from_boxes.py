@@ -8,9 +8,9 @@ squares with the weights
 
     (w / h²) / (1 + |d − s|² / (k h)²)².
 
-Here d is the difference of the two centres, s the difference that the similarity predicts, and k the tolerance: how far
-people move by themselves between two frames, in heights. A ridge penalty keeps rotation and scale small. All pairs of
-frames are estimated at once.
+Here d is the difference of the two centres, s the difference that the similarity predicts, and k the tolerance, in
+heights: how far people move by themselves between two frames, and how far their boxes are off. A ridge penalty keeps
+rotation and scale small. All pairs of frames are estimated at once.
 
 Fewer than four pairs that agree are too few: one person who walks looks like a camera that turns. The camera is then
 taken to stand still. If it was moving just before, the motion of these few pairs is taken. Either way the step
@@ -44,12 +44,12 @@ LEAST = 4.0
 MOVING = 0.3
 
 
-def doubt_of(support: float, frame_rate: float) -> float:
+def doubt_of(support: float, frame_rate: float, noise: float = 0.0) -> float:
     """Standard deviation of a step that fewer pairs than `LEAST` agree with, in heights of a box.
 
     The tolerance, divided by the root of the number of pairs that agree.
     """
-    return TOLERANCE / frame_rate / math.sqrt(max(support, 0.25))
+    return (TOLERANCE / frame_rate + math.sqrt(2) * noise) / math.sqrt(max(support, 0.25))
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,9 @@ class CameraSteps:
     shift: FloatArray
 
 
-def steps_from_boxes(frames: IntArray, boxes: FloatArray, count: int, rate: FloatArray) -> CameraSteps:
+def steps_from_boxes(
+    frames: IntArray, boxes: FloatArray, count: int, rate: FloatArray, noise: float = 0.0
+) -> CameraSteps:
     """The steps into the frames 0 to ``count - 1``; into the first there is none.
 
     Args:
@@ -75,6 +77,7 @@ def steps_from_boxes(frames: IntArray, boxes: FloatArray, count: int, rate: Floa
         boxes: ``(N, 4)`` pixels.
         count: T.
         rate: ``(count,)`` one over the seconds since the frame before each.
+        noise: standard deviation of the centre of a box, heights, as far as it exceeds what `TOLERANCE` covers.
     """
     steps = CameraSteps(np.tile(np.eye(3)[:2], (count, 1, 1)), np.zeros(count), np.zeros(count))
     centre, size = centres(boxes), sizes(boxes)
@@ -96,12 +99,14 @@ def steps_from_boxes(frames: IntArray, boxes: FloatArray, count: int, rate: Floa
     middle = np.stack([total(weight * centre[i, k]) for k in (0, 1)], axis=1) / present[:, None]
     place = centre[i] - middle[time]
     ridge = RIDGE * total(weight * np.square(place).sum(axis=1)) / present
-    kernel = MODE / rate[time] * height
+    # Centres of two boxes of one person differ by the noise of both.
+    off_by = math.sqrt(2) * noise
+    kernel, tolerance = (MODE / rate[time] + off_by) * height, (TOLERANCE / rate[time] + off_by) * height
     scale, turn, shift = np.zeros(count), np.zeros(count), _common_shift(time, move, kernel, weight, count)
     for _ in range(ROUNDS):
         off = move - _moves(place, time, scale, turn, shift)
         squared = np.square(off).sum(axis=1)
-        agree = weight / (1 + squared / np.square(TOLERANCE / rate[time] * height)) ** 2
+        agree = weight / (1 + squared / np.square(tolerance)) ** 2
         share = agree / np.square(height)
         mass = total(share) + 1e-12
         mean_place = np.stack([total(share * place[:, k]) for k in (0, 1)], axis=1) / mass[:, None]

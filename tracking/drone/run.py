@@ -38,6 +38,7 @@ from tsuiseki.tracking.people.given_detections import GivenDetections
 from tsuiseki.tracking.people.printed_flow import ITERATIONS, PrintedFlow
 from tsuiseki.tracking.people.run_log import FrameLog
 from tsuiseki.tracking.people.settings import FindingOptions
+from tsuiseki.tracking.people.tracker_choice import straddles
 from tsuiseki.tracking.people.whole_flow import long_tracks
 from tsuiseki.tracking.result import PageContent, Result, Writer
 from tsuiseki.tracking.runs.following import Video, count, open_checked
@@ -196,7 +197,14 @@ def link(
     if models.right_tracks is not None:
         people = _named(logged, models, models.right_tracks, settings, source.frame_rate, log)
     else:
-        tracker = DroneTracker(suited(settings, method), source.frame_rate, source.size, costs)
+        tracker = DroneTracker(
+            suited(settings, method),
+            source.frame_rate,
+            source.size,
+            costs,
+            pictures=watching.camera,
+            drop_straddling=straddles(watching.detect),
+        )
         people = _linked(logged, tracker, method, times, log)
         facts["flow"], network = tracker.facts(), tracker.network()
     tracks = [person.track for person in people]
@@ -313,7 +321,7 @@ def drone(
             of --drone. With --preset printed, costs learnt on pairs (train affinity --features thesis_action).
         preset: printed links as the thesis prints it, by the overlap, appearance and actions of pairs: flow is MCF,
             flow-saf MHT-SAF and flow-maf MHT-MAF.
-        keep_camera_motion: compare places as they are in the pictures.
+        keep_camera_motion: the boxes tell how the camera moves, not the pictures.
         threshold: an action is named where its probability is above, from 0 to 1.
         cache: folder that keeps what the networks say; a second run on the same video with other settings of method
             or --drone takes seconds.

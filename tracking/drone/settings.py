@@ -21,8 +21,13 @@ DRONE_MOTION = MotionNoise((0.08, 0.25, 0.13), (0.5, 0.8, 0.3), (2.5, 0.2, 0.2))
 
 
 # Tuned for people from a drone: costs in nats, reach and speed in body heights, least shares in [0, 1].
+# Many sit or lie, so that who stands and scores little is no clutter.
 DRONE_FLOW = FlowSettings(
-    input=InputSettings(detection=DetectionCost(offset=3.0, weight=0.5, least=0.02, interval=0.5), any_speed=False),
+    input=InputSettings(
+        detection=DetectionCost(offset=2.5, weight=2.0, least=0.02, interval=0.5),
+        any_speed=False,
+        box_noise=DRONE_MOTION.measurement[0],
+    ),
     costs=FlowCosts(
         link=LinkCost(
             motion=DRONE_MOTION,
@@ -32,10 +37,11 @@ DRONE_FLOW = FlowSettings(
             neutral=(0.10, 0.07),
             action=ActionCost(weight=(10.0, 25.0), neutral=(0.05, 0.04), least=0.3),
         ),
-        entry=7.0,
-        exit=7.0,
+        entry=12.0,
+        exit=12.0,
         places=False,
     ),
+    standing=True,
 )
 
 

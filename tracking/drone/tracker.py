@@ -33,6 +33,8 @@ class DroneTracker:
         size: width and height of the image, so that leaving it differs from a miss; None where not known.
         costs: by how much costs learnt on whole tracks differ from the settings', by default not at all; or the
             thesis's flow in place of that of the settings, which leaves the camera's motion in.
+        pictures: the camera's motion comes with the frames, from pictures; otherwise the boxes tell it.
+        drop_straddling: see `FlowTracker`.
     """
 
     def __init__(
@@ -41,15 +43,24 @@ class DroneTracker:
         frame_rate: float = 25.0,
         size: tuple[int, int] | None = None,
         costs: CostNetwork | PrintedFlow | None = None,
+        *,
+        pictures: bool = True,
+        drop_straddling: bool = False,
     ) -> None:
         self.settings = settings or DroneSettings()
-        self._path = CameraPath()
+        self._path = CameraPath() if pictures else None
         self._flow: FlowTracker | PrintedFlow
         if isinstance(costs, PrintedFlow):
             self._flow = costs
         else:
-            flow = self.settings.flow
-            self._flow = FlowTracker(flow, frame_rate=frame_rate, size=size, camera=self._path, changes=costs)
+            self._flow = FlowTracker(
+                self.settings.flow,
+                frame_rate=frame_rate,
+                size=size,
+                camera=self._path,
+                changes=costs,
+                drop_straddling=drop_straddling,
+            )
         self._frame_rate = frame_rate
 
     def update(self, detections: Detections, motion: CameraStep | None = None) -> None:
@@ -58,9 +69,10 @@ class DroneTracker:
         Args:
             detections: with appearance features where they are known, and with probabilities of actions in all frames
                 or in none.
-            motion: of the camera since the frame before; None for a camera that stands still.
+            motion: of the camera since the frame before, by pictures; None for a camera that stands still.
         """
-        self._path.follow(motion or CameraStep(STANDS_STILL))
+        if self._path is not None:
+            self._path.follow(motion or CameraStep(STANDS_STILL))
         self._flow.update(detections)
 
     def tracks(self) -> list[Track]:

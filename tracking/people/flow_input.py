@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from statistics import median
 
 import numpy as np
+from pydantic import NonNegativeFloat
 from pydantic.dataclasses import dataclass as pydantic_dataclass
 
 from tsuiseki.tracking.association.camera_from_boxes import LEAST, MOVING, CameraSteps, doubt_of, steps_from_boxes
@@ -53,11 +54,14 @@ class InputSettings:
         detection: how scores become probabilities.
         follow_camera: remove the camera's motion from the boxes; otherwise the camera is taken to stand still.
         any_speed: links are weighed for targets as fast as those of the video; otherwise for those of the settings.
+        box_noise: standard deviation of the centre of a box, heights, where boxes tell the camera's motion; see
+            `steps_from_boxes`.
     """
 
     detection: DetectionCost = field(default_factory=DetectionCost)
     follow_camera: bool = True
     any_speed: bool = True
+    box_noise: NonNegativeFloat = 0.0
 
 
 @dataclass
@@ -244,7 +248,7 @@ class FlowInput:
         boxes = np.concatenate([self._last.boxes, rows.boxes])
         frames = np.append(np.zeros(len(self._last), np.int64), rows.frames - first + 1)
         rate = np.append(self.frame_rate, self.inferences.rates(first, count))
-        steps = steps_from_boxes(frames, boxes, count + 1, rate)
+        steps = steps_from_boxes(frames, boxes, count + 1, rate, self.settings.box_noise)
         still, self._still = self._still[:count], self._still[count:]
         for index in range(1, count + 1):
             if index <= len(still) and still[index - 1]:
@@ -273,7 +277,7 @@ class FlowInput:
             self._shifts = [*self._shifts, shift / times][-round(max(self.frame_rate, 2)) :]
             self.camera.append(steps.similarity[index])
         elif moving and support > 0:
-            doubt = doubt_of(support, rate)
+            doubt = doubt_of(support, rate, self.settings.box_noise)
             self.camera.append(steps.similarity[index], doubt, reliable=False, moving=True)
         else:
             self.camera.append(None, usual * times if moving else STILL, moving=moving)
@@ -340,6 +344,8 @@ class FlowSettings:
         min_time: shortest time of detections of a track, seconds.
         fill: longest gap that is filled on a straight line, seconds.
         smoothing: smooth boxes by as much as suits the video; otherwise they are reported as detected.
+        standing: keep tracks that stand and score less than those that move; otherwise they are taken for clutter,
+            see `standing_clutter`.
         decide_every: least time between two decisions, seconds; None solves all frames at once in the end.
     """
 
@@ -348,6 +354,7 @@ class FlowSettings:
     min_time: Seconds = 0.16
     fill: Seconds = 2.0
     smoothing: bool = True
+    standing: bool = False
     decide_every: PositiveSeconds | None = 20.0
 
     def alike(self) -> FlowSettings:

@@ -204,7 +204,7 @@ class WholeFlow:
         least, logit = least_logit(self.input.observation), self.input.logits(self._scores[table.numbers])
         pieces = [p for p in long_tracks(labels, settings.fewest(rate, self._frame)) if not logit[p].mean() < least]
         finished = [self._piece(table, piece) for piece in pieces]
-        if self.input.observation is None:
+        if self.input.observation is None and not settings.standing:
             tracks, images = [person.track for person in finished], [person.image for person in finished]
             dropped = standing_clutter(tracks, images, rate)
             finished = [finished[n] for n in np.setdiff1d(np.arange(len(finished)), dropped)]
