@@ -119,6 +119,32 @@ def test_a_moving_camera_is_taken_out() -> None:
     assert sum(len(t) for t in torn.tracks()) < 0.8 * sum(len(t) for t in expected)
 
 
+def test_without_pictures_the_boxes_tell_how_the_camera_moves() -> None:
+    # Eight people at once, boxes off by a twentieth of a height, jerks of up to a fifth of one.
+    frames, rng = walk(6, 80, people=12), np.random.default_rng(1)
+    still, left_in, by_boxes = DroneTracker(), DroneTracker(), DroneTracker(pictures=False)
+    for found, shift in zip(frames, rng.uniform(-20, 20, (len(frames), 2)), strict=True):
+        moved = replace(found, boxes=found.boxes + np.tile(shift, 2))
+        still.update(found)
+        left_in.update(moved)
+        by_boxes.update(moved)
+    followed, torn, expected = (sum(map(len, t.tracks())) for t in (by_boxes, left_in, still))
+    assert followed > 0.95 * expected
+    assert torn < followed
+    assert by_boxes.facts()["camera_from"] == "boxes"
+
+
+def test_who_stands_and_scores_little_is_no_clutter_under_a_drone() -> None:
+    frames = []
+    for number in range(60):
+        walkers = np.array([[10.0 + 3 * number, 100.0 * k, 30.0 + 3 * number, 100.0 * k + 50] for k in range(6)])
+        sitting = np.array([[900.0, 300.0, 930.0, 330.0]])
+        frames.append(Detections(np.concatenate([walkers, sitting]), np.append(np.full(6, 0.9), 0.6)))
+    flow = replace(FLOW, standing=False)
+    assert len(tracked(frames).tracks()) == 7
+    assert len(tracked(frames, DroneSettings(flow=flow)).tracks()) == 6
+
+
 def test_a_camera_that_stands_still_changes_no_bit() -> None:
     motion = CameraTrajectory()
     for _ in range(5):
