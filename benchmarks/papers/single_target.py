@@ -92,7 +92,7 @@ MAKERS: Mapping[type, Callable[[Any, int], SingleTracker]] = {
 """New trackers by what names them, from that and a seed."""
 Scores: TypeAlias = Mapping[str, Any]
 """Of one tracker on one clip, as `clip_scores` returns them."""
-Part: TypeAlias = Literal["unseen", "status", "sweeps", "comparison", "intervals"]
+Part: TypeAlias = Literal["unseen", "status", "sweeps", "comparison", "intervals", "changes"]
 PARTS: tuple[Part, ...] = get_args(Part)
 BASELINES: tuple[SingleMethod, ...] = (
     "csk", "mosse", "template", "histogram", "kalman", "meanshift", "camshift", "medianflow", "colour-particle", "mil",
@@ -100,13 +100,18 @@ BASELINES: tuple[SingleMethod, ...] = (
 COMPARED: Mapping[str, Entrant] = {
     "KCF, fixed size": kcf.THESIS,
     "KCF, scale search": kcf.KcfSettings(),
-    "combined, printed": PRINTED,
-    "combined, robust, fixed size": replace(ROBUST, kcf=kcf.THESIS),
-    "combined, robust": ROBUST,
+    "thesis, printed": PRINTED,
+    "thesis, robust, fixed size": replace(ROBUST, kcf=kcf.THESIS),
+    "thesis, robust": ROBUST,
     **{method: method for method in BASELINES},
 }
-"""Fig. 3.9: KCF and the combined tracker, the thesis's and ours, and the baselines of chapter 2."""
-PAPER: Mapping[Name, float] = {"KCF, fixed size": 38.38, "combined, printed": 40.64}
+"""Fig. 3.9: KCF, the thesis's tracker as printed and with robust settings, and the baselines of chapter 2."""
+BY_CHANGE: Mapping[str, Entrant] = {
+    **{name: COMPARED[name] for name in ("KCF, fixed size", "thesis, printed", "thesis, robust, fixed size")},
+    "combined, fixed size": CombinedSettings(filter=RegularisedSettings(sizes=1)),
+}
+"""Fig. 3.11, and the toolkit's own tracker."""
+PAPER: Mapping[Name, float] = {"KCF, fixed size": 38.38, "thesis, printed": 40.64}
 """Areas of Fig. 3.9 that the text gives, percent."""
 SEARCHES = {"printed": PRINTED, "robust": ROBUST}
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
@@ -137,14 +142,14 @@ FIXED = CombinedSettings(filter=RegularisedSettings(sizes=1))
 GROUPS: Mapping[str, tuple[int, Mapping[str, Entrant], Mapping[str, CombinedSettings]]] = {
     "scale search": (
         33,
-        {"KCF": kcf.KcfSettings(), "kcf-particle, robust": ROBUST, "filter alone": RegularisedSettings(),
-         "combined as shipped": CombinedSettings()},
+        {"KCF": kcf.KcfSettings(), "thesis, robust": ROBUST, "filter alone": RegularisedSettings(),
+         "combined": CombinedSettings()},
         {},
     ),
     "fixed size": (
         1,
-        {"KCF": kcf.THESIS, "kcf-particle, printed": PRINTED, "kcf-particle, robust": replace(ROBUST, kcf=kcf.THESIS),
-         "filter alone": FIXED.filter, "combined as shipped": FIXED},
+        {"KCF": kcf.THESIS, "thesis, printed": PRINTED, "thesis, robust": replace(ROBUST, kcf=kcf.THESIS),
+         "filter alone": FIXED.filter, "combined": FIXED},
         {
             f"colours {share:g}, doubt {doubt:g}": replace(
                 FIXED, filter=replace(FIXED.filter, colour_share=share), doubt=doubt
@@ -158,7 +163,7 @@ OURS = "combined, chosen on the others"
 STATUS: Mapping[str, Entrant] = {
     "KCF": kcf.KcfSettings(),
     "combined": CombinedSettings(),
-    "kcf-particle, robust": ROBUST,
+    "thesis, robust": ROBUST,
 }
 GENERATED = ((0, 24), (24, 48), (48, 96), (24, 96))
 """Generated clips: `combined` was tuned on the first 24."""
@@ -168,20 +173,23 @@ def reproduce(
     *,
     store: Cached,
     data: list[Path] | None = None,
+    attributes: Path | None = None,
     parts: Sequence[Part] = PARTS,
     seeds: PositiveInt = 5,
     sweep_seeds: PositiveInt = 2,
     peer: str | None = None,
 ) -> Outcome:
-    """Correlation filters selected by a particle filter: Figs. 3.6-3.10 and Table 3.4, paper and here.
+    """Correlation filters selected by a particle filter: Figs. 3.6-3.11 and Table 3.4, paper and here.
 
     DIR gets results.json, tables.md, sweeps.png, comparison.png and intervals-*.png.
 
     Args:
         store: of what was computed.
         data: folders of sequences (OTB, VOT, UAV123); by default four generated clips.
+        attributes: OTB's list of what changes in which sequence, a line each: its name, a tab, and kinds such as
+            `SV, OCC` (Table 3.1); for changes.
         parts: unseen (the gain over KCF on sequences that no setting was tuned on), status (whether `lost` is true),
-            sweeps (Figs. 3.6-3.8, Table 3.4), comparison (Fig. 3.9), intervals (Fig. 3.10).
+            sweeps (Figs. 3.6-3.8, Table 3.4), comparison (Fig. 3.9), intervals (Fig. 3.10), changes (Fig. 3.11).
         seeds: how many random seeds; their spread is the standard deviation of the mean over sequences.
         sweep_seeds: likewise for the sweeps, which are most of the work.
         peer: python of an environment with opencv-contrib-python-headless: `unseen` gets rows of its CSRT; by default
@@ -197,7 +205,7 @@ def reproduce(
         raise RequestError("`data`: expected sequences with images, found none")
     run: Mapping[str, Callable[..., Outcome]] = {
         "unseen": partial(unseen, peer=find_peer(peer, "csrt")), "status": lost_status, "sweeps": sweeps,
-        "comparison": comparison, "intervals": intervals,
+        "comparison": comparison, "intervals": intervals, "changes": partial(changes, attributes=attributes),
     }  # fmt: skip
     outcomes = [
         run[part](store, clips, range(sweep_seeds if part == "sweeps" else seeds)) for part in PARTS if part in parts
@@ -344,6 +352,28 @@ def comparison(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[in
     plots = {"comparison": curves({"Fig. 3.9": lines}, ["overlap threshold"], "frames above it [%]", (9, 5))}
     values = {name: {"by_seed": rows[name], "clips": areas(of).tolist()} for name, of in scores.items()}
     return Outcome({"comparison": values}, tables, plots)
+
+
+def changes(
+    store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int], attributes: Path | None = None
+) -> Outcome:
+    """Fig. 3.11: areas by kind of change in appearance (Table 3.1), of the sequences that ``attributes`` names."""
+    if attributes is None:
+        return Outcome(notes=["changes: expected `attributes`, the kinds of change of each sequence"])
+    listed = dict(line.split("\t") for line in attributes.read_text(encoding="utf-8").splitlines() if "\t" in line)
+    kinds = {name: {kind.strip() for kind in listed[name].split(",")} for name in clips if name in listed}
+    if not kinds:
+        raise RequestError(f"{attributes}: expected lines for sequences of `data`, such as {next(iter(clips))}")
+    scores = scored(store, {name: clips[name] for name in kinds}, BY_CHANGE, seeds, "changes")
+    area_of = [{name: of[k]["auc_11"].mean() for name, of in scores.items()} for k in range(len(kinds))]
+    by_kind = {
+        kind: [areas for areas, shown in zip(area_of, kinds.values(), strict=True) if kind in shown]
+        for kind in sorted(set().union(*kinds.values()))
+    }
+    columns = [Column("sequences", lambda _: 1, show=lambda values, _: str(len(values)))]
+    columns += [Column(name, name, ".1f") for name in BY_CHANGE]
+    table = tabulated(by_kind, columns, ("change",), "Fig. 3.11: AUC with 11 thresholds [%] by kind of change")
+    return Outcome({"changes": by_kind}, [table])
 
 
 def intervals(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int]) -> Outcome:
