@@ -61,6 +61,30 @@ def _page_of(path: Path) -> tuple[str, dict[str, bytes]]:
     return f"{text}\n\n[Download this notebook]({path.name})\n", resources["outputs"]
 
 
+def on_post_build(config: Any) -> None:
+    """Write ``llms.txt``: each page of the manual's order with its first heading, see llmstxt.org."""
+    site, docs = Path(config.site_dir), Path(config.docs_dir)
+    lines = [f"# {config.site_name}", "", f"> {config.site_description}", ""]
+    for entry in config.nav:
+        lines += [f"## {next(iter(entry))}", ""] if isinstance(entry, dict) else []
+        for page in _pages_in(entry):
+            source = docs / page
+            heading = (
+                re.search(r"^# (.+)$", source.read_text(encoding="utf-8"), re.MULTILINE) if source.exists() else None
+            )
+            name = heading.group(1) if heading else Path(page).stem.replace("-", " ")
+            lines.append(f"- [{name}]({page.removesuffix('.md')}.html)")
+        lines.append("")
+    (site / "llms.txt").write_text("\n".join(lines), encoding="utf-8")
+
+
+def _pages_in(entry: Any) -> list[str]:
+    """The pages of an entry of the navigation, in order."""
+    if isinstance(entry, str):
+        return [entry]
+    return [page for inner in (entry.values() if isinstance(entry, dict) else entry) for page in _pages_in(inner)]
+
+
 def on_config(config: Any) -> Any:
     """Add doctests to what Markdown knows, for docstrings."""
     config.markdown_extensions.append(Doctests())
