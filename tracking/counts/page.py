@@ -210,7 +210,8 @@ class TrackedPage:
     def headings(self, name: str) -> list[str]:
         """Of the columns of a table, but the ends of intervals, which stand with their numbers."""
         names = (column for column in self._columns(name) if not column.endswith(ENDS))
-        return [HEADINGS.get((name, column), column.replace("_", " ")) for column in names]
+        texts = (HEADINGS.get((name, column), column.replace("_", " ")) for column in names)
+        return [text.replace("people", self.nouns[1]) for text in texts]
 
     def rows(self, name: str) -> list[list[str]]:
         """The cells of a table, row by row."""

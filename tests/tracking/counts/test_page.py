@@ -19,7 +19,7 @@ from tsuiseki.tracking.counts.page import TrackedPage, with_page
 from tsuiseki.tracking.counts.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.report import pictures
 from tsuiseki.tracking.report.pictures import frames_to_show, pictures_of
-from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.result import PageContent, Result
 from tsuiseki.tracking.types import Frame
 
 LINE = SceneLine("<b>door", np.array([[0.0, 100.0], [200.0, 100.0]]))
@@ -161,3 +161,10 @@ def test_a_browser_shows_it_without_errors_or_sideways_scrolling(tmp_path, video
         focused.append(page.evaluate("document.activeElement.className || document.activeElement.tagName"))
     assert {"wide", "A"} <= set(focused)
     assert wrong == []
+
+
+def test_what_are_no_people_is_not_called_people(video):
+    result = replace(result_of(video), page=PageContent(("fish", "fish")))
+    page = TrackedPage(result, count(result, SCENE))
+    assert "fish at a time" in page.headings("zones")
+    assert [heading for table in page.answers.tables for heading in page.headings(table) if "people" in heading] == []
