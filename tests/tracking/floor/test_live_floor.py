@@ -13,11 +13,13 @@ import numpy as np
 import pytest
 
 from tests.tracking.video.cameras import Hours, ScriptedCamera, Sends, camera
+from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 from tsuiseki.tracking.cameras.camera_files import write_cameras
 from tsuiseki.tracking.cameras.multicamera import PlacedTruth, read_floor_folder
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import InputWarning
 from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
+from tsuiseki.tracking.features.exported import as_describer, as_detector
 from tsuiseki.tracking.floor.delayed_floor import DelayedFloor
 from tsuiseki.tracking.floor.live_floor import FloorLoop
 from tsuiseki.tracking.floor.live_run import LiveFloor, floor_live
@@ -29,8 +31,10 @@ from tsuiseki.tracking.runs.options import Output
 from tsuiseki.tracking.runs.rolling import LiveOptions
 from tsuiseki.tracking.types import FloatArray, ImageArray, IntArray
 from tsuiseki.tracking.types.live import LiveEvent, PeopleOnFloor
+from tsuiseki.tracking.video.frame_source import Source
 from tsuiseki.tracking.video.several import SeveralSources
 from tsuiseki.tracking.video.source import open_source
+from tsuiseki.tracking.weights import shipped
 
 from .conftest import FLOOR, RATE, World, make_world
 
@@ -148,6 +152,34 @@ def test_streams_that_drop_nothing_give_the_bytes_of_the_files(count: int, tmp_p
     assert scores.idf1 > 0.85
     record = json.loads((live / "run.json").read_text())
     assert all(state["dropped"] == 0 and state["frames"] == len(stamps) for state in record["facts"]["cameras"])
+
+
+@pytest.mark.slow
+def test_so_do_they_with_the_shipped_networks(tmp_path: Path) -> None:
+    """Each camera shows a generated street; its people stand somewhere on the floor."""
+    count, cameras = 6, make_world(7).feeds[:3]
+    settings = StreetSettings(frames=3 * count, people=6, occluders=0, width=320, height=240, samples=1)
+    pictures = [cv2.resize(image, (960, 720)) for (image,), _ in StreetClip(settings, 1).frames()]
+    feeds = [CameraFeed(feed.placed, np.arange(count) / RATE, feed.people[:count]) for feed in cameras]
+    recorded, folders = list[Source](), [tmp_path / feed.placed.name for feed in feeds]
+    for number, folder in enumerate(folders):
+        folder.mkdir()
+        for frame in range(count):
+            cv2.imwrite(str(folder / f"{frame:06d}.png"), pictures[number * count + frame][..., ::-1])
+        recorded.append(open_source(folder))
+    paced = [
+        replace(source, plan=[Sends(feed.times, lambda k, n=number: pictures[n * count + k])])
+        for number, (source, feed) in enumerate(zip(streams(World(feeds, make_world(7).truth)), feeds, strict=True))
+    ]
+    detector, describer = as_detector(shipped("detector_people"), 0.3, 1), as_describer(shipped("appearance_people"), 1)
+    for out, videos in (("recorded", recorded), ("live", paced)):
+        placed = [feed.placed for feed in feeds]
+        live = LiveFloor(placed, videos, [detector] * 3, describer, 2 * FLOOR, DELAY, 0.5 / RATE)
+        floor_live(Output(tmp_path / "out" / out), live, ROLL)
+    tables = [written(tmp_path / "out" / out) for out in ("recorded", "live")]
+    assert tables[0] == tables[1]
+    (table,) = tables[0].values()
+    assert table.count(b"\n") > count
 
 
 def events_of(world: World, videos: Sequence[Any], described: bool = False) -> list[PeopleOnFloor]:

@@ -15,6 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
+from tests.tracking.video.servers import Beginning, PlannedCamera, jpeg
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.types.frame_range import FrameRange
@@ -108,6 +109,25 @@ def test_a_stream_that_is_cut_and_one_that_stalls_come_back(servers: list[Motion
         assert gap["seconds"] == pytest.approx(steps[gap["after_frame"] - 1], abs=1e-3)
     # The one that stalled was waited for as long as a picture may take.
     assert source.gaps[0]["seconds"] < PICTURE < source.gaps[1]["seconds"] < 2
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_garbage_between_and_instead_of_pictures_is_passed_over() -> None:
+    picture, rng = np.full((48, 64, 3), 90, np.uint8), np.random.default_rng(0)
+    picture[20:32, 10:22] = (230, 0, 0)
+
+    def noise(number: int) -> bytes:
+        data = rng.bytes(3000)
+        head = b"--next\r\nContent-Type: image/jpeg\r\nContent-Length: %d\r\n\r\n" % len(data)
+        return {4: data, 7: head + data + b"\r\n"}.get(number % 10, b"")
+
+    camera = PlannedCamera(Beginning(2), lambda _: jpeg(picture), 50.0, noise)
+    source = LiveSource(name="camera", address=camera.address, frames_wanted=FrameRange(0, 59), give_up=5.0)
+    frames = list(source.frames())
+    camera.close()
+    assert [frame.index for frame in frames] == list(range(60))
+    assert max(np.abs(frame.image.astype(int) - picture).mean() for frame in frames) < 5
 
 
 @pytest.mark.slow
