@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import threading
 import time
 from collections import Counter
@@ -129,14 +130,27 @@ def test_a_floor_of_streams_has_a_page_and_events_and_its_people_keep_their_ids(
         return opened_here
 
     monkeypatch.setattr(page_server, "listening", noting)
+    taken = socket.create_server(("127.0.0.1", 0))
+    busy = taken.getsockname()[1]
     words = ["track", "floor", *(server.address for server in servers), "--cameras", str(tmp_path / "cameras.yaml")]
-    words += ["--delay", str(DELAY), "--page", "0", "--events", str(file), "--scene", str(tmp_path / "scene.yaml")]
+    words += [
+        "--delay",
+        str(DELAY),
+        "--page",
+        str(busy),
+        "--events",
+        str(file),
+        "--scene",
+        str(tmp_path / "scene.yaml"),
+    ]
     guest = threading.Thread(target=visitor.visit, daemon=True)
     guest.start()
     assert main([*words, "--out", str(out)]) == 0
     guest.join(20)
     told = capsys.readouterr()
     assert told.out == f"{PEOPLE} people on the floor: {out}\n"
+    taken.close()
+    assert told.err.count(f"note: port {busy} is in use; the live page has another one") == 1
     assert told.err.count("connecting again until it is back") == 1 + CAMERAS
     assert {*visitor.answers} == {200}
     some, none = visitor.health
