@@ -151,7 +151,7 @@ def test_the_command_goes_on_after_three_kills_and_loses_at_most_the_delay(input
     assert len({event["id"] for event in events}) == len(events)
     appeared = [event["data"]["person"] for event in events if event["type"] == "tsuiseki.appeared"]
     assert len(appeared) == len(set(appeared))
-    written = {int(row[2]) for row in rows_of(out)}
-    assert set(appeared) <= written
-    # A kill may come between a row and its event.
-    assert len(written - set(appeared)) <= 3
+    rows = rows_of(out)
+    assert set(appeared) <= {int(row[2]) for row in rows}
+    # A kill may come between the rows of pictures that are answered together, two here, and their events.
+    assert len({row[1] for row in rows if int(row[2]) not in appeared}) <= 3 * 2
