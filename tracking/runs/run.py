@@ -56,7 +56,7 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.video.source import Source
 
 T = TypeVar("T")
-# Loaded with the first step, for steps and results: where memory ends meanwhile, some would wait for it for ever.
+# Loaded before the first step, for steps and results: where memory ends meanwhile, some would wait for it for ever.
 LIBRARIES = (
     "scipy.fft",
     "scipy.ndimage",
@@ -69,11 +69,6 @@ LIBRARIES = (
     "PIL.Image",
 )
 State = Enum("State", ["IDLE", "RUNNING", "ASKED", "WRITING"])
-
-
-def _load_libraries() -> None:
-    for library in LIBRARIES:
-        importlib.import_module(library)
 
 
 @dataclass(repr=False, eq=False)
@@ -170,13 +165,13 @@ class Run(RunFiles):
             KeyboardInterrupt: before the first step was finished.
         """
         self._start = start = self.count
+        for library in LIBRARIES:
+            importlib.import_module(library)
         self.state = State.RUNNING if self.state is State.IDLE else self.state
         try:
             for item in () if self.signal else progress(items, what, self._expected if total is None else total):
                 yield item
                 self.count += 1
-                if self.count == start + 1:
-                    _load_libraries()
                 if self.signal:
                     break
         except Exception as error:
