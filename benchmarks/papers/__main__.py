@@ -27,6 +27,7 @@ EXPERIMENTS = {
     "blobs": ("finite_sets:blobs", "coloured objects, beside components and SORT"),
     "pca-particle-filter": ("goldfish:reproduce", "how many particles a goldfish needs"),
     "drone-action-features": ("drone_actions:reproduce", "tracks and actions from a drone improve each other"),
+    "drone-heights": ("drone_heights:reproduce", "the flow beside the literal chain from three heights"),
     "omnidirectional": ("fisheye:reproduce", "people under ceiling fisheye cameras"),
     "stereo-sphere": ("sphere:reproduce", "a ball in space from two cameras"),
     "sphere-points": ("sphere:points", "a thrown ball from its measured pixels"),

@@ -294,12 +294,17 @@ METHODS: Mapping[str, Callable[..., list[ActingTrack]]] = {
 }
 
 
-def people_rows(sets: Sequence[Sequence[ObservedClip]], *, compensate: bool = True) -> dict[str, dict[str, Any]]:
+def people_rows(
+    sets: Sequence[Sequence[ObservedClip]],
+    methods: Mapping[str, Callable[..., list[ActingTrack]]] = METHODS,
+    *,
+    compensate: bool = True,
+) -> dict[str, dict[str, Any]]:
     """Table 5.3 by method: means over the sets, and differences to the flow with 95 % intervals over the clips."""
     all_clips, count = [clip for clips in sets for clip in clips], len(sets[0])
     pairs = {
         method: _pairs(all_clips, [follow(clip, compensate=compensate) for clip in all_clips])
-        for method, follow in METHODS.items()
+        for method, follow in methods.items()
     }
     sums = {method: np.stack([score_sums(pair) for pair in method_pairs]) for method, method_pairs in pairs.items()}
     rows: dict[str, dict[str, Any]] = {}
@@ -371,7 +376,7 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
     people["Table 5.4, everything carried over to other clips"] = (values["second"], PAPER_SECOND)
     result = []
     for title, (rows, paper) in people.items():
-        lines = [_person_row(name, row, paper.get(PRINTED.get(name, name), "")) for name, row in rows.items()]
+        lines = [person_row(name, row, paper.get(PRINTED.get(name, name), "")) for name, row in rows.items()]
         result.append(Table(title, COLUMNS, lines))
     actions = values["actions"]
     names = next(iter(actions.values()))["actions"]
@@ -387,7 +392,8 @@ def tables(values: Mapping[str, Any]) -> list[Table]:
     ]
 
 
-def _person_row(name: str, row: Mapping[str, Any], paper: str) -> list[str]:
+def person_row(name: str, row: Mapping[str, Any], paper: str) -> list[str]:
+    """A line of Table 5.3, by `COLUMNS`."""
     scores = [f"{row[k]:.2f}" for k in ("recall", "precision", "mota", "motp", "motp_as_printed", "idf1", "hota")]
     apart = []
     for score in COMPARED:
