@@ -177,6 +177,7 @@ def reproduce(
     parts: Sequence[Part] = PARTS,
     seeds: PositiveInt = 5,
     sweep_seeds: PositiveInt = 2,
+    swept: Sequence[str] = tuple(SWEEPS),
     peer: str | None = None,
 ) -> Outcome:
     """Correlation filters selected by a particle filter: Figs. 3.6-3.11 and Table 3.4, paper and here.
@@ -192,6 +193,7 @@ def reproduce(
             sweeps (Figs. 3.6-3.8, Table 3.4), comparison (Fig. 3.9), intervals (Fig. 3.10), changes (Fig. 3.11).
         seeds: how many random seeds; their spread is the standard deviation of the mean over sequences.
         sweep_seeds: likewise for the sweeps, which are most of the work.
+        swept: parameters of the sweeps: epsilon_2, alpha, M, "mu, uniform", "mu, score".
         peer: python of an environment with opencv-contrib-python-headless: `unseen` gets rows of its CSRT; by default
             this one, if it has it.
 
@@ -204,7 +206,7 @@ def reproduce(
     if not clips:
         raise RequestError("`data`: expected sequences with images, found none")
     run: Mapping[str, Callable[..., Outcome]] = {
-        "unseen": partial(unseen, peer=find_peer(peer, "csrt")), "status": lost_status, "sweeps": sweeps,
+        "unseen": partial(unseen, peer=find_peer(peer, "csrt")), "status": lost_status, "sweeps": partial(sweeps, swept=swept),
         "comparison": comparison, "intervals": intervals, "changes": partial(changes, attributes=attributes),
     }  # fmt: skip
     outcomes = [
@@ -310,10 +312,14 @@ def _of(values: FloatArray, _: str) -> str:
     return "{:.0f} of {:.0f}".format(*values.reshape(-1, 2).sum(axis=0))
 
 
-def sweeps(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int]) -> Outcome:
+def sweeps(
+    store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int], swept: Sequence[str] = tuple(SWEEPS)
+) -> Outcome:
     """Figs. 3.6 to 3.8 and Table 3.4."""
     tables, panels, values = [], {}, {}
     for name, (figure, trackers, published) in SWEEPS.items():
+        if name not in swept:
+            continue
         entrants = {f"{value:g}": tracker for value, tracker in trackers.items()}
         areas_of = {value: by_seed(of) for value, of in scored(store, clips, entrants, seeds, name).items()}
         paper: Mapping[Name, float] = {f"{value:g}": area for value, area in published.items()}
@@ -327,7 +333,7 @@ def sweeps(store: Store, clips: Mapping[str, TargetClip], seeds: Sequence[int]) 
         values[name] = {
             v: {"paper": paper.get(v), "here": [seed["auc_11"] for seed in of]} for v, of in areas_of.items()
         }
-    plot = curves(panels, list(SWEEPS), "AUC, 11 thresholds [%]", (3.2, 3.2))
+    plot = curves(panels, [name for name in SWEEPS if name in swept], "AUC, 11 thresholds [%]", (3.2, 3.2))
     return Outcome({"sweeps": values}, tables, {"sweeps": plot})
 
 
