@@ -206,9 +206,13 @@ def reproduce(
     if not clips:
         raise RequestError("`data`: expected sequences with images, found none")
     run: Mapping[str, Callable[..., Outcome]] = {
-        "unseen": partial(unseen, peer=find_peer(peer, "csrt")), "status": lost_status, "sweeps": partial(sweeps, swept=swept),
-        "comparison": comparison, "intervals": intervals, "changes": partial(changes, attributes=attributes),
-    }  # fmt: skip
+        "unseen": partial(unseen, peer=find_peer(peer, "csrt")),
+        "status": lost_status,
+        "sweeps": partial(sweeps, swept=swept),
+        "comparison": comparison,
+        "intervals": intervals,
+        "changes": partial(changes, attributes=attributes),
+    }
     outcomes = [
         run[part](store, clips, range(sweep_seeds if part == "sweeps" else seeds)) for part in PARTS if part in parts
     ]

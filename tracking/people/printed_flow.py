@@ -6,7 +6,8 @@ the action features (eq. 5.2). A start and an end cost 10 each, and b is −0.5 
 two times it averages the action features along the tracks found (eq. 5.3): 17 frames about each detection, since the
 printed sum runs from ⌊t − 15/2⌋ to ⌈t + 15/2⌉. The divisor does not matter to a cosine.
 
-Open in the text and decided here: detections are linked over at most as many frames as the trees were fitted on, within
+Open in the text and decided here: the trees are fitted on action distances of single frames, and MHT-MAF applies the
+same trees to distances of means. Detections are linked over at most as many frames as the trees were fitted on, within
 `PRINTED_GATE`. Missed frames cost nothing. Boxes are compared where the picture shows them, and no gap is filled.
 """
 
