@@ -286,11 +286,17 @@ def write_csv(table: Callable[[], Table], path: Path) -> None:
 
 def summary(answers: Answers) -> Sequence[str]:
     """A line for each line and zone."""
-    lines, zones = (
-        [dict(zip(table, row, strict=True)) for row in zip(*table.values(), strict=True)]
-        for table in (answers.tables["lines"], answers.tables["zones"])
-    )
-    crossed = ["{} {}: {}".format(*_cells(row)) for row in lines]
-    names = ("zone", *(f"{name}{end}" for name in ("people", "most", "stay") for end in ("", "_low", "_high")))
-    inside = [_cells({name: row[name] for name in names if name in row}) for row in zones]
-    return [*crossed, *("{}: {} people on average, {} at most, {} s".format(*cells) for cells in inside)]
+    table, zones = answers.tables["lines"], answers.tables["zones"]
+    head = [
+        f"{line} {way}: {number} ({low}-{high})" if low != high else f"{line} {way}: {number}"
+        for line, way, number, low, high in zip(*table.values(), strict=True)
+    ]
+    names = ("zone", "people", "people_low", "people_high", "most", "stay", "stay_low", "stay_high")
+    return [
+        *head,
+        *(
+            f"{zone}: {people:g} people on average ({low:g}-{high:g}), {peak} at most, "
+            f"{stay:g} s ({least:g}-{longest:g})"
+            for zone, people, low, high, peak, stay, least, longest in zip(*(zones[n] for n in names), strict=True)
+        ),
+    ]

@@ -20,8 +20,10 @@ if TYPE_CHECKING:
     from tsuiseki.tracking.counts.counting import Answers
 
 AnyResult = TypeVar("AnyResult", bound=Result[Any])
-# Colour of a line or border, and of what sets it off from the picture.
-INK, EDGE = (255, 255, 255), (20, 20, 20)
+# Colour of a line or border, RGB.
+INK = (255, 255, 255)
+# Colour that sets it off from the picture, RGB.
+EDGE = (20, 20, 20)
 # Length of the arrow that shows the first direction of a line, in pixels of a plain picture.
 ARROW = 18.0
 

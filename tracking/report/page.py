@@ -79,7 +79,7 @@ class Timeline:
         return [(float(100 * (n - start) / extent), f"{n:g}{' s' if self.rate else ''}") for n in numbers.round(6)]
 
     def when(self, bar: Bar) -> str:
-        """From when to when a bar is."""
+        """The begin and end of a bar, in seconds, or in frames from 1 where no rate is known."""
         if self.rate:
             return f"{bar.first / self.rate:.1f} to {(bar.last + 1) / self.rate:.1f} s"
         return f"frames {bar.first + 1}-{bar.last + 1}"
