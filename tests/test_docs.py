@@ -381,8 +381,8 @@ def webcam(clips: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def frames(_: Any) -> Iterator[Frame]:
         yield from (Frame(number, number / 25, image) for number, image in enumerate(images))
 
-    def opened(address: str, name: str, wanted: Any) -> LiveSource:
-        return LiveSource(address=address, name=name, frames_wanted=wanted)
+    def opened(address: str, name: str, wanted: Any, stream: int | None) -> LiveSource:
+        return LiveSource(address=address, name=name, frames_wanted=wanted, stream=stream or 1)
 
     monkeypatch.setattr(LiveSource, "open", staticmethod(opened))
     monkeypatch.setattr(LiveSource, "frames", frames)

@@ -249,9 +249,9 @@ def test_aerial_pictures_look_down_on_people(library: Path, tmp_path: Path, monk
     monkeypatch.setattr(training_images, "on_all_cores", lambda work, items, _: map(work, items))
     near, asked = SpriteLibrary.near, []
 
-    def noted(self: SpriteLibrary, rng: np.random.Generator, tilt: float) -> Sprite:
+    def noted(self: SpriteLibrary, rng: np.random.Generator, tilt: float, pose: str | None = None) -> Sprite:
         asked.append(tilt)
-        return near(self, rng, tilt)
+        return near(self, rng, tilt, pose)
 
     monkeypatch.setattr(SpriteLibrary, "near", noted)
     tilts = {}
