@@ -52,10 +52,9 @@ ALIKE = 2.5
 ALIKE_WEIGHT = 5.0
 # Least margin of a join that is made: nine to one, as a natural logarithm.
 MARGIN = 2.2
-# Draws of what chance gives.
+# Draws of what chance gives. Nobody is shared where the margins of one are together as large as those that there are:
+# one in 21 pairs of views without shared people has larger ones than all draws.
 DRAWS = 20
-# Chance of strangers whose margins together are as large as those of views that share people.
-STRANGERS = 0.05
 # Expected share of false joins, at most. Draws have more tracks without a partner: of generated joins 3 % were false.
 FALSE_SHARE = 0.15
 
@@ -131,26 +130,27 @@ def linked(passages: Passages) -> Transits:
 
 def standing_out(passages: Passages, links: Transits, margin: float = MARGIN) -> BoolArray:
     """``(L,)`` which links have at least this ``margin``, and stand out from what chance gives; none may."""
-    count = len(passages.view)
-    draws = [linked(_strangers(passages, np.random.default_rng(n))).margins for n in range(DRAWS)]
-    nothing = np.zeros(len(links.margins), dtype=np.bool_)
-    as_large = sum(float(margins.sum()) >= links.margins.sum() for margins in draws)
-    if (as_large + 1) / (DRAWS + 1) > STRANGERS:
-        return nothing
-    chance = np.sort(np.concatenate(draws))
-    # Half a link more: that none was drawn does not say that there is none.
-    drawn = (len(chance) - np.searchsorted(chance, links.margins) + 0.5) / DRAWS
-    present = (links.margins[:, None] <= links.margins).sum(axis=1)
     made = links.margins >= margin
+    draws = list[FloatArray]()
+    for n in range(DRAWS if made.any() else 0):
+        draws.append(linked(_strangers(passages, np.random.default_rng(n))).margins)
+        if draws[-1].sum() >= links.margins.sum():
+            return np.zeros_like(made)
     while made.any():
-        false = (1 - made.sum() / count) ** 2 * drawn / present
+        # Half a link more: that none was drawn does not say that there is none.
+        drawn = (_as_large(np.concatenate(draws), links.margins) + 0.5) / DRAWS
+        false = (1 - made.sum() / len(passages.view)) ** 2 * drawn / _as_large(links.margins, links.margins)
         # No smaller margin than one at which few enough are false.
-        least = links.margins[(false <= FALSE_SHARE) & (links.margins >= margin)].min(initial=np.inf)
-        fewer = made & (links.margins >= least)
+        fewer = made & (links.margins >= links.margins[made & (false <= FALSE_SHARE)].min(initial=np.inf))
         if (fewer == made).all():
-            return made
+            break
         made = fewer
-    return nothing
+    return made
+
+
+def _as_large(margins: FloatArray, least: FloatArray) -> IntArray:
+    """``(L,)`` how many of the ``margins`` are at least as large as each of ``least`` ``(L,)``."""
+    return len(margins) - np.searchsorted(np.sort(margins), least)
 
 
 def _strangers(passages: Passages, rng: np.random.Generator) -> Passages:
