@@ -94,8 +94,9 @@ def request_of(words: Sequence[str], options: Mapping[str, Any] | None = None, s
         _check_files(name, value)
     for name, value in bound.arguments.items():
         if isinstance(value, Output):
-            more: dict[str, Any] = {"settings": recorded(settings), "chosen": tuple(chosen), "page": _paged}
-            value = bound.arguments[name] = replace(value, command=(PROGRAM, *chain), **more)
+            value = bound.arguments[name] = replace(
+                value, command=(PROGRAM, *chain), settings=recorded(settings), chosen=tuple(chosen), page=_paged
+            )
         if isinstance(value, Output | Files):
             value.check()
     return Request(function, bound, settings, chosen, list(left[0]) if spare else ())
