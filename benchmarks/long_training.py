@@ -12,7 +12,7 @@ import shutil
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from datetime import time as time_of_day
 from pathlib import Path
 from typing import TypeAlias
@@ -108,9 +108,11 @@ class LongTraining:
         print(f"step {step.number}: {self.headline} {step.scores[self.headline]:.4f}; {step.why or 'kept'}", flush=True)
 
 
-def today_at(text: str) -> datetime:
-    """The time ``text``, such as 16:50, of today, UTC; raises ValueError."""
-    return datetime.combine(datetime.now(UTC).date(), time_of_day.fromisoformat(text), UTC)
+def next_time(text: str) -> datetime:
+    """The next time ``text``, such as 16:50, UTC: of today or tomorrow; raises ValueError."""
+    now = datetime.now(UTC)
+    then = datetime.combine(now.date(), time_of_day.fromisoformat(text), UTC)
+    return then if then > now else then + timedelta(days=1)
 
 
 def command(words: Sequence[str]) -> None:

@@ -23,7 +23,7 @@ import cv2
 import numpy as np
 import torch
 
-from benchmarks.long_training import LongTraining, command, draw_curve, today_at
+from benchmarks.long_training import LongTraining, command, draw_curve, next_time
 from benchmarks.papers.single_target import Loaded, TargetClip, drawn_clips, read_clip
 from benchmarks.papers.tables import bootstrap
 from tsuiseki import configs
@@ -55,7 +55,7 @@ def main() -> None:
     """Do what the words ask for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("run", "compare", "plot"))
-    parser.add_argument("--until", type=today_at, default="23:59", help="no step begins after this time of today, UTC")
+    parser.add_argument("--until", type=next_time, default="23:59", help="no step begins after the next time HH:MM, UTC")
     parser.add_argument("--options", nargs="*", default=[], help="of `tsuiseki train tracker`")
     parser.add_argument("--photographs", type=Path, help="of configs/tracker_generated.yaml")
     parser.add_argument("--files", type=Path, nargs=2, default=BEST, help="exported, to compare")

@@ -544,8 +544,8 @@ MORE_FILES = {
     ),
     "sensed_targets_come_back": (
         TABLES,
-        "covariances[:, a, b] = covariances[:, b, a] = part[",
-        "covariances[:, a, b] = part[",
+        "covariances[:, row, column] = covariances[:, column, row] = part[name]",
+        "covariances[:, row, column] = part[name]",
     ),
     "cameras_come_back": ("tracking/cameras/camera_files.py", '"offset": float(placed.offset),', '"offset": 0.0,'),
     "lenses_of_ocamcalib_come_back[ocam]": (

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from tests.properties.faults import BY_FILE, of_file
-from tests.properties.planted import Fault, complaint, plant
+from tests.properties.planted import REPOSITORY, Fault, complaint, plant
 from tests.properties.room_faults import ROOMS
 
 HERE = Path(__file__).resolve().parent
@@ -31,6 +31,11 @@ def test_each_property_has_a_fault_that_it_must_catch() -> None:
 def test_three_faults_are_planted_in_each_of_twelve_rooms() -> None:
     assert len(ROOMS) >= 12
     assert min(map(len, ROOMS.values())) >= 3
+
+
+def test_the_text_that_a_fault_changes_stands_once() -> None:
+    faults = [fault for part in (*map(of_file, BY_FILE), *ROOMS.values()) for fault in part]
+    assert [str(f) for f in faults if (REPOSITORY / f.file).read_text(encoding="utf-8").count(f.old) != 1] == []
 
 
 def test_a_fault_is_in_the_copy_alone(tmp_path: Path) -> None:
