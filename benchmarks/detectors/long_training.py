@@ -41,7 +41,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("run", "validate", "plot"))
     parser.add_argument("files", type=Path, nargs="*")
-    parser.add_argument("--until", type=next_time, default="23:59", help="no step begins after the next time HH:MM, UTC")
+    parser.add_argument("--until", type=next_time, default="23:59", help="no step begins after the next time HH:MM")
     parser.add_argument("--option", action="append", default=[], help="of `tsuiseki train detector`, behind =")
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
     parser.add_argument("--sprites", type=Path, default=Path("out/cache/sprites-val"))

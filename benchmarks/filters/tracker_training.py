@@ -55,7 +55,7 @@ def main() -> None:
     """Do what the words ask for."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("run", "compare", "plot"))
-    parser.add_argument("--until", type=next_time, default="23:59", help="no step begins after the next time HH:MM, UTC")
+    parser.add_argument("--until", type=next_time, default="23:59", help="no step begins after the next time HH:MM")
     parser.add_argument("--options", nargs="*", default=[], help="of `tsuiseki train tracker`")
     parser.add_argument("--photographs", type=Path, help="of configs/tracker_generated.yaml")
     parser.add_argument("--files", type=Path, nargs=2, default=BEST, help="exported, to compare")
@@ -80,7 +80,9 @@ def training(data: Path, options: Sequence[str]) -> LongTraining:
 
     def fit(best: Sequence[Path], work: Path, number: int) -> list[Path]:
         start = ["--model.start", str(best[0]), "--data.seed", str(number)]
-        command(["train", "tracker", "--config", str(CONFIG), "--out", str(work), "--overwrite", *start, *options])
+        command(
+            ["train", "tracker", "--config", str(CONFIG), "--out", str(work), "--overwrite", "true", *start, *options]
+        )
         return exported(work)
 
     clips = drawn_clips(CLIPS)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
-import numpy as np
+from pathlib import Path
 
-from benchmarks.filters.tracker_training import BEST, _gains, mean_area
+import numpy as np
+import pytest
+
+from benchmarks.filters.tracker_training import BEST, _gains, mean_area, training
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
 
@@ -31,3 +34,14 @@ def test_the_area_is_the_mean_over_clips() -> None:
 
 def test_the_search_file_is_what_a_step_starts_from() -> None:
     assert BEST[0].name == "tracker_search.onnx"
+
+
+@pytest.mark.slow
+def test_a_step_trains_and_exports(tmp_path: Path) -> None:
+    short = {"trainer.max_epochs": 1, "data.batches": 1, "data.batch_size": 2, "data.validation": 2}
+    words = [word for name, value in short.items() for word in (f"--{name}", str(value))]
+    work = tmp_path / "step"
+    work.mkdir()
+    files = training(tmp_path / "no data", words).fit(BEST, work, 1)
+    assert [file.name for file in files] == [best.name for best in BEST]
+    assert all(file.is_file() for file in files)
