@@ -21,6 +21,7 @@ from tsuiseki.tracking.formats.track_tables import covariance_names
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.runs.options import Output
 from tsuiseki.tracking.runs.rolling import LiveOptions, RollingFolder, Watch, unwatched
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.live import CameraOutage, LiveEvent, PeopleOnFloor
 from tsuiseki.tracking.video.frame_source import Source
 from tsuiseki.tracking.video.live import LiveSource
@@ -76,6 +77,7 @@ def open_live_floor(
     tolerance: float | None = None,
     floor: Sequence[float] | None = None,
     give_up: float | None = None,
+    frames: FrameRange = EVERY_FRAME,
 ) -> LiveFloor:
     """Everything opened and checked; a live camera that is not there yet is waited for.
 
@@ -99,7 +101,7 @@ def open_live_floor(
         replace(video, size=(entry.camera.width, entry.camera.height), awaited=True)
         if isinstance(video, LiveSource)
         else video
-        for video, entry in zip(open_several(sources, give_up=give_up), placed, strict=True)
+        for video, entry in zip(open_several(sources, frames, give_up=give_up), placed, strict=True)
     ]
     detector = as_detector(
         detecting.detector or shipped("detector_people"), detecting.threshold, detecting.threads,

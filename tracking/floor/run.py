@@ -42,6 +42,7 @@ from tsuiseki.tracking.runs.run import Run
 from tsuiseki.tracking.sphere.settings import FrameTimes
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange, parse_frames
 from tsuiseki.tracking.types.measurements import PersonOnFloor
 from tsuiseki.tracking.types.recording import Recording
 from tsuiseki.tracking.video.recording import recording_of
@@ -99,6 +100,7 @@ class FloorRun:
         positions: of other sensors.
         settings: of the tracker.
         times: of the frames.
+        wanted: the frames of each camera that are tracked.
     """
 
     placed: Sequence[CameraOverFloor]
@@ -108,21 +110,31 @@ class FloorRun:
     positions: Sequence[FloorPositions]
     settings: OneFloorSettings
     times: FrameTimes
+    wanted: FrameRange = EVERY_FRAME
 
     def measured(self, stages: StageTimes, watch: Watch | None = None) -> MeasuredFloor:
         """Everything that cameras and sensors measured, on the floor."""
+        part = slice(self.wanted.first, None if self.wanted.last is None else self.wanted.last + 1)
         if self.sources:
             stamps = self.times.of_videos(self.sources, self.placed)
         else:
-            stamps = self.times.of_pixels([np.zeros((len(frames), 2)) for frames in self.people or ()], self.placed)
-        people = self._inferred(stages, watch) if self.people is None else self.people
+            of_all = self.times.of_pixels([np.zeros((len(frames), 2)) for frames in self.people or ()], self.placed)
+            stamps = [times[part] for times in of_all]
+        people = self._inferred(stages, watch) if self.people is None else [frames[part] for frames in self.people]
         feeds = [
             CameraFeed(c, s[: len(frames)], frames) for c, s, frames in zip(self.placed, stamps, people, strict=True)
         ]
         floor = next((placed.floor for placed in self.placed if placed.floor is not None), None)
         floor = floor if self.settings.floor is None else np.array(self.settings.floor)
         with stages.measure("locate"):
-            return measured_floor(feeds, self.positions, floor, self.settings.tolerance)
+            return measured_floor(feeds, self._positions_beside(feeds), floor, self.settings.tolerance)
+
+    def _positions_beside(self, feeds: Sequence[CameraFeed]) -> list[FloorPositions]:
+        """The positions of other sensors; where only some frames are wanted, those of their time."""
+        if self.wanted == EVERY_FRAME:
+            return list(self.positions)
+        times = np.concatenate([feed.times for feed in feeds])
+        return [reports.between(float(times.min()), float(times.max())) for reports in self.positions]
 
     def _inferred(self, stages: StageTimes, watch: Watch | None) -> list[list[StandingPeople]]:
         """What the networks detect in each frame of each video."""
@@ -139,7 +151,7 @@ class FloorRun:
                 detect = ceiling_detector(detect, camera, "unrolled")
             inputs = PeopleInputs(source, detect, describe, threads=threads)
             rows = inputs.with_frames(frames_of_size(source, camera.width, camera.height), stages)
-            watched = rows if watch is None else watch(rows, f"detecting in {placed.name}", source.length)
+            watched = rows if watch is None else watch(rows, f"detecting in {placed.name}", source.frames_expected)
             people.append([StandingPeople.of(detections) for _, detections in watched])
         return people
 
@@ -161,7 +173,12 @@ class FloorRun:
             "detections": {n: int((measured.points.sensor == k).sum()) for k, n in enumerate(measured.names)},
             "outside_floor": measured.outside, "floor": measured.floor.tolist(),
         }  # fmt: skip
-        tracks = [tracks_in(measured, people, k) for k in range(len(self.placed))]
+        first = self.wanted.first
+        tracks = [
+            [replace(track, frames=track.frames + first) for track in tracks_in(measured, people, camera)]
+            for camera in range(len(self.placed))
+        ]
+        frames_of_videos = [[None if n is None else n + first for n in m.frames] for m in measured.moments]
         result = Result(
             people,
             self.sources[0].address if self.sources else "",
@@ -172,7 +189,7 @@ class FloorRun:
             facts=facts,
             seconds=stages.seconds,
             frames={"frame": list(range(len(measured.moments))), "time": measured.times.round(6).tolist(),
-                    "frame_of_each_video": [list(m.frames) for m in measured.moments]},
+                    "frame_of_each_video": frames_of_videos},
             files=floor_files(measured, people, tracks, stages.seconds, run_settings),
         )  # fmt: skip
         return result, tracks
@@ -186,6 +203,7 @@ def open_floor(
     detecting: Detecting = DETECTING,
     settings: OneFloorSettings = ONE_FLOOR,
     times: FrameTimes = TIMES,
+    frames: str | None = None,
 ) -> FloorRun:
     """Everything opened and checked; see `track_floor`.
 
@@ -195,16 +213,20 @@ def open_floor(
     settings = as_settings(settings, OneFloorSettings)
     if settings.delay is not None and positions:
         raise RequestError("`delay`: expected cameras alone, got `positions`, which come all at once; leave one out")
+    wanted = parse_frames(frames)
     files = [read_floor_positions(a_path(path, "positions")) for path in positions]
     folder = sources[0] if len(sources) == 1 and cameras is None else None
     if isinstance(folder, str | Path) and is_floor_folder(Path(folder)):
         data_set = read_floor_folder(Path(folder))
-        return FloorRun(data_set.cameras, [], data_set.people, detecting, files, settings, times)
+        wanted.within(max(map(len, data_set.people)))
+        return FloorRun(data_set.cameras, [], data_set.people, detecting, files, settings, times, wanted)
     if cameras is None:
         if not files or sources or detections:
             if missing := [source for source in sources if isinstance(source, str) and file_of(source) is None]:
                 raise RequestError(f"expected videos, or a folder of WILDTRACK or Shelf, found no {missing[0]}")
             raise RequestError("`cameras`: expected cameras.yaml with the videos or detections, got none")
+        if wanted != EVERY_FRAME:
+            raise RequestError("`frames`: expected videos or detections, got positions alone, which have none")
         return FloorRun([], [], [], detecting, files, settings, times)
     placed = read_cameras(a_path(cameras, "cameras"))
     number = len(sources) if sources else len(detections or ())
@@ -213,13 +235,13 @@ def open_floor(
             f"expected one source for each camera, got {number} and {len(placed)} cameras in {cameras}; give them in "
             "the order of its entries"
         )
-    opened = [open_source(source) for source in sources]
+    opened = [open_source(source, wanted) for source in sources]
     if live := [video.name for video in opened if video.live]:
         raise RequestError(f"expected videos that end, got {live[0]}, which is live; use tsuiseki track floor")
     if detections is None:
         if blind := [video.name for video in opened if not video.has_images]:
             raise RequestError(f"{blind[0]} has no images to find people in; give `detections`")
-        return FloorRun(placed, opened, None, detecting, files, settings, times)
+        return FloorRun(placed, opened, None, detecting, files, settings, times, wanted)
     if len(detections) != len(placed):
         raise RequestError(f"`detections`: expected {len(placed)} files, one a camera, got {len(detections)}")
     lengths = [video.length for video in opened] or [None] * len(placed)
@@ -230,8 +252,9 @@ def open_floor(
     if not opened:
         longest = max(map(len, standing))
         empty = [StandingPeople.of(Detections.empty())]
-        standing = [frames + empty * (longest - len(frames)) if frames else frames for frames in standing]
-    return FloorRun(placed, opened, standing, detecting, files, settings, times)
+        standing = [people + empty * (longest - len(people)) if people else people for people in standing]
+        wanted.within(longest)
+    return FloorRun(placed, opened, standing, detecting, files, settings, times, wanted)
 
 
 def _read(path: Path, length: int | None) -> list[StandingPeople]:
@@ -251,6 +274,7 @@ def track_floor(
     appearance: AppearanceLike | None = None,
     settings: OneFloorSettings = ONE_FLOOR,
     times: FrameTimes = TIMES,
+    frames: str | None = None,
     seed: int = 0,
 ) -> Result[PersonOnFloor]:
     """Everyone on one floor that several calibrated cameras see, each with one id in all of them.
@@ -264,6 +288,7 @@ def track_floor(
         appearance: an exported network's file, an `Appearance`, or a function; ``"none"`` does without.
         settings: see `OneFloorSettings`.
         times: of the frames, where cameras.yaml does not say.
+        frames: of each camera these only, counted from 1 with both ends, such as ``"301-400"``.
         output.seed: of the particles of the method ``lmb``.
 
     Raises:
@@ -271,8 +296,9 @@ def track_floor(
         RunError: a video breaks off.
     """
     networks: Any = {"detector": detector, "appearance": appearance}
-    opened = open_floor(sources, cameras, detections, positions, replace(DETECTING, **networks), settings, times)
-    run_settings = {"source": [named(source) for source in sources], "seed": seed}
+    detecting = replace(DETECTING, **networks)
+    opened = open_floor(sources, cameras, detections, positions, detecting, settings, times, frames)
+    run_settings = {"source": [named(source) for source in sources], "frames": frames, "seed": seed}
     return opened.result(StageTimes(), run_settings)[0]
 
 
@@ -286,6 +312,7 @@ def floor(
     times: FrameTimes = TIMES,
     live: LiveOptions = LIVE,
     watching: Watching = WATCHING,
+    frames: str | None = None,
     cameras: Path | None = None,
     detections: Commas[list[Path] | None] = None,
     positions: Commas[list[Path] | None] = None,
@@ -298,6 +325,7 @@ def floor(
     Args:
         source: a video, folder of images, webcam or stream of each camera, in their order; or one folder of WILDTRACK
             or Shelf.
+        frames: of each camera these only, counted from 1 with both ends, such as 301-400.
         cameras: cameras.yaml with lens and pose of each camera; tsuiseki calibrate pose writes it.
         detections: file of each camera instead of a detector: MOTChallenge text, or a CSV with frame,x1,y1,x2,y2 and
             optionally score,ankle_u,ankle_v; frames count from 1, in a column frame_idx instead from 0.
@@ -312,14 +340,15 @@ def floor(
                 "`positions`, `offsets` and `timestamps`"
             )
         how = settings.delay, settings.tolerance, settings.floor, live.give_up
-        opened_live = live.opened(output.out, lambda: open_live_floor(source, cameras, detecting, *how))
+        wanted = parse_frames(frames)
+        opened_live = live.opened(output.out, lambda: open_live_floor(source, cameras, detecting, *how, wanted))
         seen = partial(watching.observers, output.out, opened_live.videos, on_floor=True)
         with watching.own_output():
             number = floor_live(output, opened_live, live, seen)
             print(f"{count(number, 'person', 'people')} on the floor: {output.out}")
         return 0
     _check_recorded(watching, live)
-    opened = open_floor(source, cameras, detections, positions or [], detecting, settings, times)
+    opened = open_floor(source, cameras, detections, positions or [], detecting, settings, times, frames)
     if drawing.overlay and not (opened.sources and all(source.has_images for source in opened.sources)):
         raise RequestError("expected videos with images for `overlay`, got none of some cameras; leave it out")
     with output.run() as run:

@@ -130,6 +130,11 @@ class FloorPositions:
     deviations: FloatArray
     names: IntArray
 
+    def between(self, first: float, last: float) -> FloorPositions:
+        """Those of the time from ``first`` to ``last``, seconds, both included."""
+        rows = (self.times >= first) & (self.times <= last)
+        return FloorPositions(self.path, self.times[rows], self.places[rows], self.deviations[rows], self.names[rows])
+
 
 def read_floor_positions(path: Path) -> FloorPositions:
     """The positions in a file.

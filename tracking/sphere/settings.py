@@ -19,6 +19,7 @@ from tsuiseki.tracking.fields import Commas, Options
 from tsuiseki.tracking.filters.base import Motion
 from tsuiseki.tracking.filters.point_motion import Ballistic, ConstantVelocity3D, RandomWalk3D
 from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types.frame_range import EVERY_FRAME
 from tsuiseki.tracking.video.frame_source import uneven
 from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.video.synchronise import read_timestamps
@@ -28,6 +29,8 @@ MotionName = Literal["constant-velocity", "random-walk", "ballistic"]
 LikelihoodName = Literal["contour", "background"]
 # Frames of different length at the end of two videos that are still taken for the same recording.
 SLACK_FRAMES = 2
+# In messages, where a file may have more.
+AT_LEAST = "at least "
 
 
 @dataclass(frozen=True, kw_only=True, config=SETTINGS)
@@ -122,24 +125,25 @@ class FrameTimes(Options):
     timestamps: Commas[list[Path] | None] = None
 
     def of_videos(self, sources: Sequence[Source], placed: Sequence[CameraOverFloor]) -> list[FloatArray]:
-        """``(T,)`` the time of every frame of every video, seconds.
+        """``(T,)`` the time of every wanted frame of every video, seconds.
 
         Raises:
             RequestError: offsets, times and videos differ in number or length, or a source is live.
         """
         self._check_number(len(sources), "video")
         played = [frame_times(source) for source in sources]
-        lengths = [len(times) for times in played]
+        wanted = [range(f := s.frames_wanted.first, f + len(t)) for s, t in zip(sources, played, strict=True)]
         if self.timestamps is None:
             rates = [p.frame_rate or s.frame_rate for p, s in zip(placed, sources, strict=True)]
-            stamps = self._even(lengths, rates, placed)
-            for times, source, rate, stamp in zip(played, sources, rates, stamps, strict=True):
+            stamps = self._even(wanted, rates, placed)
+            for times, source, rate, frames, stamp in zip(played, sources, rates, wanted, stamps, strict=True):
                 if uneven(times):
-                    stamp += times * source.frame_rate / rate - np.arange(len(times)) / rate
+                    stamp += times * source.frame_rate / rate - np.array(frames) / rate
             if self.offsets is None and not any(p.offset for p in placed):
                 check_lengths(stamps, [s.name for s in sources])
             return stamps
-        return self._read(self.timestamps, lengths)
+        cut = any(source.frames_wanted != EVERY_FRAME for source in sources)
+        return self._read(self.timestamps, wanted, AT_LEAST if cut else "")
 
     def of_pixels(self, pixels: Sequence[FloatArray], placed: Sequence[CameraOverFloor]) -> list[FloatArray]:
         """Likewise of the rows of every file of measured pixels.
@@ -148,12 +152,12 @@ class FrameTimes(Options):
             RequestError: offsets, times and files differ in number, or a frame rate is not known.
         """
         self._check_number(len(pixels), "file")
-        lengths = [len(rows) for rows in pixels]
+        wanted = [range(len(rows)) for rows in pixels]
         if self.timestamps is None:
             if without := [camera.name for camera in placed if camera.frame_rate is None]:
                 raise RequestError(f"`timestamps`: expected times, or a frame_rate of {without[0]} in the camera file")
-            return self._even(lengths, [float(camera.frame_rate or 1.0) for camera in placed], placed)
-        return self._read(self.timestamps, lengths, "at least ")
+            return self._even(wanted, [float(camera.frame_rate or 1.0) for camera in placed], placed)
+        return self._read(self.timestamps, wanted, AT_LEAST)
 
     def _check_number(self, expected: int, what: str) -> None:
         for name, values in (("`offsets`", self.offsets), ("`timestamps`", self.timestamps)):
@@ -161,24 +165,24 @@ class FrameTimes(Options):
                 raise RequestError(f"{name}: expected {expected} values, one a {what}, got {len(values)}")
 
     def _even(
-        self, lengths: Sequence[int], rates: Sequence[float], placed: Sequence[CameraOverFloor]
+        self, wanted: Sequence[range], rates: Sequence[float], placed: Sequence[CameraOverFloor]
     ) -> list[FloatArray]:
         starts = [p.offset for p in placed] if self.offsets is None else self.offsets
-        return [o + np.arange(n) / r for o, n, r in zip(starts, lengths, rates, strict=True)]
+        return [o + np.array(frames) / r for o, frames, r in zip(starts, wanted, rates, strict=True)]
 
-    def _read(self, files: Sequence[Path], lengths: Sequence[int], least: str = "") -> list[FloatArray]:
-        """The times in each file, of as many frames, or of ``least`` as many."""
+    def _read(self, files: Sequence[Path], wanted: Sequence[range], least: str) -> list[FloatArray]:
+        """The times in each file of the ``wanted`` frames; it has as many as the video, or ``least`` as many."""
         stamps = []
-        for path, length, offset in zip(files, lengths, self.offsets or [0.0] * len(files), strict=True):
+        for path, frames, offset in zip(files, wanted, self.offsets or [0.0] * len(files), strict=True):
             stamp = read_timestamps(path)
-            if len(stamp) < length or (len(stamp) > length and not least):
-                raise RequestError(f"{path}: expected {least}{length} times, one a frame, got {len(stamp)}")
-            stamps.append(stamp[:length] + offset)
+            if len(stamp) < frames.stop or (len(stamp) > frames.stop and not least):
+                raise RequestError(f"{path}: expected {least}{frames.stop} times, one a frame, got {len(stamp)}")
+            stamps.append(stamp[frames.start : frames.stop] + offset)
         return stamps
 
 
 def frame_times(source: Source) -> FloatArray:
-    """``(T,)`` seconds of each frame; a video file is decoded once for them, and for their number.
+    """``(T,)`` seconds of each wanted frame; a video file is decoded once for them, and for their number.
 
     Raises:
         RequestError: the source is live.
@@ -186,7 +190,8 @@ def frame_times(source: Source) -> FloatArray:
     if source.live:
         raise RequestError(f"{source.name}: expected recorded videos beside recorded ones, got a live camera")
     if source.length is not None:
-        return np.arange(source.length) / source.frame_rate
+        wanted = source.frames_wanted.within(source.length)
+        return np.arange(wanted.first, (wanted.last or 0) + 1) / source.frame_rate
     times: list[float] = []
     try:
         times.extend(frame.time for frame in source.frames())

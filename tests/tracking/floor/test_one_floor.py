@@ -20,9 +20,12 @@ from tsuiseki.tracking.floor.run import track_floor
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
 from tsuiseki.tracking.formats.world_tables import read_floor_positions
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.sphere.settings import FrameTimes
 from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.video.source import open_source
 
-from .conftest import FLOOR, RATE, boxes_of, cameras, make_world
+from .conftest import FLOOR, LENGTH, RATE, boxes_of, cameras, make_world
 
 
 def as_truth(people):
@@ -265,15 +268,7 @@ def test_boxes_outside_a_cameras_picture_are_refused(tmp_path):
 
 
 def test_a_result_is_saved_and_loaded(world, tmp_path):
-    names = []
-    for feed in world.feeds:
-        rows = [
-            (k + 1, *box, 1.0) for k, one in enumerate(feed.people) for box in one.detections.boxes.round(3).tolist()
-        ]
-        path = tmp_path / f"{feed.placed.name}.csv"
-        path.write_text("frame,x1,y1,x2,y2,score\n" + "".join(",".join(map(str, row)) + "\n" for row in rows))
-        names.append(path)
-    write_cameras(tmp_path / "cameras.yaml", cameras())
+    names = written_detections(world, tmp_path)
     result = track_floor(cameras=tmp_path / "cameras.yaml", detections=names)
     result.save(tmp_path / "out")
     assert {"world.csv", "floor.png", "dwell.png", "report.html", "run.json", "corner1"} <= {
@@ -319,3 +314,65 @@ def test_what_is_missing_is_said_before_the_work(words, line, tmp_path, capsys):
     assert main(["track", "floor", *given, "--out", str(tmp_path / "out")]) == 2
     assert capsys.readouterr().err.startswith(f"tsuiseki: {line.format(folder=tmp_path)}")
     assert not (tmp_path / "out").exists()
+
+
+def written_detections(world, folder):
+    """cameras.yaml and a CSV for each camera, in its order."""
+    names = []
+    for feed in world.feeds:
+        rows = [
+            (k + 1, *box, 1.0)
+            for k, people in enumerate(feed.people)
+            for box in people.detections.boxes.round(3).tolist()
+        ]
+        names.append(folder / f"{feed.placed.name}.csv")
+        names[-1].write_text("frame,x1,y1,x2,y2,score\n" + "".join(",".join(map(str, row)) + "\n" for row in rows))
+    write_cameras(folder / "cameras.yaml", cameras())
+    return names
+
+
+def test_frames_of_a_floor_are_those_of_each_camera(world, tmp_path):
+    names = written_detections(world, tmp_path)
+    words = ["--cameras", str(tmp_path / "cameras.yaml"), "--detections", ",".join(map(str, names))]
+    write_positions(tmp_path / "tags.csv", [(k / RATE, 0, 0, 0.1, 7) for k in range(LENGTH)])
+    words += ["--positions", str(tmp_path / "tags.csv"), "--frames", "11-30"]
+    assert main(["track", "floor", *words, "--out", str(tmp_path / "out")]) == 0
+    found = as_truth(Result.load(tmp_path / "out"))
+    assert (found.times.min(), found.times.max()) == (10 / RATE, 29 / RATE), "seconds of the whole video"
+    within = (world.truth.times >= 2.0) & (world.truth.times <= 29 / RATE)
+    truth = PlacedTruth(world.truth.times[within], world.truth.ids[within], world.truth.places[within])
+    assert evaluate_on_floor(truth, found).recall > 0.9
+    rows = np.loadtxt(tmp_path / "out/corner1/tracks.txt", delimiter=",")
+    assert (rows[:, 0].min(), rows[:, 0].max()) == (11, 30), "numbers of the whole video"
+
+
+@pytest.mark.parametrize(
+    ("words", "line"),
+    [
+        (["--frames", "5-99"], "expected frames within 1-40, got --frames 5-99"),
+        (["--frames", "9-5"], "expected --frames FIRST-LAST with 1 <= FIRST <= LAST, got '9-5'"),
+    ],
+)
+def test_frames_beyond_the_floor_are_refused(world, words, line, tmp_path, capsys):
+    names = written_detections(world, tmp_path)
+    given = ["--cameras", str(tmp_path / "cameras.yaml"), "--detections", ",".join(map(str, names)), *words]
+    assert main(["track", "floor", *given, "--out", str(tmp_path / "out")]) == 2
+    assert line in capsys.readouterr().err
+
+
+def test_frames_of_positions_alone_are_refused(tmp_path):
+    write_positions(tmp_path / "tags.csv", [(k / RATE, 0, 0, 0.1, "") for k in range(40)])
+    with pytest.raises(RequestError, match="`frames`: expected videos or detections, got positions alone"):
+        track_floor(positions=[tmp_path / "tags.csv"], frames="1-10")
+
+
+@pytest.mark.parametrize("with_file", [False, True])
+def test_times_of_some_frames_are_those_of_the_whole_video(with_file, tmp_path):
+    images = [np.zeros((4, 4, 3), np.uint8)] * 12
+    whole, part = ([open_source(images, wanted, 5.0)] for wanted in (None, FrameRange(3, 8)))
+    stamps = tmp_path / "stamps.txt"
+    stamps.write_text("".join(f"{0.2 * k + 0.01 * (k % 2)}\n" for k in range(12)))
+    times = FrameTimes(offsets=[1.5], timestamps=[stamps] if with_file else None)
+    np.testing.assert_array_equal(
+        times.of_videos(part, cameras()[:1])[0], times.of_videos(whole, cameras()[:1])[0][3:9]
+    )
