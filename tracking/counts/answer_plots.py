@@ -23,7 +23,7 @@ Draw = Callable[[Answers, str], "Figure"]
 def counts_figure(answers: Answers, ink: str = "black") -> Figure:
     """All in view in each second."""
     table = answers.tables["counts"]
-    return _steps(ink, "in view", [("", *_up_to_the_end(answers, table["time"], table["people"]))])
+    return step_figure(ink, "in view", [("", *_up_to_the_end(answers, table["time"], table["people"]))])
 
 
 def occupancy_figure(answers: Answers, ink: str = "black") -> Figure:
@@ -34,7 +34,7 @@ def occupancy_figure(answers: Answers, ink: str = "black") -> Figure:
         rows = [row for row, name in enumerate(table["zone"]) if name == zone.name]
         times, people = ([table[name][row] for row in rows] for name in ("time", "people"))
         lines.append((zone.name, *_up_to_the_end(answers, times, people)))
-    return _steps(ink, "in the zone", lines)
+    return step_figure(ink, "in the zone", lines)
 
 
 def flow_figure(answers: Answers, ink: str = "black") -> Figure:
@@ -46,7 +46,7 @@ def flow_figure(answers: Answers, ink: str = "black") -> Figure:
             rows = zip(table["time"], table["line"], table["direction"], strict=True)
             times = sorted(time for time, name, direction in rows if (name, direction) == (line.name, way))
             lines.append((f"{line.name} {way}", [0, *times, end], [*range(len(times) + 1), len(times)]))
-    return _steps(ink, "crossings so far", lines, paired=True)
+    return step_figure(ink, "crossings so far", lines, paired=True)
 
 
 def ways_figure(name: str) -> Draw:
@@ -92,7 +92,7 @@ def _up_to_the_end(
     return [*times, answers.length / answers.frame_rate], [*values, *values[-1:]] if len(values) else [0]
 
 
-def _steps(ink: str, up: str, lines: Iterable[tuple[str, Any, Any]], paired: bool = False) -> Figure:
+def step_figure(ink: str, up: str, lines: Iterable[tuple[str, Any, Any]], paired: bool = False) -> Figure:
     """Step functions of time, each with its name; of pairs the second is dashed."""
     from matplotlib.ticker import MaxNLocator
 

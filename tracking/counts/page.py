@@ -23,14 +23,12 @@ from tsuiseki.tracking.counts.counting import Answers, Table, count
 from tsuiseki.tracking.counts.scene import Scene
 from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
-from tsuiseki.tracking.output import versions
-from tsuiseki.tracking.privacy import PRIVACY
 from tsuiseki.tracking.report.page import BOXES_NOTE, Timeline
 from tsuiseki.tracking.report.pictures import Pictures, frames_to_show, heat_picture, paths_picture, pictures_of
 from tsuiseki.tracking.report.rendering import overlay_in, render
 from tsuiseki.tracking.report.track_bars import counted, followed
 from tsuiseki.tracking.result import PageContent, Result, Writer
-from tsuiseki.tracking.runs.files import CHOSEN
+from tsuiseki.tracking.runs.origin import how_made
 from tsuiseki.tracking.types import FloatArray, ImageArray, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
 from tsuiseki.tracking.types.tracks import boxes_about
@@ -191,17 +189,9 @@ class TrackedPage:
 
     def _made(self) -> dict[str, Any]:
         """How it was made: the source, what was asked for, the share of boxes that are detections, and the versions."""
-        settings, options = self.result.settings, self.result.facts.get(CHOSEN, {})
         boxes = [track.observed for track in boxes_about(self.result, self.result.names)]
         share = f"{100 * np.concatenate(boxes).mean():.0f} %" if boxes else None
-        asked = {name: "see run.json" if isinstance(value, Mapping) else value for name, value in options.items()}
-        return {
-            **{name: settings[name] for name in ("method", "source") if name in settings},
-            "options": {name: value for name, value in asked.items() if name not in ("method", "source")},
-            "boxes that a detection supports": share,
-            "versions": versions(),
-            **self.result.facts.get(PRIVACY, {}),
-        }
+        return how_made(self.result.settings, self.result.facts, {"boxes that a detection supports": share})
 
     def figure(self, name: str) -> Callable[[str], Figure]:
         """The plot of a table, by the colour of its text."""
@@ -241,7 +231,10 @@ class TrackedPage:
         names = [name for name in table if name not in ("id", "class") or (name == "class" and any(table[name]))]
         zones, ids = [zone.name for zone in self.answers.scene.zones], {track.id for track in self.tracks}
         rows = {
-            who: [*(_cell(table[name][number]) for name in names), *(_cell(within[who, zone]) for zone in zones)]
+            who: [
+                *(cell_text(table[name][number]) for name in names),
+                *(cell_text(within[who, zone]) for zone in zones),
+            ]
             for number, who in enumerate(table["id"])
             if who in ids
         }
@@ -258,15 +251,15 @@ def _cells(row: Mapping[str, Any]) -> list[str]:
     cells = []
     for name in (name for name in row if not name.endswith(ENDS)):
         # Of `count` the ends are `low` and `high`, of `stay` they are `stay_low` and `stay_high`.
-        low, high = (_cell(row.get(end if name == "count" else f"{name}_{end}")) for end in ENDS)
-        cells.append(_cell(row[name]) if low == high else f"{_cell(row[name])} ({low}-{high})")
+        low, high = (cell_text(row.get(end if name == "count" else f"{name}_{end}")) for end in ENDS)
+        cells.append(cell_text(row[name]) if low == high else f"{cell_text(row[name])} ({low}-{high})")
     return cells
 
 
-def _cell(value: Any) -> str:
+def cell_text(value: Any) -> str:
     """Two digits of a number that is none of whole ones, and all that stand before the point.
 
-    >>> [_cell(value) for value in (1234.5, 12.34, 1.26, 0.0421, 3, None)]
+    >>> [cell_text(value) for value in (1234.5, 12.34, 1.26, 0.0421, 3, None)]
     ['1234', '12', '1.3', '0.042', '3', '']
     """
     if value is None:

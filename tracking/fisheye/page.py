@@ -17,6 +17,7 @@ from tsuiseki.tracking.report.overlay import draw_label, track_colour
 from tsuiseki.tracking.report.plots import dress
 from tsuiseki.tracking.report.rendering import overlay_in, render
 from tsuiseki.tracking.runs.following import count
+from tsuiseki.tracking.runs.origin import how_made
 from tsuiseki.tracking.types import FloatArray, Frame, ImageArray
 from tsuiseki.tracking.types.tracks import FloorTrack
 
@@ -166,8 +167,13 @@ def camera_floor(ceiling: CeilingSource, tracks: Sequence[FloorTrack], folder: P
     )
 
 
-def floor_page(cameras: Sequence[CameraFloor], seconds: Mapping[str, float], run_settings: Mapping[str, object]) -> str:
-    """`report.html` as text: each camera, and how it was made."""
+def floor_page(
+    cameras: Sequence[CameraFloor],
+    seconds: Mapping[str, float],
+    run_settings: Mapping[str, object],
+    facts: Mapping[str, object],
+) -> str:
+    """`report.html` as text: each camera, and how it was made; see `how_made`."""
     return render(
         "ceiling.html.j2",
         title="People on the floor",
@@ -175,5 +181,5 @@ def floor_page(cameras: Sequence[CameraFloor], seconds: Mapping[str, float], run
         "Triangles are cameras.",
         cameras=cameras,
         seconds={name: f"{1000 * spent:.0f} ms" for name, spent in seconds.items()},
-        made=run_settings,
+        made=how_made(run_settings, facts, {}),
     )

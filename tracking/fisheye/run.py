@@ -35,6 +35,7 @@ from tsuiseki.tracking.formats.world_tables import write_world
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.result import Result, Writer
+from tsuiseki.tracking.runs.files import CHOSEN
 from tsuiseki.tracking.runs.following import count
 from tsuiseki.tracking.runs.options import Output
 from tsuiseki.tracking.stages import StageTimes
@@ -111,7 +112,7 @@ def track_fisheye(
 
     def page(path: Path, folder: Path) -> None:
         cameras_shown = [camera_floor(inputs.ceiling, result.tracks, folder)]
-        path.write_text(floor_page(cameras_shown, times.seconds, run_settings), encoding="utf-8")
+        path.write_text(floor_page(cameras_shown, times.seconds, run_settings, {}), encoding="utf-8")
 
     return replace(result, files={**result.files, "report.html": page})
 
@@ -169,7 +170,7 @@ def fisheye(
             summary = inputs.summary(hungarian.start_score if chosen == "hungarian" else None)
             lines.append(f"{name}: {count(len(result), 'person', 'people')}{summary}")
         report_blank(opened[0].detector)
-        page = floor_page(floors, run.times.seconds, run_settings)
+        page = floor_page(floors, run.times.seconds, run_settings, {CHOSEN: run.asked})
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
         run.done("\n".join([*lines, f"results: {output.out}"]))
     return run.status

@@ -24,7 +24,7 @@ from tsuiseki.tracking.floor.delayed_floor import people_later
 from tsuiseki.tracking.floor.live_run import floor_live, open_live_floor
 from tsuiseki.tracking.floor.measured_floor import CameraFeed, MeasuredFloor, measured_floor
 from tsuiseki.tracking.floor.online_floor import people_online
-from tsuiseki.tracking.floor.page import floor_files
+from tsuiseki.tracking.floor.page import FloorPage
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.measurement_tables import is_point_file
@@ -35,6 +35,7 @@ from tsuiseki.tracking.people.detections import PeopleInputs
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.runs.files import CHOSEN
 from tsuiseki.tracking.runs.following import Drawing, count
 from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.runs.rolling import LiveOptions
@@ -85,6 +86,7 @@ DRAWING = Drawing()
 LIVE = LiveOptions()
 WATCHING = Watching()
 NO_SOURCES: list[str] = []
+NOTHING: Mapping[str, Any] = {}
 Watch = Callable[[Iterable[Any], str, int | None], Iterable[Any]]
 
 
@@ -156,9 +158,13 @@ class FloorRun:
         return people
 
     def result(
-        self, stages: StageTimes, run_settings: Mapping[str, Any], watch: Watch | None = None
+        self,
+        stages: StageTimes,
+        run_settings: Mapping[str, Any],
+        watch: Watch | None = None,
+        asked: Mapping[str, Any] = NOTHING,
     ) -> tuple[Result[PersonOnFloor], list[list[Track]]]:
-        """The people with the files that show them, and the same people in each camera."""
+        """The people with the files that show them, and the same people in each camera; ``asked`` are its options."""
         measured = self.measured(stages, watch)
         with stages.measure("associate"):
             if self.settings.method == "lmb":
@@ -178,7 +184,8 @@ class FloorRun:
             [replace(track, frames=track.frames + first) for track in tracks_in(measured, people, camera)]
             for camera in range(len(self.placed))
         ]
-        frames_of_videos = [[None if n is None else n + first for n in m.frames] for m in measured.moments]
+        numbers = [moment.frames[: len(tracks)] for moment in measured.moments]
+        page = FloorPage(measured, people, tracks, self.sources, stages.seconds, run_settings, {CHOSEN: asked})
         result = Result(
             people,
             self.sources[0].address if self.sources else "",
@@ -189,8 +196,8 @@ class FloorRun:
             facts=facts,
             seconds=stages.seconds,
             frames={"frame": list(range(len(measured.moments))), "time": measured.times.round(6).tolist(),
-                    "frame_of_each_video": frames_of_videos},
-            files=floor_files(measured, people, tracks, stages.seconds, run_settings),
+                    "frame_of_each_video": [[None if n is None else n + first for n in row] for row in numbers]},
+            files=page.files(),
         )  # fmt: skip
         return result, tracks
 
@@ -353,7 +360,9 @@ def floor(
         raise RequestError("expected videos with images for `overlay`, got none of some cameras; leave it out")
     with output.run() as run:
         run.sources += opened.sources
-        result, tracks = opened.result(run.times, output.settings, run.steps if opened.people is None else None)
+        result, tracks = opened.result(
+            run.times, output.settings, run.steps if opened.people is None else None, run.asked
+        )
         run.save(result, partial(_draw_cameras, run, drawing, opened, result, tracks))
         run.done(f"{count(len(result), 'person', 'people')} on the floor: {output.out / 'world.csv'}")
     return run.status

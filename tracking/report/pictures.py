@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import cv2
@@ -57,14 +57,26 @@ def _shown_rows(track: Track) -> list[int]:
 
 def pictures_of(frames: Iterable[Frame], tracks: Sequence[Track]) -> Pictures:
     """Crops of tracks, and the view without them, from the frames of `frames_to_show` that there are."""
-    views, crops = list[ImageArray](), dict[int, list[ImageArray]]()
+    views = list[ImageArray]()
+
+    def viewed() -> Iterator[Frame]:
+        for frame in frames:
+            views.append(_scaled(frame.image, LONGEST_SIDE / max(frame.image.shape[:2])))
+            yield frame
+
+    crops = crops_of(viewed(), tracks)
+    views = views[:: max(1, len(views) // VIEWS)]
+    return Pictures(_median(views) if views else None, crops)
+
+
+def crops_of(frames: Iterable[Frame], tracks: Sequence[Track]) -> dict[int, list[ImageArray]]:
+    """Crops ``(H, W, 3)`` uint8 RGB by track id: the surest row of each third of a track, where its frame is there."""
+    crops = dict[int, list[ImageArray]]()
     rows = [(int(track.frames[row]), track.id, track.boxes[row]) for track in tracks for row in _shown_rows(track)]
     for frame in frames:
         for _, identity, box in (row for row in rows if row[0] == frame.index):
             crops.setdefault(identity, []).extend(_crop(frame.image, box))
-        views.append(_scaled(frame.image, LONGEST_SIDE / max(frame.image.shape[:2])))
-    views = views[:: max(1, len(views) // VIEWS)]
-    return Pictures(_median(views) if views else None, crops)
+    return crops
 
 
 def _median(images: Sequence[ImageArray]) -> ImageArray:

@@ -99,14 +99,28 @@ def inline_svg(draw: Callable[[str], Figure], name: str, narrow: bool = False) -
     with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": name, "font.family": "sans-serif"}):
         figure = draw(stand_in)
         if narrow:
-            figure.set_size_inches(NARROW, max(NARROW * 0.6, 0.9 * figure.get_figheight()))
-            for legend in figure.legends[:]:
-                lines = [line for line in legend.legend_handles if line is not None]
-                texts = [text.get_text() for text in legend.get_texts()]
-                legend.remove()
-                figure.legend(lines, texts, loc="outside lower center", ncols=2, frameon=False, labelcolor=stand_in)
+            _narrow(figure, stand_in)
         figure.savefig(buffer, format="svg", transparent=True, metadata={"Date": None})
     return Markup(buffer.getvalue().partition("<svg")[2].replace(stand_in, "currentColor"))
+
+
+def _narrow(figure: Figure, ink: str) -> None:
+    """Make a figure as wide as a telephone: panels below each other, two columns of legend, no numbers on bars."""
+    from matplotlib.gridspec import GridSpec
+
+    panels = [axes for axes in figure.axes if axes.get_subplotspec() is not None]
+    height = max(NARROW * 0.6, 0.9 * figure.get_figheight())
+    figure.set_size_inches(NARROW, height if len(panels) < 2 else NARROW * 0.75 * len(panels))
+    grid = GridSpec(max(len(panels), 1), 1, figure=figure)
+    for row, axes in enumerate(panels):
+        axes.set_subplotspec(grid[row])
+        for number in axes.texts[:] if axes.containers else ():
+            number.remove()
+    for legend in figure.legends[:]:
+        lines = [line for line in legend.legend_handles if line is not None]
+        texts = [text.get_text() for text in legend.get_texts()]
+        legend.remove()
+        figure.legend(lines, texts, loc="outside lower center", ncols=2, frameon=False, labelcolor=ink)
 
 
 def dress(axes: Axes, ink: str, across: str = "", up: str = "") -> None:

@@ -63,6 +63,11 @@ class RunFiles:
     finished: bool = False
     _lines: Path | None = None
 
+    @property
+    def asked(self) -> dict[str, Any]:
+        """The settings that the user gave and that say what the result is, with their values."""
+        return {name: self.settings[name] for name in self.chosen if name not in PLACES}
+
     def write(self, name: str, write: Callable[..., object], *values: object) -> Path:
         """Make the file ``name`` of the result by ``write(path, *values)``; it is kept from then on."""
         part, final = self.work / PARTS / name, self.work / name
@@ -96,7 +101,7 @@ class RunFiles:
         ``draw`` makes what the pages of the result show, when all other files are written; ``folder`` lies inside the
         output folder.
         """
-        if asked := {name: self.settings[name] for name in self.chosen if name not in PLACES}:
+        if asked := self.asked:
             result = replace(result, facts={**result.facts, CHOSEN: asked})
         if PRIVACY in self.facts:
             result = replace(result, facts={**result.facts, PRIVACY: self.facts[PRIVACY]})

@@ -18,6 +18,8 @@ from tsuiseki.tracking.formats.world_tables import write_track3d
 from tsuiseki.tracking.report.plots import COLOURS, dress
 from tsuiseki.tracking.report.rendering import overlay_in, render
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.runs.files import CHOSEN
+from tsuiseki.tracking.runs.origin import how_made
 from tsuiseki.tracking.sphere.tracker import SphereLog, SphereRun
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import STATUSES, FloatArray, Frame, ImageArray, Position
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+NOTHING: Mapping[str, Any] = {}
 # Colour of the positions of each status in plots.
 STATUS_COLOURS = {"tracking": COLOURS[0], "searching": COLOURS[1], "lost": COLOURS[4]}
 # An ellipse of so many standard deviations holds 95 % of a Gaussian in the plane.
@@ -189,8 +192,12 @@ def sphere_result(
     times: StageTimes,
     settings: Mapping[str, Any],
     truth: Path3D | None = None,
+    asked: Mapping[str, Any] = NOTHING,
 ) -> Result[Position]:
-    """The result of a run: the ball's position at each moment; the page compares it with a ``truth`` that is known."""
+    """The result of a run: the ball's position at each moment.
+
+    The page compares it with a ``truth`` that is known, and lists the options that were ``asked`` for.
+    """
     positions, cameras = log.positions, chosen.placed
 
     def plot(path: Path, _: Path) -> None:
@@ -199,6 +206,7 @@ def sphere_result(
     def page(path: Path, folder: Path) -> None:
         ball = f"A ball of {100 * chosen.radius:g} cm radius" if chosen.radius > 0 else "A point"
         drawn = {placed.name: overlay_in(folder, f"overlay{k}") for k, placed in enumerate(cameras, start=1)}
+        tracked = f"{100 * np.mean([position.status == 'tracking' for position in positions]):.0f} %"
         text = render(
             "sphere.html.j2",
             title="Ball in space",
@@ -208,7 +216,7 @@ def sphere_result(
             path=partial(path_figure, positions, cameras, truth),
             uncertainty=partial(deviation_figure, positions, truth),
             overlays=drawn,
-            made={name: value for name, value in settings.items() if value is not None},
+            made=how_made(settings, {CHOSEN: asked}, {"moments in which the ball was tracked": tracked}),
         )
         path.write_text(text, encoding="utf-8")
 

@@ -306,7 +306,7 @@ def sphere(
             return run.steps(moments if chosen.length else run.unending(moments), total=chosen.length)
 
         log = chosen.run(np.random.default_rng(output.seed), run.times, watched)
-        result = sphere_result(chosen, log, run.times, output.settings, true_path)
+        result = sphere_result(chosen, log, run.times, output.settings, true_path, run.asked)
         run.save(result, partial(_draw, run, drawing, chosen, log))
         run.done(_summary(result.tracks, true_path, output.out / "track3d.csv"))
     return run.status

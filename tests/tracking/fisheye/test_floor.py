@@ -65,7 +65,7 @@ def test_the_world_file(tmp_path):
 def test_names_on_the_page_are_escaped(tmp_path):
     placed = SimpleNamespace(name="<b>", camera=SimpleNamespace(position=np.array([2.0, 1.5, 3.0])))
     ceiling = SimpleNamespace(placed=placed, floor=FLOOR, rate=10.0)
-    page = floor_page([camera_floor(ceiling, [somebody()], tmp_path)], {"detect": 0.1}, {"a": "<i>"})
+    page = floor_page([camera_floor(ceiling, [somebody()], tmp_path)], {"detect": 0.1}, {"source": "<i>"}, {})
     assert "<b>" not in page
     assert "&lt;i&gt;" in page
 

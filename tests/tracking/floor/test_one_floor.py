@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import csv
+import re
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
@@ -12,6 +15,7 @@ from tsuiseki.tracking.cameras.multicamera import PlacedTruth, StandingPeople, r
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
+from tsuiseki.tracking.floor.answers import counts_table, people_table
 from tsuiseki.tracking.floor.foot_points import BOX_NOISE, FLOOR_NOISE, expected_boxes, on_floor
 from tsuiseki.tracking.floor.grouping import ExpectedTracks, MomentPoints, group
 from tsuiseki.tracking.floor.measured_floor import measured_floor
@@ -23,6 +27,7 @@ from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.sphere.settings import FrameTimes
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.frame_range import FrameRange
+from tsuiseki.tracking.types.measurements import PersonOnFloor
 from tsuiseki.tracking.video.source import open_source
 
 from .conftest import FLOOR, LENGTH, RATE, boxes_of, cameras, make_world
@@ -333,16 +338,17 @@ def written_detections(world, folder):
 
 def test_frames_of_a_floor_are_those_of_each_camera(world, tmp_path):
     names = written_detections(world, tmp_path)
-    words = ["--cameras", str(tmp_path / "cameras.yaml"), "--detections", ",".join(map(str, names))]
     write_positions(tmp_path / "tags.csv", [(k / RATE, 0, 0, 0.1, 7) for k in range(LENGTH)])
-    words += ["--positions", str(tmp_path / "tags.csv"), "--frames", "11-30"]
-    assert main(["track", "floor", *words, "--out", str(tmp_path / "out")]) == 0
-    found = as_truth(Result.load(tmp_path / "out"))
+    part = {"detections": names, "positions": [tmp_path / "tags.csv"], "frames": "11-30"}
+    result = track_floor(cameras=tmp_path / "cameras.yaml", **part)
+    found = as_truth(result)
     assert (found.times.min(), found.times.max()) == (10 / RATE, 29 / RATE), "seconds of the whole video"
-    within = (world.truth.times >= 2.0) & (world.truth.times <= 29 / RATE)
+    within = (world.truth.times >= 10 / RATE) & (world.truth.times <= 29 / RATE)
     truth = PlacedTruth(world.truth.times[within], world.truth.ids[within], world.truth.places[within])
     assert evaluate_on_floor(truth, found).recall > 0.9
-    rows = np.loadtxt(tmp_path / "out/corner1/tracks.txt", delimiter=",")
+    assert result.frames["frame_of_each_video"][0] == [10] * len(names)
+    result.files["corner1/tracks.txt"](tmp_path / "tracks.txt", tmp_path)
+    rows = np.loadtxt(tmp_path / "tracks.txt", delimiter=",")
     assert (rows[:, 0].min(), rows[:, 0].max()) == (11, 30), "numbers of the whole video"
 
 
@@ -376,3 +382,48 @@ def test_times_of_some_frames_are_those_of_the_whole_video(with_file, tmp_path):
     np.testing.assert_array_equal(
         times.of_videos(part, cameras()[:1])[0], times.of_videos(whole, cameras()[:1])[0][3:9]
     )
+
+
+@pytest.mark.slow
+def test_the_page_of_a_floor_has_counts_a_table_and_pictures(world, tmp_path):
+    folders = []
+    for feed in world.feeds:
+        folders.append(tmp_path / "video" / feed.placed.name)
+        folders[-1].mkdir(parents=True)
+        picture = np.full((feed.placed.camera.height, feed.placed.camera.width, 3), 90, np.uint8)
+        for frame in range(LENGTH):
+            cv2.imwrite(str(folders[-1] / f"{frame:06d}.jpg"), picture)
+    names = written_detections(world, tmp_path)
+    words = [*map(str, folders), "--cameras", str(tmp_path / "cameras.yaml"), "--tolerance", "0.05"]
+    words += ["--detections", ",".join(map(str, names)), "--out", str(tmp_path / "out")]
+    assert main(["track", "floor", *words]) == 0
+    page, people = (tmp_path / "out/report.html").read_text(), Result.load(tmp_path / "out")
+    for heading in ("People", "How many at a time", "Through the cameras", "Time", "How it was made"):
+        assert f"<h2>{heading}</h2>" in page
+    assert f"{len(people)} people before 5 cameras in {(LENGTH - 1) / RATE:.1f} seconds" in page
+    assert len(people) <= page.count("data:image/jpeg") <= 3 * len(people)
+    made = page.partition("How it was made")[2]
+    assert "tolerance 0.05" in made
+    assert "places that a camera supports" in made
+    assert not re.search(r"None|\[|&#39;|overwrite", made)
+    rows = list(csv.DictReader((tmp_path / "out/report/people.csv").open()))
+    assert [int(row["id"]) for row in rows] == sorted(one.id for one in people)
+    counts = list(csv.DictReader((tmp_path / "out/report/counts.csv").open()))
+    here = [sum(one.scans[0] <= 0 <= one.scans[-1] for one in people)]
+    assert int(counts[0]["most"]) >= here[0]
+    assert [float(row["time"]) for row in counts] == list(range(int((LENGTH - 1) / RATE) + 1))
+
+
+def test_a_table_of_people_says_how_long_and_how_far():
+    way = np.column_stack([np.arange(5.0), np.zeros(5)])
+    walker = PersonOnFloor(
+        3, np.arange(5), 0.5 * np.arange(5), way, np.zeros((5, 2)), np.zeros((5, 4, 4)), np.ones(5),
+        np.zeros((5, 0)), np.array([[True, False]] * 5),
+    )  # fmt: skip
+    table = people_table([walker], ("door", "hall"))
+    assert {name: values[0] for name, values in table.items()} == {
+        "id": 3, "first": 0.0, "last": 2.0, "seconds": 2.0, "metres": 4.0, "speed": 2.0, "cameras": "door",
+    }  # fmt: skip
+    counts = counts_table([walker, replace(walker, id=4, scans=np.array([4]))], 0.5 * np.arange(5))
+    assert counts == {"time": [0.0, 1.0, 2.0], "people": [1.0, 1.0, 2.0], "most": [1, 1, 2]}
+    assert counts_table([], np.empty(0)) == {"time": [], "people": [], "most": []}

@@ -6,14 +6,17 @@ import base64
 import re
 from html.parser import HTMLParser
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 from tsuiseki.tracking.evaluation.coverage import coverage, spans
 from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, SequencePair, evaluate_sequences
 from tsuiseki.tracking.report import rendering
 from tsuiseki.tracking.report.page import Bar, Report, Timeline, report_page
+from tsuiseki.tracking.report.plots import NARROW, comparison_figure, inline_svg
 from tsuiseki.tracking.report.rendering import section, video_place, words
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -90,8 +93,8 @@ def test_every_table_and_plot_scrolls_by_itself_or_fits(tmp_path: Path) -> None:
     text = report_page(make_report(tmp_path))
     tables, plots = re.findall(r"<table", text), re.findall(r'<svg class="plot"', text)
     inside = re.findall(r'<div class="wide" tabindex="0"><(?:table|svg class="plot")', text)
-    assert len(inside) == len(tables) + len(plots) == 3
-    assert len(re.findall(r'<svg class="plot on-(?:wide|narrow)"', text)) == 2
+    assert len(inside) == len(tables) + len(plots) == 2
+    assert len(re.findall(r'<svg class="plot on-(?:wide|narrow)"', text)) == 4
 
 
 def test_a_timeline_says_seconds_where_the_rate_is_known() -> None:
@@ -166,3 +169,33 @@ def test_a_section_of_nothing_leaves_no_trace() -> None:
     )
     assert section(text, head="a", rows=[]).strip() == ""
     assert "<h2>&lt;b&gt;</h2>" in section(text, head="<b>", rows=[("1",)])
+
+
+def test_the_panels_of_a_figure_lie_below_each_other_on_a_telephone(tmp_path: Path) -> None:
+    report = make_report(tmp_path)
+    drawn: list[Figure] = []
+
+    def draw(ink: str) -> Figure:
+        drawn.append(comparison_figure(report.scores, ink))
+        return drawn[-1]
+
+    inline_svg(draw, "name", narrow=True)
+    (figure,) = drawn
+    figure.draw_without_rendering()
+    above, below = (axes.get_position() for axes in figure.axes)
+    assert figure.get_figwidth() == NARROW
+    assert above.y0 > below.y1
+    assert min(above.width, below.width) > 0.7
+    assert not [text for axes in figure.axes for text in axes.texts], "numbers would lie on each other"
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_the_comparison_fits_a_telephone(tmp_path: Path, browser: Any, scheme: str) -> None:
+    (tmp_path / "report.html").write_text(report_page(make_report(tmp_path)), encoding="utf-8")
+    page = browser.new_page(viewport={"width": 390, "height": 800}, color_scheme=scheme)
+    page.goto((tmp_path / "report.html").as_uri())
+    assert page.evaluate("document.documentElement.scrollWidth") == 390
+    hidden = "[...document.querySelectorAll('.wide')].filter(part => part.scrollWidth > part.clientWidth)"
+    assert page.evaluate(f"{hidden}.length") == 0
+    texts = "[...document.querySelectorAll('dd, .on-narrow')].map(part => part.getBoundingClientRect().width)"
+    assert min(page.evaluate(texts)) > 250, "what was made how, and the plots, take the width of the screen"
