@@ -97,6 +97,7 @@ COMMANDS: Mapping[str, tuple[str, str] | tuple[str, str, Commands]] = {
     "forget": ("tracking.cli.forget:forget", "delete results that may not be kept any longer"),
     "count": ("tracking.counts.run:count", "who crosses lines and stays in zones, from a finished result"),
     "review": ("tracking.review.run:review", "look through a result on a page in the browser, and correct it"),
+    "gallery": ("tracking.linking.gallery:gallery", "keep people by name, to recognise in later results"),
     "link": ("tracking.linking.run:link_results", "the same ids in cameras that do not overlap"),
     "evaluate": ("tracking.cli.evaluate", "score results against labels", EVALUATE),
     "batch": ("tracking.batch.run:BATCH", "a command on many videos, on all cores or on Ray"),

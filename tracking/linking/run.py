@@ -15,21 +15,24 @@ from pydantic import NonNegativeFloat
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import AppearanceLike, Describe, as_describer
+from tsuiseki.tracking.features.gallery import Gallery, opened_gallery
+from tsuiseki.tracking.features.recognition import centred
 from tsuiseki.tracking.fields import Commas, FrameRate
 from tsuiseki.tracking.formats.mot import write_tracks
+from tsuiseki.tracking.linking.identities import identities, remembered
+from tsuiseki.tracking.linking.looks import described_tracks, mean_looks
 from tsuiseki.tracking.linking.transits import MARGIN, Passages, Transits, linked, people_of, standing_out
 from tsuiseki.tracking.people.tracks_of_source import boxes_of, frame_times, name_of, rates_of, tracked
+from tsuiseki.tracking.privacy import Days
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.options import Output
-from tsuiseki.tracking.types import FloatArray, Track
+from tsuiseki.tracking.types import FloatArray, IntArray, Track
 
 SHIPPED, NONE = "people", "none"
-# Pictures of a track that are described.
-PICTURES = 6
-# Tracks of a view from which on its mean appearance is taken off.
-FEW = 5
 # Of `joins.csv` and `unsure.csv`.
 COLUMNS = ("id", "result", "track", "next_result", "next_track", "seconds", "likeness", "margin")
+# Of `people.csv`.
+PEOPLE_COLUMNS = ("id", "name", "probability")
 Linkable: TypeAlias = str | Path | Result[Track]
 
 
@@ -43,12 +46,16 @@ class Linked:
         joins: rows as of `COLUMNS`: the new id, both results and tracks as they were, seconds in between, cosine of
             the appearance, and the margin: the natural logarithm of how much likelier all is with the join.
         unsure: likewise, of the joins that were not made; their id is that of the earlier track.
+        people: of each id, where a gallery is asked: its name there, empty for nobody's, and the probability of it.
+        gallery: with those who were to be remembered.
     """
 
     results: Sequence[Result[Track]]
     names: Sequence[str]
     joins: Sequence[tuple[Any, ...]]
     unsure: Sequence[tuple[Any, ...]]
+    people: Sequence[tuple[int, str, float]] = ()
+    gallery: Gallery | None = None
 
 
 def link(
@@ -57,6 +64,8 @@ def link(
     appearance: AppearanceLike | None = None,
     margin: float = MARGIN,
     frame_rates: Sequence[float] | None = None,
+    gallery: str | Path | Gallery | None = None,
+    remember: int | None = None,
 ) -> Linked:
     """Give the same id to the same person in several results.
 
@@ -68,11 +77,15 @@ def link(
         margin: least margin of a join that is made, natural logarithm, 0 or more; log 9 means nine to one. A join must
             also stand out from those that chance gives, see `linking.transits`; of strangers none is made.
         frame_rates: frames a second, where a result does not say: one number, or one a result.
+        gallery: people to recognise, see `features.gallery`: a `Gallery` or its folder. One result is enough with it.
+        remember: days for which those who are nobody of the gallery are added to it, as unknown-1 and so on, so that
+            they have the same name when they come back; by default nobody is.
 
     Raises:
-        RequestError: there are fewer than two results, two are the same, one has no tracks, or see `tracked`.
+        RequestError: there are fewer than two results, two are the same, one has no tracks, the gallery is another
+            network's, or see `tracked`.
     """
-    if len(results) < 2:
+    if len(results) < (2 if gallery is None else 1):
         raise RequestError(f"expected two results or more to link, got {len(results)}")
     if starts is not None and len(starts) != len(results):
         raise RequestError(f"`starts`: expected {len(results)} numbers, one a result, got {len(starts)}")
@@ -88,8 +101,20 @@ def link(
     describer = None
     if not (isinstance(appearance, str | Path) and str(appearance) == NONE):
         describer = as_describer(SHIPPED if appearance is None else appearance)
-    passages = _passages(names, loaded, starts or [0.0] * len(loaded), describer)
-    return _joined(names, loaded, passages, linked(passages), margin)
+    people = None if gallery is None else opened_gallery(gallery, describer)
+    pictures = [_pictures(name, result, describer) for name, result in zip(names, loaded, strict=True)]
+    passages = _passages(names, loaded, starts or [0.0] * len(loaded), pictures)
+    common, ids = _joined(names, loaded, passages, linked(passages), margin)
+    if people is None:
+        return common
+    who = identities(people, passages, pictures, ids)
+    rows = [(number, identity.name, round(identity.probability, 4)) for number, identity in who.items()]
+    if remember is not None:
+        tracks = [
+            f"{name}:{track.id}" for name, result in zip(names, loaded, strict=True) for track in boxes_of(result)
+        ]
+        people, rows = remembered(people, rows, tracks, pictures, ids, remember)
+    return replace(common, people=rows, gallery=people)
 
 
 def _refuse_twice(names: Sequence[str], results: Sequence[Result[Track]]) -> None:
@@ -102,10 +127,13 @@ def _refuse_twice(names: Sequence[str], results: Sequence[Result[Track]]) -> Non
 
 
 def _passages(
-    names: Sequence[str], results: Sequence[Result[Track]], starts: Sequence[float], describer: Describe | None
+    names: Sequence[str],
+    results: Sequence[Result[Track]],
+    starts: Sequence[float],
+    pictures: Sequence[Sequence[FloatArray]],
 ) -> Passages:
     """All tracks of all results, one after the other."""
-    views, times, ends, features = [], [], [], []
+    views, times, ends, looks = [], [], [], []
     for k, (name, result, start) in enumerate(zip(names, results, starts, strict=True)):
         tracks, rate = boxes_of(result), result.frame_rate
         if not rate:
@@ -117,51 +145,28 @@ def _passages(
         times += [(seconds[track.frames[0]], seconds[track.frames[-1]]) for track in tracks]
         feet = [np.column_stack([track.boxes[:, ::2].mean(axis=1), track.boxes[:, 3]]) / size for track in tracks]
         ends += [(foot[0], foot[-1]) for foot in feet]
-        features.append(_features(name, result, tracks, describer))
-    width = max((rows.shape[1] for rows in features if rows.any()), default=1)
-    same = [rows if rows.shape[1] == width else np.zeros((len(rows), width)) for rows in features]
+        looks.append(mean_looks(pictures[k]))
+    width = max((rows.shape[1] for rows in looks if rows.any()), default=1)
+    same = [centred(rows) if rows.shape[1] == width else np.zeros((len(rows), width)) for rows in looks]
     clock, places = np.array(times), np.array(ends)
     return Passages(np.array(views), clock[:, 0], clock[:, 1], places[:, 0], places[:, 1], np.concatenate(same))
 
 
-def _features(name: str, result: Result[Track], tracks: Sequence[Track], describer: Describe | None) -> FloatArray:
-    """``(N, D)`` mean appearance of each track, of unit length, without what all in the view have in common."""
-    if describer is None:
-        return np.zeros((len(tracks), 1))
-    source = result.opened_source()
-    if source is None or not source.has_images:
+def _pictures(name: str, result: Result[Track], describer: Describe | None) -> list[FloatArray]:
+    """Rows of pictures of each track; none where nothing describes them or the video is not there."""
+    tracks = boxes_of(result)
+    pictures = None if describer is None else described_tracks(result, tracks, describer)
+    if pictures is None and describer is not None:
         warnings.warn(
             f"{name}: its video is not there; its people are linked by times alone", InputWarning, stacklevel=4
         )
-        return np.zeros((len(tracks), 1))
-    crops: dict[int, list[tuple[int, FloatArray]]] = {}
-    for number, track in enumerate(tracks):
-        rows = np.flatnonzero(track.observed)
-        for row in rows[np.unique(np.linspace(0, len(rows) - 1, PICTURES + 2).round().astype(int)[1:-1])]:
-            crops.setdefault(int(track.frames[row]), []).append((number, track.boxes[row]))
-    sums: FloatArray | None = None
-    for frame in source.frames():
-        boxes = crops.pop(frame.index, None)
-        if boxes:
-            described = describer.describe(frame.image, np.array([box for _, box in boxes]))
-            sums = np.zeros((len(tracks), described.shape[1])) if sums is None else sums
-            np.add.at(sums, [number for number, _ in boxes], described)
-        if not crops:
-            break
-    return np.zeros((len(tracks), 1)) if sums is None else _centred(sums)
-
-
-def _centred(features: FloatArray) -> FloatArray:
-    length = np.linalg.norm(features, axis=1, keepdims=True)
-    described, unit = length > 0, features / np.maximum(length, 1e-9)
-    if described.sum() >= FEW:
-        unit = np.where(described, unit - unit[described[:, 0]].mean(axis=0), 0)
-    return np.asarray(unit / np.maximum(np.linalg.norm(unit, axis=1, keepdims=True), 1e-9))
+    return [np.empty((0, 1))] * len(tracks) if pictures is None else pictures
 
 
 def _joined(
     names: Sequence[str], results: Sequence[Result[Track]], passages: Passages, links: Transits, margin: float
-) -> Linked:
+) -> tuple[Linked, IntArray]:
+    """The results with common ids, and ``(N,)`` the id of each track."""
     sure = standing_out(passages, links, margin)
     ids = people_of(len(passages.view), links, sure)
     tracks = [track for result in results for track in boxes_of(result)]
@@ -177,7 +182,7 @@ def _joined(
         numbered = zip(boxes, ids[begin : begin + len(boxes)].tolist(), strict=True)
         linked_results.append(replace(result, tracks=_merged(numbered), files={}, painter=None, points=None))
         begin += len(boxes)
-    return Linked(linked_results, names, rows[True], rows[False])
+    return Linked(linked_results, names, rows[True], rows[False]), ids
 
 
 def _merged(numbered: Any) -> list[Track]:
@@ -204,10 +209,13 @@ def link_results(
     appearance: str | None = None,
     margin: NonNegativeFloat = MARGIN,
     fps: Commas[list[FrameRate] | None] = None,
+    gallery: Path | None = None,
+    remember: Days | None = None,
 ) -> int:
     """Give the same id to the same person in results of cameras that do not overlap, or of files that follow.
 
-    DIR gets a folder with tracks.txt for each result, joins.csv, and unsure.csv with joins that were not made.
+    DIR gets a folder with tracks.txt for each result, joins.csv, and unsure.csv with joins that were not made. With a
+    gallery it also gets people.csv, with the name of each id and its probability.
 
     Args:
         results: folders of results of track people, files of tracks, or videos, which are tracked first.
@@ -215,10 +223,14 @@ def link_results(
         appearance: exported network that describes people; none goes by times and places alone.
         margin: least margin of a join that is made, natural logarithm, 0 or more: 2.2 is nine to one.
         fps: frames a second, where a result does not say; one number, or one a result, separated by commas.
+        gallery: folder of people to recognise, see tsuiseki gallery; one result is enough with it.
+        remember: days for which people who are nobody of the gallery are kept in it, as unknown-1 and so on.
     """
+    if remember is not None and gallery is None:
+        raise RequestError("`remember`: expected it with `gallery`, whose people it adds to; give both")
     with output.run() as run:
         with run.times.measure("link"):
-            common = link(results, starts, appearance, margin, fps)
+            common = link(results, starts, appearance, margin, fps, gallery, remember)
         for name, result in zip(common.names, common.results, strict=True):
             run.write(f"{name}/tracks.txt", write_tracks, result.tracks)
             run.results[name] = result.video_record()
@@ -226,14 +238,28 @@ def link_results(
             run.write(name, write_joins, rows)
         people = len({track.id for result in common.results for track in result})
         summary = f"{people} people, {len(common.joins)} joins, {len(common.unsure)} unsure ones not made"
-        if not common.joins:
+        if gallery is not None:
+            run.write("people.csv", write_people, common.people)
+            summary += f"; {sum(bool(row[1]) for row in common.people)} of them are of the gallery"
+        if not common.joins and len(results) > 1:
             when = "" if starts else ", or did not begin at once: give --starts"
             summary += f"; nobody stands out from strangers: these cameras share nobody, or few{when}"
+        if gallery is not None and remember is not None and common.gallery is not None:
+            common.gallery.write(gallery)
         run.done(f"{summary}: {output.out}")
     return run.status
 
 
 def write_joins(path: Path, rows: Sequence[tuple[Any, ...]]) -> None:
     """Write joins as CSV."""
+    _write_rows(path, [COLUMNS, *rows])
+
+
+def write_people(path: Path, rows: Sequence[tuple[int, str, float]]) -> None:
+    """Write who is who as CSV."""
+    _write_rows(path, [PEOPLE_COLUMNS, *rows])
+
+
+def _write_rows(path: Path, rows: Sequence[tuple[Any, ...]]) -> None:
     with path.open("w", encoding="utf-8", newline="") as file:
-        csv.writer(file, lineterminator="\n").writerows([COLUMNS, *rows])
+        csv.writer(file, lineterminator="\n").writerows(rows)

@@ -16,12 +16,14 @@ from tsuiseki.tracking.devices import Device
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.exported import AppearanceLike, DetectorLike
 from tsuiseki.tracking.features.foreign_options import AppearanceOptions, DetectorOptions
+from tsuiseki.tracking.features.gallery import Gallery
 from tsuiseki.tracking.fields import refused
 from tsuiseki.tracking.people.contract import PeopleTracker
 from tsuiseki.tracking.people.following import check_followed, followed
 from tsuiseki.tracking.people.given_detections import GivenDetections
-from tsuiseki.tracking.people.opening import OpenedPeople, open_people
+from tsuiseki.tracking.people.opening import OpenedPeople, compares_appearance, open_people
 from tsuiseki.tracking.people.people_result import people_result
+from tsuiseki.tracking.people.recogniser import Recogniser
 from tsuiseki.tracking.people.settings import Ground, Linking, PeopleFinding, PeopleMethod, PeoplePreset
 from tsuiseki.tracking.people.several import people_in_sources
 from tsuiseki.tracking.people.tracker_choice import LearntCosts
@@ -148,6 +150,7 @@ def follow_people(
     classes: Sequence[int | str] | None = None,
     across_classes: bool = False,
     second_opinion: DetectorLike | None = None,
+    gallery: str | Path | Gallery | None = None,
     seed: int = 0,
     progress: bool = False,
 ) -> Iterator[tuple[Frame, Targets]]:
@@ -185,6 +188,7 @@ def follow_people(
             ``detection``.
         across_classes: one track may go through several ``classes``; by default each is tracked apart.
         second_opinion: another detector, whose boxes are put together with those of the first.
+        gallery: people to recognise, as `tsuiseki gallery` keeps them: each target has its ``identity``.
         seed: of the tracker's random numbers.
         progress: show on the terminal how far the run is.
 
@@ -196,16 +200,27 @@ def follow_people(
         RunError: the video breaks off.
     """
     keywords = locals()
+    if gallery is not None and not compares_appearance(method):
+        # It is for the gallery alone.
+        keywords["appearance"] = None
     if isinstance(source, list | tuple) and source and all(isinstance(one, str | Path | int) for one in source):
-        return _several(source, keywords)
+        return _several(source, keywords, gallery, appearance)
+    recogniser = None if gallery is None else Recogniser(gallery, appearance)
     opened = _opened(keywords)
     inputs = opened.inputs
     check_followed(opened)
     people = followed(replace(inputs, batch_size=1 if inputs.source.live else inputs.batch_size), opened.tracker)
+    if recogniser is not None:
+        people = recogniser.recognised(people)
     return watched(people, "following", inputs.source.frames_expected) if progress else people
 
 
-def _several(sources: Sequence[str | Path | int], keywords: Mapping[str, Any]) -> Iterator[tuple[Frame, Targets]]:
+def _several(
+    sources: Sequence[str | Path | int],
+    keywords: Mapping[str, Any],
+    gallery: str | Path | Gallery | None,
+    appearance: AppearanceLike | None,
+) -> Iterator[tuple[Frame, Targets]]:
     """`follow_people` of several sources, opened and checked at the call."""
     for name in ("detections", "inference_frames"):
         if keywords[name] is not None:
@@ -215,7 +230,11 @@ def _several(sources: Sequence[str | Path | int], keywords: Mapping[str, Any]) -
     for people in opened:
         check_followed(people)
     events = people_in_sources(opened, SeveralSources(videos))
-    steps = ((event.frame, event.people) for event in events if isinstance(event, PeopleInFrame))
+    steps: Iterator[tuple[Frame, Targets]] = (
+        (event.frame, event.people) for event in events if isinstance(event, PeopleInFrame)
+    )
+    if gallery is not None:
+        steps = Recogniser(gallery, appearance).recognised(steps)
     return watched(steps, "following", None) if keywords["progress"] else steps
 
 

@@ -94,9 +94,8 @@ def open_people(
     if scale is not None and isinstance(detect, list):
         detect = scale.every(detect)
     method: Any = linking.method
-    compared = method in APPEARANCE if isinstance(method, str) else isinstance(method, FlowTracker | DeepSort)
     describe = people_describer(
-        source, compared, finding.appearance, threads, finding.appearance_options, finding.device
+        source, compares_appearance(method), finding.appearance, threads, finding.appearance_options, finding.device
     )
     if method == "deepsort" or isinstance(method, DeepSort):
         _say_without_appearance(detect, describe, source, finding)
@@ -125,6 +124,11 @@ def open_people(
         fresh = partial(_own_tracker, inputs, linking, apart)
     tracker = ByClass(fresh, chosen.plain) if chosen is not None and apart else fresh()
     return OpenedPeople(inputs, tracker, floor, bad)
+
+
+def compares_appearance(method: str | PeopleTracker) -> bool:
+    """Whether a method compares people by appearance."""
+    return method in APPEARANCE if isinstance(method, str) else isinstance(method, FlowTracker | DeepSort)
 
 
 def _say_without_appearance(detect: object, describe: Describe | None, source: Source, finding: PeopleFinding) -> None:

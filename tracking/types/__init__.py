@@ -203,6 +203,19 @@ class Detections(Columns, ComparedByValue):
         return replace(self, features=features)
 
 
+@dataclass(frozen=True)
+class Recognition:
+    """Who somebody most probably is, of the people in a gallery.
+
+    Attributes:
+        name: of the person; empty where nobody of the gallery is more probable.
+        probability: that this is right, in [0, 1].
+    """
+
+    name: str
+    probability: float
+
+
 @dataclass(frozen=True, eq=False, repr=False)
 class Target(ComparedByValue):
     """One target in one frame, as a tracker of many answers it.
@@ -215,6 +228,7 @@ class Target(ComparedByValue):
         detection: row of the detection, in what was given for the frame, that supports it; -1 where none does.
         class_id: number of the class that most of its detections so far have; -1 where none is known.
         class_name: of that class; empty where none is known.
+        identity: who it is of a gallery; None where none is asked.
     """
 
     id: int
@@ -224,6 +238,7 @@ class Target(ComparedByValue):
     detection: int = -1
     class_id: int = -1
     class_name: str = ""
+    identity: Recognition | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -238,6 +253,7 @@ class Targets(FromDetections, Columns, ComparedByValue):
         status: ``(N,)`` of ``tracking``, ``searching`` and ``lost``.
         origin: ``(N, 2)`` `detection` and `classes`; by default -1.
         names: of the classes, by number, where they are known.
+        identities: who they are of a gallery, by id, where one is asked.
     """
 
     frame: int
@@ -247,6 +263,7 @@ class Targets(FromDetections, Columns, ComparedByValue):
     status: StatusArray
     origin: IntArray = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
     names: Mapping[int, str] = field(default_factory=dict)
+    identities: Mapping[int, Recognition] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "origin", _origin(self.origin, len(self.ids)))
@@ -257,7 +274,8 @@ class Targets(FromDetections, Columns, ComparedByValue):
     def __iter__(self) -> Iterator[Target]:
         columns = self.ids.tolist(), self.boxes, self.scores.tolist(), self.status.tolist(), self.origin.tolist()
         for number, box, score, status, (row, kind) in zip(*columns, strict=True):
-            yield Target(number, box, score, status, row, kind, self.names.get(kind, ""))
+            identity = self.identities.get(number)
+            yield Target(number, box, score, status, row, kind, self.names.get(kind, ""), identity)
 
     def __repr__(self) -> str:
         return f"<Targets: {len(self)} in frame {self.frame}>"
