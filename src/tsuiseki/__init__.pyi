@@ -29,6 +29,8 @@ from .tracking.features.exported import Appearance as Appearance
 from .tracking.features.exported import Detector as Detector
 from .tracking.features.foreign_options import AppearanceOptions as AppearanceOptions
 from .tracking.features.foreign_options import DetectorOptions as DetectorOptions
+from .tracking.features.gallery import Gallery as Gallery
+from .tracking.features.gallery import read_gallery as read_gallery
 from .tracking.fisheye.run import track_fisheye as track_fisheye
 from .tracking.fisheye.settings import CeilingOptions as CeilingOptions
 from .tracking.floor.run import OneFloorSettings as OneFloorSettings
@@ -37,6 +39,7 @@ from .tracking.formats.mot import read_tracks as read_tracks
 from .tracking.formats.mot import write_tracks as write_tracks
 from .tracking.hiding.run import hide as hide
 from .tracking.interchange import as_detections as as_detections
+from .tracking.linking.gallery import add_person as add_person
 from .tracking.linking.run import Linked as Linked
 from .tracking.linking.run import link as link
 from .tracking.people.api import follow_people as follow_people

@@ -16,7 +16,7 @@ from tsuiseki.tracking.features.recognition import (
 )
 from tsuiseki.tracking.linking.looks import mean_looks
 from tsuiseki.tracking.linking.transits import Passages
-from tsuiseki.tracking.types import FloatArray, Recognition, IntArray
+from tsuiseki.tracking.types import FloatArray, IntArray, Recognition
 
 # Digits of a row that are kept: the network's own differ in the sixth from machine to machine.
 DIGITS = 5
