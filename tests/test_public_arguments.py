@@ -52,6 +52,8 @@ def working(folder: Path) -> dict[str, dict[str, Any]]:
         "follow_sphere": {"sources": [IMAGES, IMAGES], "cameras": missing, "radius": 0.1},
         "hide": {"video": missing, "result": [TRACK], "out": out},
         "link": {"results": [missing, missing]},
+        "add_person": {"gallery": None, "name": "anna", "sources": [str(missing)]},
+        "read_gallery": {"folder": missing},
         "read_scene": {"path": missing},
         "read_tracks": {"path": missing},
         "shipped": {"name": "detector_street"},
@@ -78,7 +80,8 @@ def working(folder: Path) -> dict[str, dict[str, Any]]:
 
 # `training` is a module of names of its own.
 PUBLIC = {name: getattr(tsuiseki, name) for name in tsuiseki.__all__ if name not in ("__version__", "training")}
-SETTINGS = {kind for kind in PUBLIC.values() if hasattr(kind, "__pydantic_validator__")}
+# A gallery is what a run is asked about, and no settings of it.
+SETTINGS = {k for k in PUBLIC.values() if hasattr(k, "__pydantic_validator__") and k is not tsuiseki.Gallery}
 
 
 def arguments_of(function: Callable[..., Any], kind: Callable[[Any], bool]) -> Iterator[str]:

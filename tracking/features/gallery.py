@@ -24,7 +24,7 @@ from pydantic import Field, RootModel, StringConstraints, ValidationError
 from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS, refusal
-from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
 from tsuiseki.tracking.features.exported import Describe
 from tsuiseki.tracking.features.recognition import centre_of, unit_rows, without
 from tsuiseki.tracking.fields import refused
@@ -208,7 +208,7 @@ def read_gallery(folder: str | Path) -> Gallery:
     Raises:
         RequestError: there is none, or its file is broken.
     """
-    path = Path(folder) / FILE
+    path = a_path(folder, "folder") / FILE
     if not path.is_file():
         raise RequestError(f"{folder}: expected a gallery, found no {FILE}; make one with `tsuiseki gallery add`")
     content = read_json(path, "a gallery")
