@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from dataclasses import dataclass, field, fields, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self, overload
+from typing import TYPE_CHECKING, Any, Literal, Protocol, Self, overload
 
 import numpy as np
 from typing_extensions import TypeVar
@@ -64,6 +64,19 @@ VIDEOS = (".mp4", ".webm")
 MOST_ROWS = 20
 
 
+class MotionContent(Protocol):
+    """What a page says of how tracks move."""
+
+    def columns(self) -> Mapping[str, Mapping[int, float | None]]:
+        """Of the table of all that was followed beside its times, by name with unit and by id."""
+
+    def table(self) -> Mapping[str, Sequence[Any]]:
+        """The columns of ``report/motion.csv``."""
+
+    def sections(self) -> Sequence[str]:
+        """HTML of further sections."""
+
+
 @dataclass(frozen=True)
 class PageContent:
     """What ``report.html`` of a result says that its tracks do not.
@@ -74,6 +87,7 @@ class PageContent:
         scale: metres a pixel; None where it is not known.
         hide: hides in frames who must not be recognised.
         sections: gives the HTML of further sections.
+        motion: of tracks how they move, and the page shows the part of the picture in which they do; None as people.
     """
 
     nouns: tuple[str, str] = ("person", "people")
@@ -81,6 +95,7 @@ class PageContent:
     scale: float | None = None
     hide: Callable[[Iterable[Frame]], Iterable[Frame]] | None = None
     sections: Callable[[], Sequence[str]] = tuple
+    motion: Callable[[Sequence[Any]], MotionContent] | None = None
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -121,8 +121,6 @@ def _gain(appearances: list[FloatArray]) -> float:
 
 # Columns of a track's states.
 FIELDS = ("a", "b", "theta", "length", "width")
-# Score of an animal that another touches.
-CONTACT_SCORE = 0.5
 # Least time for which an animal is detected, seconds.
 SHORTEST = 0.4
 # Seconds of walking, of all animals together, from which heads are more than a guess.
@@ -210,7 +208,7 @@ def _animal(
     states = np.array([[*p.place, heading, p.length, p.width] for p, heading in zip(poses, headings, strict=True)])
     if poses[0].points is None:
         _steadied(states, poses, round(STEADY * longest))
-    scores = np.array([CONTACT_SCORE if pose.contact else 1.0 for pose in poses])
+    scores = np.array([pose.score for pose in poses])
     gaps = [np.arange(first, last) for first, last in itertools.pairwise(at.tolist()) if last - first <= longest]
     filled = np.unique(np.concatenate([at, *gaps]))
     observed = np.isin(filled, at)

@@ -73,6 +73,7 @@ class AnimalPose:
         brightness: mean contrast, grey levels.
         asymmetry: ``(2,)`` where the contrast lies along the axis, and where it is drawn out; of the length.
         contact: another animal touches it, so that its pixels were separated by a fit.
+        score: overlap of the ellipse of length and width with the animal's pixels, intersection over union.
         headed: the axis points to the head.
         ends: ``(2, 2)`` at each of `EDGES` the rear and front end along the axis, from the core, pixels; None where
             no detector ran.
@@ -93,6 +94,7 @@ class AnimalPose:
     ends: FloatArray | None = None
     points: FloatArray | None = None
     point_scores: FloatArray | None = None
+    score: float = 1.0
 
     @property
     def appearance(self) -> FloatArray:
@@ -135,8 +137,9 @@ def pose_of(pixels: FloatArray, contrast: FloatArray, touched: ExpectedAnimal | 
         same = np.cos(touched.axis) * along[0] + np.sin(touched.axis) * along[1] >= 0
         centre, length = touched.shift if same else -touched.shift, touched.length
         asymmetry = np.zeros(2)
+    place = middle + centre * along
     return AnimalPose(
-        place=middle + centre * along,
+        place=place,
         axis=float(np.arctan2(along[1], along[0])),
         length=length,
         width=2 * half,
@@ -146,7 +149,14 @@ def pose_of(pixels: FloatArray, contrast: FloatArray, touched: ExpectedAnimal | 
         asymmetry=asymmetry,
         contact=touched is not None,
         ends=ends,
+        score=_overlap((pixels - place) @ np.stack([along, across], axis=1), length, 2 * half),
     )
+
+
+def _overlap(away: FloatArray, length: float, width: float) -> float:
+    """Intersection over union, in [0, 1], of an ellipse and pixels ``(P, 2)`` from its middle, along and across it."""
+    within = int((((away / [length / 2, width / 2]) ** 2).sum(axis=1) <= 1).sum())
+    return within / (len(away) + max(np.pi / 4 * length * width, within) - within)
 
 
 def _middle(along: FloatArray, contrast: FloatArray, core: float) -> float:

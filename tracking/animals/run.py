@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from tsuiseki.tracking.animals.linking import FIELDS, Animal, link_animals
+from tsuiseki.tracking.animals.page import AnimalMotion
 from tsuiseki.tracking.animals.pose import AnimalPose
 from tsuiseki.tracking.animals.settings import AnimalChoice, AnimalSettings, SkeletonSettings
 from tsuiseki.tracking.animals.skeleton import (
@@ -122,7 +124,8 @@ def animal_result(
     scale = None if choice.scale is None else choice.scale / 1000
     # A video file tells its size by its frames.
     image_size = result.size or (size if any(size) else None)
-    return replace(result, size=image_size, page=PageContent(("animal", "animals"), scale=scale))
+    motion = partial(AnimalMotion, seconds_of=source.times_of, frame_rate=source.frame_rate, scale=choice.scale)
+    return replace(result, size=image_size, page=PageContent(("animal", "animals"), scale=scale, motion=motion))
 
 
 def _poses_by_points(table: PointTable, skeleton: SkeletonSettings, frames: Sequence[int]) -> list[list[AnimalPose]]:

@@ -229,7 +229,7 @@ def poses_of_points(
         length, width = skeleton.length * abs(turn[n]), skeleton.width * abs(turn[n])
         pose = AnimalPose(
             spot, float(np.angle(turn[n])), length, max(width, 0.2 * length), spot, np.array([length, width]) / 4, 1.0,
-            np.zeros(2), headed=True, points=points, point_scores=weights[n],
+            np.zeros(2), headed=True, points=points, point_scores=weights[n], score=float(weights[n][measured].mean()),
         )  # fmt: skip
         by_frame[int(table.frames[row]) - first].append(pose)
     return [_touching(poses) for poses in by_frame]

@@ -31,6 +31,7 @@ from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import held, whole_file, writable
 from tsuiseki.tracking.report.rendering import render
 from tsuiseki.tracking.runs.options import Output
+from tsuiseki.tracking.runs.run import where_to_look
 from tsuiseki.tracking.video.source import file_of
 
 COLUMNS = ("name", "status", "frames", "tracks", "seconds", "source", "line")
@@ -277,5 +278,5 @@ def _of_words(words: Sequence[str], length: int, how: BatchOptions) -> int:
     sources = options.pop(place)
     job = Job(command, "", "", {name: value for name, value in options.items() if name not in ("out", "overwrite")})
     result = run_batch([*(sources if isinstance(sources, list) else [sources]), *request.spare], job, how, print)
-    print(f"{summary_of(result.rows)}: {how.out / 'index.html'}")
+    print(f"{summary_of(result.rows)}\n{where_to_look(how.out)}")
     return 1 if result.failed else 0

@@ -18,16 +18,31 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.counts.answer_plots import FIGURES, heat_table, heat_values, matrix, path_table
+from tsuiseki.tracking.counts.answer_plots import (
+    FIGURES,
+    heat_table,
+    heat_values,
+    matrix,
+    path_table,
+    seconds_in_cells,
+)
 from tsuiseki.tracking.counts.counting import Answers, Table, count
 from tsuiseki.tracking.counts.scene import Scene
 from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.report.page import BOXES_NOTE, Timeline
-from tsuiseki.tracking.report.pictures import Pictures, frames_to_show, heat_picture, paths_picture, pictures_of
+from tsuiseki.tracking.report.pictures import (
+    Pictures,
+    frames_to_show,
+    heat_picture,
+    part_with,
+    paths_picture,
+    pictures_of,
+    with_axes,
+)
 from tsuiseki.tracking.report.rendering import overlay_in, render
 from tsuiseki.tracking.report.track_bars import counted, followed
-from tsuiseki.tracking.result import PageContent, Result, Writer
+from tsuiseki.tracking.result import MotionContent, PageContent, Result, Writer
 from tsuiseki.tracking.runs.origin import how_made
 from tsuiseki.tracking.types import FloatArray, ImageArray, Track
 from tsuiseki.tracking.types.frame_range import FrameRange
@@ -88,6 +103,11 @@ class TrackedPage:
         self._given = answers
 
     @cached_property
+    def motion(self) -> MotionContent | None:
+        """How the tracks move; None where the page says of them what it says of people."""
+        return None if self.content.motion is None else self.content.motion(self.result.tracks)
+
+    @cached_property
     def answers(self) -> Answers:
         """What is shown."""
         rate = self.result.frame_rate or 1.0
@@ -131,18 +151,24 @@ class TrackedPage:
         edges = np.flatnonzero(np.diff(ids, prepend=-1))
         ways = dict(zip(ids[edges].tolist(), np.split(self._pixels, edges[1:]), strict=True)) if len(ids) else {}
         places = {name: answers.scene.pixels(points) for name, points in answers.scene.places()}
+        part = part_with(self._pixels, answers.size) if self.motion else None
+        scale = 1000 * self.content.scale if self.content.scale else None
+        values = heat_values(answers, self._pixels)
+        if part is not None:
+            values = seconds_in_cells(answers, self._pixels), "s in a cell"
         return {
-            "paths": paths_picture(view, answers.size, ways, places),
-            "places": heat_picture(view, answers.size, *heat_values(answers, self._pixels), places),
+            "paths": with_axes(paths_picture(view, answers.size, ways, places), answers.size, part, scale),
+            "places": heat_picture(view, answers.size, *values, places, part, scale),
         }
 
     def files(self) -> dict[str, Writer]:
         """What writes each file, as for `Result.files`."""
-        names = self._given.tables if self._given else ("people", "counts", "sides")
+        names = self._given.tables if self._given else ("people", "counts", *(() if self.motion else ("sides",)))
         tables: dict[str, Callable[[], Table]] = {
-            **{self._file(name): partial(self.answers.tables.__getitem__, name) for name in names},
+            **{self._file(name): partial(self.table, name) for name in names},
             "paths": lambda: path_table(self.answers, self._pixels),
             "places": lambda: heat_table(self.answers, self._pixels),
+            **({"motion": self.motion.table} if self.motion else {}),
         }
         writers: dict[str, Callable[[Path], object]] = {
             **{f"{name}.csv": partial(write_csv, table) for name, table in tables.items()},
@@ -153,6 +179,19 @@ class TrackedPage:
         files: dict[str, Writer] = {f"{self.inside}{name}": partial(_alone, write) for name, write in writers.items()}
         files["report.html"] = lambda path, folder: path.write_text(self.html(folder), encoding="utf-8")
         return files
+
+    def sections(self) -> list[str]:
+        """HTML of further sections."""
+        return [*self.content.sections(), *(self.motion.sections() if self.motion else ())]
+
+    def table(self, name: str) -> Table:
+        """A table of the answers, as its file has it: with the columns of the content, and its nouns."""
+        table = self.answers.tables[name]
+        if name == "people" and self.motion:
+            times = {column: table[column] for column in ("id", "first", "last", "seconds")}
+            moving = self.motion.columns()
+            return times | {_plain(head): [values[who] for who in table["id"]] for head, values in moving.items()}
+        return {self.nouns[1] if column == "people" else column: values for column, values in table.items()}
 
     def _file(self, table: str) -> str:
         return self.nouns[1] if table == "people" and self._given is None else table
@@ -216,7 +255,7 @@ class TrackedPage:
     def ways(self, name: str) -> list[list[str]]:
         """How many went from where to where: headings, then a row for each origin; nothing where nobody did."""
         table = self.answers.tables[name]
-        if not table["count"]:
+        if not table["count"] or self.motion:
             return []
         origins, destinations, counts = matrix(table)
         rows = zip(origins, counts.tolist(), strict=True)
@@ -225,6 +264,9 @@ class TrackedPage:
     def people(self) -> PeopleRows:
         """A row for each track that is shown: times, path, and time in zones."""
         table, stays = self.answers.tables["people"], self.answers.tables["stays"]
+        if self.motion:
+            table = {name: table[name] for name in ("id", "first", "last", "seconds")}
+            table |= {name: [values[who] for who in table["id"]] for name, values in self.motion.columns().items()}
         within = defaultdict[tuple[int, str], float](float)
         for who, zone, seconds in zip(*(stays[name] for name in ("id", "zone", "seconds")), strict=True):
             within[who, zone] += seconds
@@ -240,6 +282,15 @@ class TrackedPage:
         }
         headings = [*(UNITS.get(name, name) for name in names), *(f"{zone}, s" for zone in zones)]
         return PeopleRows(headings, rows, len(table["id"]), self._file("people"))
+
+
+def _plain(heading: str) -> str:
+    """A heading as the name of a column.
+
+    >>> _plain("speed, mm/s")
+    'speed_mm_s'
+    """
+    return heading.replace(", ", "_").replace("/", "_").replace(" ", "_")
 
 
 def _alone(write: Callable[[Path], object], path: Path, _: Path) -> object:

@@ -75,7 +75,7 @@ def count(
         shown = run.work if overlay or not result.is_dir() else result
         for name, write in TrackedPage(loaded, answers=answers).files().items():
             run.write(name, write, shown)
-        run.done("\n".join([*summary(answers), f"open {output.out / 'report.html'}"]))
+        run.done("\n".join(summary(answers)))
     return run.status
 
 

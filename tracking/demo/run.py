@@ -141,8 +141,7 @@ def _demo_street(output: SeededOutput, frames: int, threads: int, device: Device
         run.facts["models"] = names
         report = replace(report, facts={f"{kind} model": name for kind, name in names.items()})
         _finish(run, source, report, Overlay([*tracks.values()][-1], source.frame_rate).draw)
-    if run.status == 0:
-        _show(report, output.out, "video and plots")
+        _show(report)
     return run.status
 
 
@@ -182,8 +181,7 @@ def _demo_drone(output: SeededOutput, frames: int, threads: int, device: Device)
             _record(run, results[name].settings, run.times.seconds, run.columns)
         run.columns, run.facts = {}, {}
         _finish(run, source, report, [*results.values()][-1].painter)
-    if run.status == 0:
-        _show(report, output.out, "video, actions and plots")
+        _show(report)
     return run.status
 
 
@@ -211,12 +209,11 @@ def _finish(run: Run, source: Source, report: Report, painter: Callable[[Frame],
     run.write(REPORT_FILE, lambda path: path.write_text(page, encoding="utf-8"))
 
 
-def _show(report: Report, out: Path, what: str) -> None:
-    """Print the scores of all methods, and where the report is; ``what`` it shows."""
+def _show(report: Report) -> None:
+    """Print the scores of all methods."""
     from tsuiseki.tracking.demo.page import why_not_best
     from tsuiseki.tracking.evaluation.tables import people_table, show
 
     show(people_table(report.scores))
     for line in why_not_best(report):
         print(line)
-    print(f"report with {what}: {out / REPORT_FILE}")

@@ -172,7 +172,7 @@ def fisheye(
         report_blank(opened[0].detector)
         page = floor_page(floors, run.times.seconds, run_settings, {CHOSEN: run.asked})
         run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
-        run.done("\n".join([*lines, f"results: {output.out}"]))
+        run.done("\n".join(lines))
     return run.status
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -24,6 +25,14 @@ LONGEST_SIDE = 960
 VIEWS = 7
 # Height of the bar below a heat map, pixels.
 BAR = 26
+# Room about the part of a picture in which animals were, as a share of its longer side, and pixels at least.
+ROOM = 0.15
+LEAST_ROOM = 20.0
+# Between two numbers at an axis: the first with which there are at most `MOST_NUMBERS`.
+STEPS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000, 1e9)
+MOST_NUMBERS = 5
+# x1, y1, x2, y2 of a part of a frame, pixels.
+Part: TypeAlias = tuple[int, int, int, int]
 # Paths that bear their id; more would hide each other.
 LABELLED = 40
 
@@ -132,14 +141,61 @@ def paths_picture(
     return drawn
 
 
+def part_with(points: FloatArray, size: FloatArray) -> Part | None:
+    """The part of a picture that holds all ``(N, 2)`` points, with some room; None without any."""
+    finite = points[np.isfinite(points).all(axis=1)]
+    if not len(finite):
+        return None
+    low, high = finite.min(axis=0), finite.max(axis=0)
+    room = np.maximum(ROOM * (high - low).max(), LEAST_ROOM)
+    (x1, y1), (x2, y2) = np.clip([low - room, high + room], 0, size).round().astype(int).tolist()
+    return (x1, y1, max(x2, x1 + 1), max(y2, y1 + 1))
+
+
+def with_axes(image: ImageArray, size: FloatArray, part: Part | None, scale: float | None) -> ImageArray:
+    """The ``part`` of a picture of a frame of ``size``, as large as the whole, with numbers at its axes.
+
+    Args:
+        image: ``(H, W, 3)`` uint8 RGB; returned as it is where there is no part.
+        size: ``(2,)`` width and height of a frame, pixels.
+        part: of the frame, pixels.
+        scale: millimetres of a pixel; None for pixels at the axes.
+    """
+    if part is None:
+        return image
+    (x1, y1, x2, y2), shrunk = part, image.shape[1] / float(size[0])
+    left, top, right, bottom = (round(value * shrunk) for value in part)
+    cut = image[top : max(bottom, top + 1), left : max(right, left + 1)]
+    grown_by = image.shape[1] / cut.shape[1]
+    resized = cv2.resize(cut, None, fx=grown_by, fy=grown_by, interpolation=cv2.INTER_CUBIC)
+    drawn: ImageArray = np.array(resized, dtype=np.uint8)
+    unit, length = ("px", 1.0) if scale is None else ("mm", scale)
+    high, wide = drawn.shape[:2]
+    for first, last, across in ((x1, x2, True), (y1, y2, False)):
+        low, extent = first * length, (last - first) * length
+        step = next(step for step in STEPS if extent / step <= MOST_NUMBERS)
+        for number in np.arange(np.ceil(low / step), (low + extent) // step + 1) * step:
+            at = (number - low) / extent * (wide if across else high)
+            text = f"{'x' if across else 'y'} {number:g} {unit}"
+            draw_label(drawn, text, (round(at), high - 4) if across else (4, round(at) - 4), (40, 40, 40))
+    return drawn
+
+
 def heat_picture(
-    view: ImageArray | None, size: FloatArray, values: FloatArray, unit: str, places: Mapping[str, FloatArray]
+    view: ImageArray | None,
+    size: FloatArray,
+    values: FloatArray,
+    unit: str,
+    places: Mapping[str, FloatArray],
+    part: Part | None = None,
+    scale: float | None = None,
 ) -> ImageArray:
     """Values over the view, in colours that the colour-blind tell apart, above a bar that says what they mean.
 
-    They are ``(R, C)`` of equal cells of the frame, at least 0; NaN where it is not known. See `paths_picture`.
+    They are ``(R, C)`` of equal cells of the frame, at least 0; NaN where it is not known. See `paths_picture` and,
+    of ``part`` and ``scale``, `with_axes`.
     """
-    drawn, scale = canvas(view, size)
+    drawn, shrunk = canvas(view, size)
     levels = np.nan_to_num(values)
     highest = float(levels.max(initial=0.0)) or 1.0
     high, wide = drawn.shape[:2]
@@ -148,7 +204,8 @@ def heat_picture(
     )
     paint = cv2.applyColorMap(level, cv2.COLORMAP_VIRIDIS)[..., ::-1]
     mixed = np.where(level[..., None] > 0, 0.25 * drawn + 0.75 * paint, drawn).astype(np.uint8)
-    _draw_places(mixed, places, scale)
+    _draw_places(mixed, places, shrunk)
+    mixed = with_axes(mixed, size, part, scale)
     shades = np.tile(np.linspace(0, 255, wide).astype(np.uint8), (BAR, 1))
     bar: ImageArray = np.array(cv2.applyColorMap(shades, cv2.COLORMAP_VIRIDIS)[..., ::-1], dtype=np.uint8)
     draw_label(bar, "0", (2, BAR - 5), (40, 40, 40))

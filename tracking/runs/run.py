@@ -68,7 +68,14 @@ LIBRARIES = (
     "jinja2",
     "PIL.Image",
 )
+# Names of pages, of which a folder has one.
+PAGES = ("report.html", "index.html")
 State = Enum("State", ["IDLE", "RUNNING", "ASKED", "WRITING"])
+
+
+def where_to_look(folder: Path) -> str:
+    """The last line of every command that writes a page, such as ``open answers/report.html``; empty without one."""
+    return next((f"open {folder / name}" for name in PAGES if (folder / name).is_file()), "")
 
 
 @dataclass(repr=False, eq=False)
@@ -217,5 +224,6 @@ class Run(RunFiles):
             where = f" up to {place}" if self.count else ""
             whole = "" if folder == self.out else f"; the whole one in {self.out} stays"
             complain(f"{self._reason}; the partial result{where} is in {folder}, marked in its run.json{whole}")
-        elif self._summary:
-            print(self._summary)
+        else:
+            for line in filter(None, (self._summary, where_to_look(folder))):
+                print(line)

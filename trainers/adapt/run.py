@@ -190,9 +190,9 @@ def _run(run: Run, adaptation: Adaptation, unlearnt: Path) -> None:
     run.write("detector.onnx", partial(shutil.copyfile, learnt))
     page = adapted_page(summary(adaptation, finished, best, notes, unlearnt.name))
     run.write("report.html", lambda path: path.write_text(page, encoding="utf-8"))
-    run.done(_summary(best, finished[0], run.out, unlearnt))
     detector = shlex.quote(str(run.out / "detector.onnx"))
-    print(f"to use it: tsuiseki track people VIDEO --detector {detector} --out DIR")
+    usage = f"to use it: tsuiseki track people VIDEO --detector {detector} --out DIR"
+    run.done(f"{_summary(best, finished[0], run.out, unlearnt)}\n{usage}")
 
 
 def _line(finished: Round, start: Round) -> str:

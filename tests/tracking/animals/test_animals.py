@@ -8,6 +8,7 @@ import pytest
 from pydantic import ValidationError
 
 from tsuiseki.tracking.animals.linking import contacts, exchanged_after_contacts, link_animals
+from tsuiseki.tracking.animals.page import AnimalMotion, touching
 from tsuiseki.tracking.animals.pose import AnimalPose, ExpectedAnimal, pose_of
 from tsuiseki.tracking.animals.settings import AnimalSettings
 from tsuiseki.tracking.animals.tracker import AnimalTracker, find_animals
@@ -15,6 +16,7 @@ from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features import background_difference
 from tsuiseki.tracking.features.background_difference import learn_background
 from tsuiseki.tracking.types import Frame
+from tsuiseki.tracking.types.tracks import BodyTrack
 
 SIZE = (240, 160)
 SHIFT = 4
@@ -290,3 +292,61 @@ def test_a_large_one_is_one_and_two_side_by_side_are_two() -> None:
     _, tracks = followed(np.stack([*usual, large, *beside], axis=1))
     assert len(tracks) == 9
     assert sorted(float(np.median(track.states[:, 3])) > 34 for track in tracks) == [False] * 8 + [True]
+
+
+def moving(identity, places, theta=0.0, length=40.0, width=10.0, first=0):
+    """A track that stands for an animal at these ``(T, 2)`` places."""
+    places = np.asarray(places, dtype=float)
+    states = np.column_stack([places, np.tile([theta, length, width], (len(places), 1))])
+    return BodyTrack(
+        identity, first + np.arange(len(places)), states, np.ones(len(places)), ("tracking",) * len(places)
+    )
+
+
+def test_speed_distance_and_contact_of_two_animals_in_line():
+    """One stands, the other comes 6 pixels a frame nearer, head to tail: they touch within a body's length of 40."""
+    steps = np.arange(20)
+    still, coming = (
+        moving(1, np.tile([[200.0, 50.0]], (20, 1))),
+        moving(2, np.column_stack([80 + 6 * steps, 0 * steps + 50])),
+    )
+    motion = AnimalMotion([still, coming], lambda frames: frames / 10.0, 10.0, scale=0.5)
+    away = 120 - 6 * steps
+    (pair,) = motion.pairs
+    np.testing.assert_allclose(pair.distances, 0.5 * away)
+    np.testing.assert_array_equal(pair.contact, away <= 40)
+    columns = motion.columns()
+    assert columns["path, mm"] == {1: 0.0, 2: pytest.approx(0.5 * 6 * 19)}
+    assert columns["speed, mm/s"] == {1: 0.0, 2: pytest.approx(30.0)}
+    assert columns["nearest other, mm"] == dict.fromkeys((1, 2), pytest.approx(0.5 * away.mean(), abs=1e-3))
+    assert columns["in contact, s"] == dict.fromkeys((1, 2), pytest.approx((away <= 40).sum() / 10))
+    table = motion.table()
+    assert list(table) == ["frame", "time", "id", "x_mm", "y_mm", "heading", "speed_mm_s", "nearest_mm", "contact"]
+    assert table["frame"][:4] == [1, 1, 2, 2]
+    assert table["id"][:4] == [1, 2, 1, 2]
+    assert sum(table["contact"]) == 2 * (away <= 40).sum()
+
+
+def test_side_by_side_animals_touch_where_their_widths_meet():
+    a = np.array([[50.0, 50, 0, 40, 10]] * 3)
+    b = np.array([[50.0, 59.9, 0, 40, 10], [50, 60.1, 0, 40, 10], [50, 74.9, np.pi / 2, 40, 10]])
+    assert touching(a, b).tolist() == [True, False, True]
+
+
+def test_an_animal_alone_has_no_nearest_other():
+    motion = AnimalMotion([moving(3, [[1.0, 2.0]])], lambda frames: frames / 10.0, 10.0)
+    assert motion.columns() == {"path, px": {3: 0.0}, "speed, px/s": {3: 0.0}}
+    assert motion.table()["nearest_px"] == [None]
+    apart = AnimalMotion([moving(1, [[1.0, 2.0]]), moving(2, [[1.0, 2.0]], first=5)], lambda f: f / 10.0, 10.0)
+    assert apart.pairs == []
+
+
+def test_the_score_is_the_overlap_of_ellipse_and_pixels():
+    x, y = np.meshgrid(np.arange(100) + 0.5, np.arange(60) + 0.5)
+    within = ((x - 50) / 30) ** 2 + ((y - 30) / 10) ** 2 <= 1
+    whole = np.column_stack([x[within], y[within]])
+    assert pose_of(whole, np.full(len(whole), 90.0)).score > 0.85
+    rows = whole[:, 1] > 30
+    ring = np.column_stack([x.ravel(), y.ravel()])
+    assert pose_of(ring, np.full(len(ring), 90.0)).score < 0.85, "a rectangle is no ellipse"
+    assert 0 < pose_of(whole[rows], np.full(rows.sum(), 90.0)).score <= 1

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 
 import cv2
 import numpy as np
@@ -40,7 +41,23 @@ def test_a_film_is_tracked_in_millimetres_and_evaluated(film, tmp_path, capsys):
     words = ["track", "animals", str(film), "--fps", "10", "--scale", "0.5", "--overlay", "--out", str(out)]
     assert main(words) == 0
     assert {path.name for path in out.iterdir()} == {"states.csv", "report", "report.html", "run.json", "overlay.webm"}
+    page = (out / "report.html").read_text()
+    text = re.sub(r"<style>.*?</style>|<svg.*?</svg>|<[^>]+>|data:[^\"]+", " ", page, flags=re.DOTALL)
+    assert "people" not in text.lower()
+    assert "person" not in text.lower()
+    assert re.findall(r"<h2>(.*?)</h2>", page)[1:7] == [
+        "Animals", "How many at a time", "All paths", "Where they were", "Who was followed when", "Speed",
+    ]  # fmt: skip
+    for name in ("speed, mm/s", "path, mm"):
+        assert f"<th scope=col>{name}</th>" in page
+    assert (out / "report/counts.csv").read_text().startswith("time,animals,most\n")
+    with (out / "report/motion.csv").open() as file:
+        moved = list(csv.DictReader(file))
+    assert float(moved[15]["speed_mm_s"]) == pytest.approx(20.0, abs=2.0)
+    drawn = cv2.imread(str(out / "report/paths.png"))
+    assert drawn.shape[1] / drawn.shape[0] > 2.5, "cropped to the strip in which it walked"
     rows = states(out)
+    assert all(0 < float(row["score"]) < 1 for row in rows)
     assert len(rows) == FRAMES
     assert {row["id"] for row in rows} == {"1"}
     middle = rows[FRAMES // 2]

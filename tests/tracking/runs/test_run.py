@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import errno
 import fcntl
+import inspect
 import json
 import os
+import re
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -16,11 +18,13 @@ import numpy as np
 import pytest
 
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.cli.commands import all_commands, command_of
 from tsuiseki.tracking.drone.tracker import DroneTracker
 from tsuiseki.tracking.formats.mot import read_tracks
 from tsuiseki.tracking.output import output_file
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.runs import ending
+from tsuiseki.tracking.runs.run import where_to_look
 from tsuiseki.tracking.types import Track
 from tsuiseki.tracking.video import image_folder
 from tsuiseki.tracking.video.source import open_source
@@ -384,3 +388,29 @@ def test_the_target_of_uav123_is_labelled_apart(clip: Path, tmp_path: Path, caps
     capsys.readouterr()
     assert main(["evaluate", "single", str(images), str(tmp_path / "bike1")]) == 0
     assert "bike1" in capsys.readouterr().out
+
+
+def pages_and_sources() -> Iterator[tuple[str, str]]:
+    """Each command whose help names a page, and the source of its module."""
+    for words in all_commands():
+        function = command_of(words)[1].default_command
+        text = " ".join((inspect.getdoc(function) or "").split()) if function else ""
+        if function and re.search(r"report\.html|index\.html", text):
+            yield " ".join(words), Path(inspect.getsourcefile(inspect.unwrap(function)) or "").read_text()
+
+
+def test_every_command_that_writes_a_page_says_in_its_last_line_where_to_look(
+    clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One rule: the frame of runs says it, and no command says it itself."""
+    commands_with_page = dict(pages_and_sources())
+    assert {"count", "demo", "adapt", "track people", "track floor", "track animals"} <= {*commands_with_page}
+    for name, source in commands_with_page.items():
+        assert "output.run()" in source or "where_to_look(" in source, name
+        assert not re.search(r"(print|done)\(.*(report\.html|REPORT_FILE|index\.html|\bresults: )", source), name
+    for name in ("people", "blobs"):
+        words, _ = commands(clip, clip)[name]
+        out = tmp_path / name
+        assert main([*words, "--out", str(out)]) == 0
+        assert capsys.readouterr().out.splitlines()[-1] == f"open {out / 'report.html'}"
+    assert where_to_look(tmp_path) == "", "a folder without a page"
