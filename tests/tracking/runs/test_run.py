@@ -399,6 +399,7 @@ def pages_and_sources() -> Iterator[tuple[str, str]]:
             yield " ".join(words), Path(inspect.getsourcefile(inspect.unwrap(function)) or "").read_text()
 
 
+@pytest.mark.slow
 def test_every_command_that_writes_a_page_says_in_its_last_line_where_to_look(
     clip: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
