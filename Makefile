@@ -9,7 +9,7 @@ NOTEBOOKS := $(patsubst docs/%,out/%,$(wildcard docs/notebooks/*.ipynb))
 SAMPLE := $(addprefix tests/tracking/,test_geometry.py test_onnx.py test_result.py association counts/test_counting.py \
 	filters openers video) $(filter-out %/test_box_labels.py,$(wildcard tests/tracking/formats/test_*.py))
 
-.PHONY: demo test test-browser test-readers test-slow test-lowest audit lock lint docs wheel clean help
+.PHONY: demo test test-browser test-readers test-slow test-lowest audit lock lint docs wheel release clean help
 
 help:
 	@echo "make demo         set up the base installation (no torch) and run the whole path on a generated clip"
@@ -23,6 +23,7 @@ help:
 	@echo "make lint         ruff and mypy --strict"
 	@echo "make docs         build the manual into out/site"
 	@echo "make wheel        build the wheel and check what is in it"
+	@echo "make release      VERSION=1.2.3: version, changelog, checks, wheel, bill of materials, commit and tag"
 	@echo "make clean        remove the virtual environment and all outputs"
 
 demo: $(VENV)/.base
@@ -70,6 +71,9 @@ out/notebooks/%.ipynb: docs/notebooks/%.ipynb
 wheel: $(VENV)/.dev
 	$(BIN)/python .ci/check_wheel.py
 
+release: $(VENV)/.dev $(VENV)/.release
+	$(BIN)/python .ci/release.py $(VERSION)
+
 clean:
 	rm -rf $(VENV) out build dist *.egg-info
 
@@ -98,6 +102,10 @@ $(LOWEST)/.made: pyproject.toml .ci/lowest.py
 
 $(VENV)/.audit: $(VENV)/.venv
 	-$(PYTHON) -m venv $(VENV)/audit && $(VENV)/audit/bin/python -m pip install --quiet --disable-pip-version-check pip-audit
+	touch $@
+
+$(VENV)/.release: $(VENV)/.dev
+	$(PIP) "cyclonedx-bom>=7"
 	touch $@
 
 # datumaro needs an OpenCV below 5. Where it cannot be installed, its tests are skipped.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime
 import importlib.resources
 import importlib.util
 import json
@@ -11,6 +12,7 @@ from types import ModuleType
 
 import onnx
 import pytest
+import yaml
 from packaging.requirements import Requirement
 from packaging.version import Version
 
@@ -106,3 +108,66 @@ def test_the_audit_passes_with_a_reason_where_it_cannot_be_done(monkeypatch, cap
         monkeypatch.setattr(audit.subprocess, "run", lambda *_, done=done, **__: done)
         assert audit.main() == status
         assert words in capsys.readouterr().out
+
+
+PYPROJECT, CHANGES = '[project]\nname = "x"\nversion = "0.1.0"\n', "# Changelog\n\n## 0.2.0 (unreleased)\n\n- new\n"
+
+
+@pytest.mark.parametrize(
+    ("version", "changed", "reason"),
+    [
+        ("0.2.0", "", ""),
+        ("two", "", "expected a version such as 1.2.3, got 'two'"),
+        ("v0.2.0", "", "expected the version as 0.2.0, got v0.2.0"),
+        ("0.3.0", "", "expected a section '## 0.3.0 (unreleased)' in CHANGELOG.md"),
+        ("0.2.0", " M tracking/onnx.py\n", "expected a clean working tree, got\n M tracking/onnx.py"),
+    ],
+)
+def test_what_cannot_be_released_is_said(version, changed, reason):
+    said = script("release").refusal(version, "0.1.0", CHANGES, changed)
+    assert said.startswith(reason) if reason else said == ""
+
+
+def test_an_older_or_a_released_version_is_refused():
+    release = script("release")
+    assert release.refusal("0.2.0", "0.3.0", CHANGES, "") == "expected a version from 0.3.0 on, got 0.2.0"
+    dated = release.with_date(CHANGES, "0.2.0", datetime.date(2026, 1, 31))
+    assert "## 0.2.0 (2026-01-31)\n" in dated
+    assert "was it released?" in release.refusal("0.2.0", "0.1.0", dated, "")
+
+
+def test_a_release_is_one_command(tmp_path):
+    """Version, changelog, checks, wheel, bill of materials, commit and tag in this order; a failure changes nothing."""
+    release, files = script("release"), [tmp_path / "pyproject.toml", tmp_path / "CHANGELOG.md"]
+
+    def write():
+        for path, text in zip(files, (PYPROJECT, CHANGES), strict=True):
+            path.write_text(text)
+
+    def fail(words):
+        if "cyclonedx_py" in words:
+            raise OSError("no tool")
+
+    write()
+    with pytest.raises(OSError, match="no tool"):
+        release.release("0.2.0", files, tmp_path / "dist", fail)
+    assert [path.read_text() for path in files] == [PYPROJECT, CHANGES]
+    calls = []
+    release.release("0.2.0", files, tmp_path / "dist", lambda words: calls.append(" ".join(words)))
+    assert 'version = "0.2.0"' in files[0].read_text()
+    assert f"## 0.2.0 ({datetime.date.today():%Y-%m-%d})" in files[1].read_text()
+    steps = (".ci/run", "-m build", "-m venv", "tsuiseki-0.2.0-py3-none-any.whl", "cyclonedx_py environment",
+             "git commit", "git tag --annotate v0.2.0")  # fmt: skip
+    assert [step in call for step, call in zip(steps, calls, strict=True)] == [True] * len(steps)
+    assert str(tmp_path / "dist/tsuiseki-0.2.0.cdx.json") in calls[4]
+
+
+def test_a_tag_is_published_by_a_trusted_publisher():
+    flow = yaml.safe_load((REPOSITORY / ".github/workflows/release.yml").read_text())
+    assert flow[True] == {"push": {"tags": ["v*"]}}, "YAML reads `on` as true"
+    publish = flow["jobs"]["publish"]
+    assert publish["permissions"] == {"id-token": "write"}
+    assert publish["needs"] == "build"
+    assert publish["steps"][-1]["uses"].startswith("pypa/gh-action-pypi-publish@")
+    assert "secrets." not in (REPOSITORY / ".github/workflows/release.yml").read_text()
+    assert "release.build" in "".join(step.get("run", "") for step in flow["jobs"]["build"]["steps"])
