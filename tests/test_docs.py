@@ -23,6 +23,7 @@ import pytest
 from benchmarks.papers import __main__ as papers
 from benchmarks.papers.records import MARK
 from tsuiseki.tracking.cli import main
+from tsuiseki.tracking.cli.commands import all_commands
 from tsuiseki.tracking.types import Frame, Targets
 from tsuiseki.tracking.video.source import LiveSource, open_source
 from tsuiseki.tracking.weights import shipped, shipped_names
@@ -167,6 +168,13 @@ def test_every_page_and_picture_is_used() -> None:
     }
     files = [*(DOCS / "images").iterdir(), *PAGES, *NOTEBOOKS]
     assert [path.name for path in files if path.resolve() not in used] == []
+
+
+def test_the_gallery_has_ten_pictures_each_with_its_command() -> None:
+    shown = re.findall(r"^!\[\w.*\]\(images/(\S+)\)\n`tsuiseki (.+)`$", text_of(DOCS / "gallery.md"), re.MULTILINE)
+    assert len(dict(shown)) == 10
+    commands = {" ".join(words) for words in all_commands()}
+    assert [line for _, line in shown if not {line.split()[0], " ".join(line.split()[:2])} & commands] == []
 
 
 @each_page
