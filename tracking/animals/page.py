@@ -20,8 +20,9 @@ if TYPE_CHECKING:
 
 # Pairs in the table, those longest in contact; the rows of more would hide them.
 MOST_PAIRS = 20
+# Of the page, as a template: plots of what moves, and a table of pairs.
 SECTIONS = """{% import "parts.html.j2" as parts %}
-{% macro links(name) %}<p class=note><a href="report/motion.csv">CSV</a></p>{% endmacro %}
+{% macro links() %}<p class=note><a href="report/motion.csv">CSV</a></p>{% endmacro %}
 {% call parts.section("Speed") %}{{ parts.chart_of_any_width(speed, "speed") }}{{ links() }}{% endcall %}
 {% call parts.section("Heading") %}{{ parts.chart_of_any_width(heading, "heading") }}
 <p class=note>0 is to the right, 90 down, -90 up.</p>{{ links() }}{% endcall %}
@@ -36,7 +37,7 @@ SECTIONS = """{% import "parts.html.j2" as parts %}
 
 
 @dataclass(frozen=True)
-class Pair:
+class AnimalPair:
     """Two animals in the frames that show both.
 
     Attributes:
@@ -85,7 +86,7 @@ class AnimalMotion:
         return np.asarray(np.linalg.norm(steps, axis=1))
 
     @cached_property
-    def pairs(self) -> list[Pair]:
+    def pairs(self) -> list[AnimalPair]:
         """All pairs that a frame shows together, those longest in contact first, then the nearest."""
         pairs = []
         for first, second in combinations(self.tracks, 2):
@@ -93,7 +94,7 @@ class AnimalMotion:
             if len(frames):
                 a, b = first.states[here], second.states[there]
                 away = np.linalg.norm(a[:, :2] - b[:, :2], axis=1)
-                pairs.append(Pair((first.id, second.id), frames, away * (self.scale or 1.0), touching(a, b)))
+                pairs.append(AnimalPair((first.id, second.id), frames, away * (self.scale or 1.0), touching(a, b)))
         return sorted(pairs, key=lambda pair: (-int(pair.contact.sum()), float(pair.distances.min())))
 
     def columns(self) -> dict[str, dict[int, float | None]]:

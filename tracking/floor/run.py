@@ -86,6 +86,7 @@ DRAWING = Drawing()
 LIVE = LiveOptions()
 WATCHING = Watching()
 NO_SOURCES: list[str] = []
+# Options where none were asked for.
 NOTHING: Mapping[str, Any] = {}
 Watch = Callable[[Iterable[Any], str, int | None], Iterable[Any]]
 

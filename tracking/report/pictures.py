@@ -25,12 +25,14 @@ LONGEST_SIDE = 960
 VIEWS = 7
 # Height of the bar below a heat map, pixels.
 BAR = 26
-# Room about the part of a picture in which animals were, as a share of its longer side, and pixels at least.
+# Room about the part of a picture in which animals were, as a share of its longer side.
 ROOM = 0.15
+# The same in pixels, at least: animals that stand still are whole.
 LEAST_ROOM = 20.0
-# Between two numbers at an axis: the first with which there are at most `MOST_NUMBERS`.
-STEPS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000, 1e9)
+# Numbers at an axis at most, so that they stay apart.
 MOST_NUMBERS = 5
+# Between two numbers at an axis, pixels or millimetres: the first with which there are at most `MOST_NUMBERS`.
+STEPS = (0.1, 0.2, 0.5, 1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000, 10_000, 1e9)
 # x1, y1, x2, y2 of a part of a frame, pixels.
 Part: TypeAlias = tuple[int, int, int, int]
 # Paths that bear their id; more would hide each other.
