@@ -322,7 +322,7 @@ def drone(
         preset: printed links as the thesis prints it, by the overlap, appearance and actions of pairs: flow is MCF,
             flow-saf MHT-SAF and flow-maf MHT-MAF.
         keep_camera_motion: the boxes tell how the camera moves, not the pictures.
-        threshold: an action is named where its probability is above, from 0 to 1.
+        threshold: an action is named above this probability, 0 to 1.
         cache: folder that keeps what the networks say; a second run on the same video with other settings of method
             or --drone takes seconds.
         drone: settings of the flow and of what is reported.

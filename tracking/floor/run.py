@@ -333,11 +333,11 @@ def floor(
     Args:
         source: a video, folder of images, webcam or stream of each camera, in their order; or one folder of WILDTRACK
             or Shelf.
-        frames: of each camera these only, counted from 1 with both ends, such as 301-400.
-        cameras: cameras.yaml with lens and pose of each camera; tsuiseki calibrate pose writes it.
+        frames: of each camera these only, counted from 1, such as 301-400.
+        cameras: lens and pose of each camera; tsuiseki calibrate pose writes it.
         detections: file of each camera instead of a detector: MOTChallenge text, or a CSV with frame,x1,y1,x2,y2 and
             optionally score,ankle_u,ankle_v; frames count from 1, in a column frame_idx instead from 0.
-        positions: of other sensors, a CSV with time,x,y and optionally sd,id; an id is certain.
+        positions: CSV of other sensors: time,x,y, optionally sd,id; an id is certain.
         output.seed: of the particles of --method lmb.
     """
     watching.check_scene(overlay=False)

@@ -222,7 +222,7 @@ def single(
     searched for or lost) and peaks.png.
 
     Args:
-        box: the target in the first frame, X,Y,W,H in pixels counted from 0; a labelled sequence folder has its own.
+        box: X,Y,W,H of the target in the first frame, pixels; or as labelled.
         select: draw the box with the mouse, on a page in the browser whose address is printed.
         plot: also plot the scores, peaks.png.
         corrections: corrections.jsonl of a reviewed result; from each box in it the target is followed on, and back.

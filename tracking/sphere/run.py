@@ -270,21 +270,20 @@ def sphere(
 ) -> int:
     """Follow a ball of known radius in space, or a point by its measured pixels.
 
-    DIR gets track3d.csv, path.png, report.html, run.json and, with --overlay, overlay1.webm and so on with the ball's
-    outline.
+    DIR gets track3d.csv, path.png, report.html, run.json and, with --overlay, overlay1.webm and so on.
 
     Args:
-        source: two or more videos or folders of images, in the order of the cameras; folders run at the frame_rate in
-            cameras.yaml, else at 25 frames/s. Or numbers of webcams and addresses of streams, all live, until Ctrl-C.
-        cameras: cameras.yaml with one entry per video; tsuiseki calibrate points writes it.
+        source: videos, folders of images (at frame_rate of cameras.yaml, else 25 a second), or webcams and streams, in
+            the order of the cameras.
+        cameras: an entry per video; tsuiseki calibrate points writes it.
         radius: of the ball, metres; with --points only for its bounces.
         points: instead of videos, a CSV of measured pixels for each camera, separated by commas: frame,x,y, or as
             TrackNet writes it, Frame,Visibility,X,Y.
         deviation: with --points, standard deviation of a measured pixel.
-        start: X,Y,Z of the ball in the first frame, metres; by default the volume is searched.
+        start: X,Y,Z of the ball in the first frame, metres; else it is searched.
         volume: X1,Y1,Z1,X2,Y2,Z2 of the box in which it is searched, metres; by default where two cameras can see it.
-        backgrounds: one picture of the empty scene per video, separated by commas; by default the median of the video.
-        truth: CSV with the columns time, x, y, z (seconds, metres) to compare with in the report.
+        backgrounds: a picture of the empty scene per video; by default the median.
+        truth: CSV of time,x,y,z (seconds, metres) to compare with.
     """
     true_path = None if truth is None else read_path3d(truth)
     if points is None:

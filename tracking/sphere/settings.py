@@ -38,24 +38,21 @@ class SphereSettings(Options):
     """How a ball is followed; lengths in metres.
 
     Attributes:
-        preset: extended, or paper: the filter as printed, with the plain sum over the contour (section 2.2.2) or the
-            background difference (2.2.1), multiplied over the cameras, and particles weighed at once. It needs a start,
-            never searches, and takes no camera for covered.
+        preset: extended, or paper: the filter as printed, which needs a start and never searches.
         spread: standard deviation of the start, metres.
         particles: number of particles; more are more exact and slower.
-        motion: how the ball moves: with a velocity, by random steps as in the paper, or in free flight with bounces; by
-            default constant-velocity, with the preset paper random-walk.
-        agitation: standard deviation of the change of velocity in one second, m/s (random walk: of position, m); by
-            default 1.5 (random walk 0.15, ballistic 1).
-        floor: height of the floor off which a ballistic ball bounces, metres.
+        motion: how the ball moves; by default constant-velocity, with the preset paper random-walk.
+        agitation: standard deviation of the change of velocity in a second, m/s, or of a random walk, m; by default
+            1.5, random walk 0.15, ballistic 1.
+        floor: height off which a ballistic ball bounces, metres.
         bounce: speed after a bounce over the speed before, 0 to 1.
-        drag: deceleration of a ballistic ball by the air over the speed squared, 1/m; a tennis ball's is about 0.02.
+        drag: drag of a ballistic ball, 1/m; a tennis ball's is 0.02.
         spin: X,Y,Z of a ballistic ball: its acceleration is the cross product of this with the velocity, 1/s.
-        likelihood: the ball's outline, or the difference from the background.
-        faint: the ball's outline is faint, as with a lens out of focus: the clutter is measured beside the ball;
-            by default where the ball is less than 12 pixels across. Covered cameras are noticed less surely then.
-        tolerance: frames of different videos within so many seconds count as taken together; by default a quarter of
-            the shortest time between frames, half of it with live cameras.
+        likelihood: what tells the ball.
+        faint: the outline is faint, as out of focus: clutter is measured beside the ball; by default where the ball is
+            less than 12 pixels across.
+        tolerance: seconds within which frames of different videos count as taken together; by default a quarter of the
+            shortest time between frames, live half of it.
     """
 
     preset: PresetName = "extended"
@@ -117,8 +114,8 @@ class FrameTimes(Options):
     """When the frames were taken, where the camera file does not say it all.
 
     Attributes:
-        offsets: time of each video's first frame, seconds, separated by commas; wins over cameras.yaml.
-        timestamps: one text file per video with the time of each frame, separated by commas.
+        offsets: seconds of each first frame, with commas; win over cameras.yaml.
+        timestamps: a text file per video with the time of each frame, with commas.
     """
 
     offsets: Commas[list[float] | None] = None

@@ -267,13 +267,19 @@ def test_the_command_line_stays_small() -> None:
     assert sum(len(options_of(words)) for words in own) <= 634
 
 
-def test_the_help_of_tracking_people_fits_two_screens(
-    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+# Of two screens of 24 lines.
+SCREENS = 48
+
+
+# The options of Lightning are its own.
+@pytest.mark.parametrize("words", [w for w in all_commands() if command_of(w)[1].help_flags], ids=" ".join)
+def test_the_help_of_each_command_fits_two_screens(
+    words: tuple[str, ...], capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # A command keeps the console of its first use, and that the width it began with.
     monkeypatch.setattr(Console, "width", 100)
-    assert main(["track", "people", "--help"]) == 0
-    assert capsys.readouterr().out.count("\n") <= 48
+    assert main([*words, "--help"]) == 0
+    assert capsys.readouterr().out.count("\n") <= SCREENS
 
 
 def group_of(name: str) -> str:
