@@ -87,6 +87,12 @@ class Demands:
         if same:
             self._join(i, j, sentence)
 
+    def leave_alone(self, i: int, sentence: str) -> None:
+        """A box that was drawn of nobody is a track of its own, unless something else was said of it."""
+        if i != NOTHING and i not in self._groups and i not in self.followers and i not in self.predecessors:
+            self.link(NOTHING, i, sentence)
+            self.link(i, NOTHING, sentence)
+
     def wanted_pairs(self) -> list[Pair]:
         """What `pairs` come to that links do not make sure of: of one person, neighbours in time."""
         groups = {id(group): group for group in self._groups.values()}.values()
@@ -152,6 +158,9 @@ def demands_of(corrections: Sequence[Correction], frames: IntArray, boxes: Float
         numbers = [GONE if deleted.get(n, -1) > place else n for n in numbers]
         if GONE not in numbers or correction.kind in ("switch", "right"):
             _ask(demands, correction, numbers, sentence)
+    for correction, sentence, numbers in sentences:
+        if correction.kind == "box" and len(numbers) == 1 and numbers[0] not in deleted:
+            demands.leave_alone(numbers[0], sentence)
     demands.check()
     return demands
 

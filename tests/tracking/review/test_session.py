@@ -115,6 +115,19 @@ def test_boxes_are_drawn_moved_and_their_tracks_deleted(folder):
     assert drawn not in session.tracks().by_id
 
 
+@pytest.mark.parametrize("frame", [18, 25])
+def test_a_box_of_nobody_joins_no_person_until_it_is_said_of_whom(folder, frame):
+    """In the gap of the person who is hidden, and where that person has a detection."""
+    session = Session(folder)
+    before = {track.id: len(track) for track in session.tracks()}
+    changes = session.correct(session.made("box", frame=frame, box=(330, 120 - frame, 30, 80)))
+    (drawn,) = {number for number, *_ in changes.tracks} - before.keys()
+    assert session.tracks().by_id[drawn].frames.tolist() == [frame]
+    assert {number: len(track) for number, track in session.tracks().by_id.items() if number != drawn} == before
+    session.correct(session.made("same", [3, drawn], 10, frame))
+    assert [len(track) for track in session.tracks()] == list(before.values()), "said by the user, it joins"
+
+
 def owner(session, box):
     """Id of the track that has a box."""
     (found,) = [
