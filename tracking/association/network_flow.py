@@ -69,6 +69,17 @@ class FlowGraph:
         """The network with those transitions only at a mask ``(P,)``."""
         return replace(self, tail=self.tail[mask], head=self.head[mask], transition=self.transition[mask])
 
+    def at_potentials(self, first: FloatArray, second: FloatArray) -> FlowGraph:
+        """The network at reduced costs, which has the same cheapest flows.
+
+        Args:
+            first: ``(N,)`` potential of each u_i.
+            second: ``(N,)`` of each v_i; source and sink have 0.
+        """
+        observation, transition = self.observation + first - second, self.transition + second[self.tail]
+        transition -= first[self.head]
+        return FlowGraph(observation, self.entry - first, self.exit + second, self.tail, self.head, transition)
+
     def part(self, mask: BoolArray) -> FlowGraph:
         """The network of the detections at a mask ``(N,)``, which are counted anew."""
         within, place = self.with_transitions(mask[self.tail] & mask[self.head]), np.cumsum(mask) - 1

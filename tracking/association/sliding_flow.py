@@ -43,8 +43,8 @@ from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from tsuiseki.tracking.association.nearby import ranges
-from tsuiseki.tracking.association.network_flow import FlowGraph, FlowSolution, scaled, solution_of, solve
+from tsuiseki.tracking.association.network_flow import FlowGraph, FlowSolution, solution_of, solve
+from tsuiseki.tracking.association.residual_network import MANY_LINKS, ResidualNetwork, near_potentials, solve_near
 from tsuiseki.tracking.types import BoolArray, IntArray
 
 # A network of up to so many windows is solved at once.
@@ -97,6 +97,9 @@ class SlidingFlow:
         nothing, none = np.empty(0), np.empty(0, dtype=np.int64)
         self.graph = FlowGraph(nothing, nothing, nothing, none, none, nothing)
         self._solution: FlowSolution | None = None
+        # The network of the same detections at the costs before, with its solution; and potentials near theirs.
+        self._previous: tuple[FlowGraph, FlowSolution] | None = None
+        self._potential: IntArray | None = None
 
     def extend(self, frames: IntArray, graph: FlowGraph, inflow: BoolArray | None = None) -> None:
         """Add the detections of the next frames.
@@ -114,7 +117,7 @@ class SlidingFlow:
         if len(frames) and len(self._frames) and frames.min() <= self._frames.max():
             raise ValueError(f"expected frames after {self._frames.max()}, got {frames.min()}")
         self._check(graph)
-        old, self._solution = self.graph, None
+        old, self._solution, self._previous, self._potential = self.graph, None, None, None
         self.undecided = np.append(self.undecided, np.arange(self._count, self._count + len(frames)))
         self._count += len(frames)
         self._frames = np.append(self._frames, frames)
@@ -138,13 +141,25 @@ class SlidingFlow:
         if len(graph) != len(self.undecided):
             raise ValueError(f"expected costs of {len(self.undecided)} detections, got {len(graph)}")
         self._check(graph)
+        if self._solution is not None:
+            self._previous = self.graph, self._solution
         self.graph, self._solution = graph, None
 
     def solution(self) -> FlowSolution:
         """The cheapest flow as it is if the video ends here; its indices count the undecided detections."""
         if self._solution is None:
-            self._solution = solve_in_windows(self.graph, self._inflow)
+            self._solution = self._solved()
         return self._solution
+
+    def _solved(self) -> FlowSolution:
+        """The cheapest flow, by potentials of the one before where costs have changed."""
+        if self._previous is None or len(self.graph.tail) < MANY_LINKS:
+            return solve_in_windows(self.graph, self._inflow)
+        network, solution = self._previous
+        if self._potential is None:
+            self._potential = near_potentials(network, solution, self._inflow)
+        self._potential = near_potentials(self.graph, solution, self._inflow, self._potential)
+        return solve_near(self.graph, self._inflow, self._potential)
 
     def decide(self, last_frame: int, end: int | None = None) -> Decision:
         """Decide and forget what no frame after ``last_frame`` can change.
@@ -208,7 +223,7 @@ class SlidingFlow:
         return Decision(self.undecided[done], solution.used[done], follower)
 
     def _forget(self, done: BoolArray, solution: FlowSolution) -> None:
-        self._solution = None
+        self._solution = self._previous = self._potential = None
         self._inflow[solution.follower[done & (solution.follower >= 0)]] = True
         self.graph = self.graph.part(~done)
         self.undecided, self._frames, self._inflow = self.undecided[~done], self._frames[~done], self._inflow[~done]
@@ -248,10 +263,6 @@ def solve_in_windows(graph: FlowGraph, inflow: BoolArray | None = None, detectio
     return solution_of(graph, inflow, used, follower)
 
 
-# Distance of a node that cannot be reached, multiples of ``1 / SCALE``; sums with costs stay within 64 bits.
-FAR = np.int64(2**60)
-
-
 def safe_detections(
     graph: FlowGraph, solution: FlowSolution, inflow: BoolArray, frontier: BoolArray, most_saving: float
 ) -> BoolArray:
@@ -264,64 +275,12 @@ def safe_detections(
         frontier: ``(N,)`` detections from which transitions can lead into frames to come.
         most_saving: the most that it can save to continue a track.
     """
-    unpaid = _Residual(graph, solution, inflow)
+    unpaid = ResidualNetwork(graph, solution, inflow)
     offered = np.where(frontier, np.minimum(graph.exit, -most_saving), graph.exit)
     generous = replace(graph, exit=offered)
-    paid = _Residual(generous, solve(generous, inflow), inflow)
+    paid = ResidualNetwork(generous, solve(generous, inflow), inflow)
     low, high = unpaid.distances(), paid.distances()
     unsafe = low != high
     unsafe[1::2] |= frontier
     unpaid.spread_to_tails(unsafe, low, np.maximum(low, high))
     return np.asarray(~(unsafe[0::2] | unsafe[1::2]))
-
-
-class _Residual:
-    """The residual network of a solution, without the arcs into the hub; node 2i is u_i, node 2i + 1 is v_i.
-
-    Transitions need no capacity of their own, since the observation arcs have one.
-    """
-
-    def __init__(self, graph: FlowGraph, solution: FlowSolution, inflow: BoolArray) -> None:
-        self._nodes = 2 * len(graph)
-        observation, transition = scaled(graph.observation), scaled(graph.transition)
-        u = np.arange(0, self._nodes, 2)
-        linked = solution.follower[graph.tail] == graph.head
-        self._tails = np.concatenate(
-            [np.where(solution.used, u + 1, u), 2 * graph.tail + 1, 2 * graph.head[linked]], dtype=np.int64
-        )
-        self._heads = np.concatenate(
-            [np.where(solution.used, u, u + 1), 2 * graph.head, 2 * graph.tail[linked] + 1], dtype=np.int64
-        )
-        self._costs = np.concatenate(
-            [np.where(solution.used, -observation, observation), transition, -transition[linked]]
-        )
-        self._start = np.full(self._nodes, FAR)
-        self._start[0::2] = np.where(inflow, FAR, scaled(graph.entry))
-        ends = solution.used & (solution.follower < 0)
-        self._start[1::2] = np.where(ends, -scaled(graph.exit), FAR)
-
-    def distances(self) -> IntArray:
-        """``(2N,)`` lengths of the shortest paths from the hub (Bellman-Ford, all active nodes at a time)."""
-        order = np.argsort(self._tails, kind="stable")
-        heads, costs = self._heads[order], self._costs[order]
-        first = np.searchsorted(self._tails[order], np.arange(self._nodes + 1))
-        distance = self._start.copy()
-        active = np.flatnonzero(distance < FAR)
-        while len(active):
-            tails, arcs = ranges(first[active], first[active + 1] - first[active])
-            reached, length = heads[arcs], distance[active[tails]] + costs[arcs]
-            shorter = length < distance[reached]
-            reached = reached[shorter]
-            np.minimum.at(distance, reached, length[shorter])
-            active = np.unique(reached)
-        return distance
-
-    def spread_to_tails(self, marked: BoolArray, low: IntArray, high: IntArray) -> None:
-        """Mark all nodes with a path to a marked one along arcs that some dual from ``low`` to ``high`` has tight."""
-        tight = low[self._tails] + self._costs <= high[self._heads]
-        tails, heads = self._tails[tight], self._heads[tight]
-        while True:
-            leading = tails[marked[heads] & ~marked[tails]]
-            if not len(leading):
-                return
-            marked[leading] = True

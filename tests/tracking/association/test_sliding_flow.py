@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -191,3 +193,25 @@ def test_empty_windows_pass() -> None:
     flow.extend(np.empty(0, int), FlowGraph(*(np.empty(0),) * 3, np.empty(0, int), np.empty(0, int), np.empty(0)))
     assert len(flow.decide(9).numbers) == 0
     assert len(flow.remainder().numbers) == 0
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_changed_costs_are_solved_from_the_solution_before(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("tsuiseki.tracking.association.sliding_flow.MANY_LINKS", 0)
+    frames, graph, _, longest = _instance(seed)
+    rng = np.random.default_rng(seed)
+    flow = SlidingFlow(longest + 1, 50.0)
+    inflow = (np.arange(len(graph)) < 3) & (seed % 2 == 0)
+    flow.extend(frames, graph, inflow)
+    for _ in range(4):
+        flow.replace(replace(graph, transition=graph.transition + rng.normal(0, 1, len(graph.tail))))
+        direct = solve(flow.graph, inflow)
+        assert flow.solution().cost == pytest.approx(direct.cost, abs=4 * len(graph) / SCALE)
+        # With random costs no two flows cost the same.
+        assert (flow.solution().follower == direct.follower).all()
+
+
+def test_reduced_costs_have_the_same_cheapest_flow() -> None:
+    _, graph, _, _ = _instance(1)
+    first, second = np.random.default_rng(0).normal(0, 5, (2, len(graph)))
+    assert (solve(graph.at_potentials(first, second)).follower == solve(graph).follower).all()
