@@ -9,7 +9,7 @@ NOTEBOOKS := $(patsubst docs/%,out/%,$(wildcard docs/notebooks/*.ipynb))
 SAMPLE := $(addprefix tests/tracking/,test_geometry.py test_onnx.py test_result.py association counts/test_counting.py \
 	filters openers video) $(filter-out %/test_box_labels.py,$(wildcard tests/tracking/formats/test_*.py))
 
-.PHONY: demo test test-browser test-readers test-slow test-lowest audit lock lint docs wheel release clean help
+.PHONY: demo test test-browser test-readers test-slow test-lowest benchmarks audit lock lint docs wheel release clean help
 
 help:
 	@echo "make demo         set up the base installation (no torch) and run the whole path on a generated clip"
@@ -18,6 +18,7 @@ help:
 	@echo "make test-readers CVAT's own reader opens what is exported, in an environment of its own"
 	@echo "make test-slow    the tests that take over 2 seconds, after make test"
 	@echo "make test-lowest  the demo and a sample of the tests with the lowest versions that pyproject.toml allows"
+	@echo "make benchmarks   the smallest rows of the table of speeds, with the peers that are installed"
 	@echo "make audit        the locked packages against the index of advisories, where it can be reached"
 	@echo "make lock         write requirements.lock anew: versions and hashes for contributors"
 	@echo "make lint         ruff and mypy --strict"
@@ -45,6 +46,9 @@ test-slow: $(VENV)/.dev
 test-lowest: $(LOWEST)/.made
 	$(LOWEST)/bin/tsuiseki demo --out out/demo-lowest --overwrite
 	OMP_NUM_THREADS=1 $(LOWEST)/bin/python -m pytest -q -m "not gpu and not slow and not browser and not integration" $(SAMPLE)
+
+benchmarks: $(VENV)/.dev
+	OMP_NUM_THREADS=1 $(BIN)/python -m benchmarks.all --small
 
 audit: $(VENV)/.audit
 	$(VENV)/audit/bin/python .ci/audit.py

@@ -103,7 +103,15 @@ def _build(table: DetectionTable, observation: FloatArray, settings: FlowSetting
 
 
 def _bare_solve(graph: FlowGraph) -> float:
-    """Seconds of OR-tools alone, once the arcs are in; node 2i is u_i, node 2i + 1 is v_i, then source and sink."""
+    """Seconds of OR-tools alone, once the arcs are in."""
+    solver = network_of(graph)
+    start = time.process_time()
+    solver.solve()
+    return time.process_time() - start
+
+
+def network_of(graph: FlowGraph) -> min_cost_flow.SimpleMinCostFlow:
+    """OR-tools' solver with all arcs in; node 2i is u_i, node 2i + 1 is v_i, then source and sink."""
     solver = min_cost_flow.SimpleMinCostFlow()
     count = len(graph)
     u = np.arange(0, 2 * count, 2, dtype=np.int32)
@@ -113,9 +121,7 @@ def _bare_solve(graph: FlowGraph) -> float:
     costs = scaled(np.concatenate([graph.observation, graph.exit, graph.transition, graph.entry]))
     solver.add_arcs_with_capacity_and_unit_cost(tails, heads, np.ones(len(tails), dtype=np.int64), costs)
     solver.add_arc_with_capacity_and_unit_cost(2 * count + 1, 2 * count, count, 0)
-    start = time.process_time()
-    solver.solve()
-    return time.process_time() - start
+    return solver
 
 
 if __name__ == "__main__":
