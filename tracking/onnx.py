@@ -30,7 +30,7 @@ from tsuiseki.tracking.openvino_session import FORMATS, OpenvinoSession
 if TYPE_CHECKING:
     import onnxruntime
 
-Kind = Literal["detector", "appearance", "action", "affinity", "association", "objectness", "tracker"]
+Kind = Literal["detector", "appearance", "action", "affinity", "association", "objectness", "quality", "tracker"]
 METADATA_KEY = "tsuiseki"
 # Of the card; a file of a later one is refused.
 FORMAT_VERSION = 1

@@ -330,6 +330,11 @@ def _beside(parent: Path, name: str) -> Path:
     return parent / f".{name}.{secrets.token_hex(4)}{UNFINISHED}"
 
 
+def destination(place: Path) -> Path:
+    """Where a file or folder in a working folder comes to lie, and any other where it lies."""
+    return Path(*(part for part in place.absolute().parts if not part.endswith(UNFINISHED)))
+
+
 @contextmanager
 def _working_folder(name: str, parent: Path) -> Iterator[Path]:
     work = _beside(parent, name)

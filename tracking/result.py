@@ -53,6 +53,8 @@ if TYPE_CHECKING:
     import pandas
     import supervision
 
+    from tsuiseki.tracking.evaluation.quality import Quality
+
 T_co = TypeVar("T_co", covariant=True, default=Any)
 Writer = Callable[[Path, Path], object]
 """Writes one file: its path, and the folder in which the files before it lie."""
@@ -60,6 +62,8 @@ Writer = Callable[[Path, Path], object]
 FILES = (".csv", ".json", ".parquet", ".txt")
 # Endings of videos that are written.
 VIDEOS = (".mp4", ".webm")
+# Frames a second where nothing says how many there were.
+USUAL_RATE = 25.0
 # Rows of the table that a notebook shows.
 MOST_ROWS = 20
 
@@ -88,6 +92,7 @@ class PageContent:
         hide: hides in frames who must not be recognised.
         sections: gives the HTML of further sections.
         motion: of tracks how they move, and the page shows the part of the picture in which they do; None as people.
+        quality: it says how good the tracks probably are, see `Result.quality`.
     """
 
     nouns: tuple[str, str] = ("person", "people")
@@ -96,6 +101,7 @@ class PageContent:
     hide: Callable[[Iterable[Frame]], Iterable[Frame]] | None = None
     sections: Callable[[], Sequence[str]] = tuple
     motion: Callable[[Sequence[Any]], MotionContent] | None = None
+    quality: bool = False
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -491,6 +497,29 @@ class Result(Collection[T_co]):
             frames={**self.frames, **columns},
         )
         return replace(changed, painter=changed._paint)
+
+    def quality(self) -> Quality:
+        """How good the tracks of people probably are, estimated without labels, with intervals of 90 %.
+
+        Most is known of tracks of ``flow`` that nobody corrected; what is not seen stands in ``unseen``.
+
+        Raises:
+            RequestError: the targets have no boxes, or so few that they say nothing.
+        """
+        from tsuiseki.tracking.evaluation.quality import people_quality
+
+        boxes, numbers = self._boxed, self.frames.get("frame", ())
+        if boxes is None:
+            raise RequestError("expected tracks of people with boxes to estimate their quality, got others")
+        # The network does not know of corrections.
+        network = None if self.network is None or self.facts.get("corrections") else self.network()
+        frames = (numbers[0], numbers[-1]) if len(numbers) else None
+        quality = people_quality(boxes, network, self.frame_rate or USUAL_RATE, self.size, frames)
+        notes = [] if self.frame_rate else [f"the frame rate is not known; {USUAL_RATE:g} a second were taken"]
+        notes += (
+            ["estimates are fitted on people, and other classes were tracked"] if self.settings.get("classes") else []
+        )
+        return replace(quality, unseen=(*quality.unseen, *notes))
 
     def video_record(self) -> dict[str, Any]:
         """What ``run.json`` keeps of the video beside the tracks, see `formats.result_folder`."""

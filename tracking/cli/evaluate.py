@@ -7,7 +7,7 @@ import sys
 import tempfile
 import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY
+from dataclasses import KW_ONLY, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
@@ -127,6 +127,30 @@ class Labels(ScoredFrames):
 SCORED, LABELS = ScoredFrames(), Labels()
 
 
+@dataclass(frozen=True, config=SETTINGS)
+class PeopleComparison(PlottedComparison):
+    """Likewise, or what results show of their own quality.
+
+    Attributes:
+        unlabelled: all that is named is a result, and its scores are estimated without labels.
+    """
+
+    results: list[Path] = field(default_factory=list)
+    _: KW_ONLY
+    unlabelled: bool = False
+
+    def check(self) -> None:
+        if self.unlabelled and self.plot is not None:
+            raise RequestError("`plot`: expected it with labels; leave it out with --unlabelled")
+        if not self.unlabelled and not self.results:
+            raise RequestError("expected labels and a result, got one path; --unlabelled scores it without labels")
+        super().check()
+
+    def named(self) -> dict[str, Path]:
+        results = [self.truth, *self.results] if self.unlabelled else self.results
+        return dict(zip(result_names(results), results, strict=True))
+
+
 def action(compared: Comparison, *, labels: Labels = LABELS, threshold: Share = 0.4) -> None:
     """Score recognised actions: F1 at a threshold, and average precision, for every action.
 
@@ -231,9 +255,12 @@ def floor(compared: Comparison, *, distance: PositiveFloat = 1.0) -> None:
 
 
 def people(
-    compared: PlottedComparison, *, labels: Labels = LABELS, classes: ClassNames | None = None, offset: int = 0
+    compared: PeopleComparison, *, labels: Labels = LABELS, classes: ClassNames | None = None, offset: int = 0
 ) -> None:
     """Score tracked people against ground truth: HOTA, DetA, AssA, MOTA, MOTP, IDF1, switches, errors.
+
+    With --unlabelled, there is no truth: each score of a result is estimated, with an interval that holds the true one
+    in 9 of 10 cases, and the places where people may have been confused are named.
 
     Args:
         compared.truth: a MOTChallenge gt.txt, a sequence folder, or a folder of sequences; a label file or the
@@ -249,6 +276,11 @@ def people(
         offset: frames to add to the numbers of the results, such as 300 for those of a part that counts anew after the
             first 300 frames; may be negative.
     """
+    if compared.unlabelled:
+        if labels != LABELS or classes is not None or offset:
+            raise RequestError("expected --unlabelled with results and --json alone; leave out what is about labels")
+        _without_labels(compared)
+        return
     from tsuiseki.tracking.evaluation.multi import evaluate_sequences
     from tsuiseki.tracking.evaluation.result_files import match_results, read_truths
     from tsuiseki.tracking.evaluation.tables import evaluation_values, people_table
@@ -263,6 +295,17 @@ def people(
             scores[of_class] = evaluate_sequences(match_results(truths, result, offset))
     compared.report(people_table(scores), evaluation_values(scores))
     compared.draw(lambda path: save_comparison(scores, path))
+
+
+def _without_labels(compared: PeopleComparison) -> None:
+    from tsuiseki.tracking.evaluation.tables import quality_table, quality_values
+    from tsuiseki.tracking.result import Result
+
+    qualities = {name: Result.load(path).quality() for name, path in compared.named().items()}
+    compared.report(quality_table(qualities), {name: quality_values(quality) for name, quality in qualities.items()})
+    for name, quality in qualities.items():
+        for line in (quality.on_doubt(), *(f"not seen: {line}" for line in quality.unseen)):
+            print(f"{name}: {line}" if len(qualities) > 1 else line)
 
 
 def appearance(compared: Comparison) -> None:

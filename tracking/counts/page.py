@@ -30,6 +30,8 @@ from tsuiseki.tracking.counts.counting import Answers, Table, count
 from tsuiseki.tracking.counts.scene import Scene
 from tsuiseki.tracking.counts.settings import CountSettings
 from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
+from tsuiseki.tracking.output import destination
+from tsuiseki.tracking.report.local_page import address_of
 from tsuiseki.tracking.report.page import BOXES_NOTE, Timeline
 from tsuiseki.tracking.report.pictures import (
     Pictures,
@@ -51,6 +53,8 @@ from tsuiseki.tracking.video.source import file_of, open_source, some_frames
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+    from tsuiseki.tracking.evaluation.quality import Quality
 
 AnyResult = TypeVar("AnyResult", bound=Result[Any])
 # Rows of a table on the page, and tracks with crops; the files have all.
@@ -222,6 +226,7 @@ class TrackedPage:
             frames=len(numbers),
             overlay=overlay_in(folder),
             note=BOXES_NOTE.replace("person", self.nouns[0]) if boxes else "",
+            review=partial(address_of, destination(folder)),
             bars=Timeline([followed(track, self.nouns[0]) for track in self.tracks], first, length, rate),
             made=self._made(),
         )
@@ -231,6 +236,20 @@ class TrackedPage:
         boxes = [track.observed for track in boxes_about(self.result, self.result.names)]
         share = f"{100 * np.concatenate(boxes).mean():.0f} %" if boxes else None
         return how_made(self.result.settings, self.result.facts, {"boxes that a detection supports": share})
+
+    @cached_property
+    def quality(self) -> Quality | str:
+        """How good the tracks probably are, or why that is not known; empty where the page does not say it."""
+        try:
+            return self.result.quality() if self.content.quality else ""
+        except RequestError as error:
+            return f"Not known: {error}."
+
+    def scores(self) -> list[list[str]]:
+        """The estimated scores, a row each: its name, and the estimate with its interval."""
+        from tsuiseki.tracking.evaluation.tables import quality_cells
+
+        return [] if isinstance(self.quality, str) else [[*row] for row in quality_cells(self.quality).items()]
 
     def figure(self, name: str) -> Callable[[str], Figure]:
         """The plot of a table, by the colour of its text."""

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from tsuiseki.tracking.evaluation.detection import DetectionEvaluation, DetectionScores
     from tsuiseki.tracking.evaluation.multi import PeopleEvaluation, PeopleScores
+    from tsuiseki.tracking.evaluation.quality import Quality
 
 # Heading, field and format of every column.
 COLUMNS = (
@@ -132,3 +133,26 @@ def value_table(results: Mapping[str, Any], columns: Sequence[tuple[str, str, st
     """The scores of several results by their names, a row each; ``columns`` as for `cells`."""
     rows = [[name, *cells(scores, columns)] for name, scores in results.items()]
     return score_table(("Result",), [heading for heading, _, _ in columns], [rows])
+
+
+def quality_table(results: Mapping[str, Quality]) -> Table:
+    """Estimated scores of several results by their names, a row each: the estimate, and the ends of its interval."""
+    rows = [[name, *quality_cells(quality).values()] for name, quality in results.items()]
+    return score_table(("Result",), [*quality_cells(next(iter(results.values())))], [rows])
+
+
+def quality_cells(quality: Quality) -> dict[str, str]:
+    """The texts of estimated scores, by their headings."""
+    intervals = {heading: (getattr(quality, field), form or ".0f") for heading, field, form in COLUMNS
+                 if hasattr(quality, field)}  # fmt: skip
+    return {
+        heading: f"{score.value:{form}} ({score.low:{form}} to {score.high:{form}})"
+        for heading, (score, form) in intervals.items()
+    }
+
+
+def quality_values(quality: Quality) -> dict[str, Any]:
+    """Estimated scores as nested mappings for a JSON file; frames count from 1."""
+    scores = {field: getattr(quality, field)._asdict() for _, field, _ in COLUMNS if hasattr(quality, field)}
+    places = [{**place._asdict(), "frame": place.frame + 1} for place in quality.doubtful]
+    return {**scores, "doubtful": places, "unseen": [*quality.unseen]}

@@ -64,7 +64,7 @@ def people_result(
         frames=log.columns(tracks),
         files=files,
         painter=Overlay(tracks, video.frame_rate).draw,
-        page=PageContent(),
+        page=PageContent(quality=True),
         network=None if network is None else lambda: network,
     )
     return result, [*lines, *unused]

@@ -14,6 +14,8 @@ from contextlib import suppress
 from pathlib import Path
 
 HOST = "127.0.0.1"
+# A result has a port of its own, of these, so that its page stays where it is.
+PORTS = range(20_000, 30_000)
 # Seconds for which a request may stay silent before its connection is closed.
 SILENT = 10
 HEADERS = {
@@ -39,12 +41,25 @@ def refusal(path: str, headers: Mapping[str, str], token: str, port: int) -> str
     host = headers.get("host", "")
     if host not in (f"{HOST}:{port}", f"localhost:{port}"):
         return f"This page answers under {HOST}:{port} only."
-    own_site = headers.get("sec-fetch-site", "none") in ("none", "same-origin")
+    # A link in a report may open the page, which nothing frames; all else is asked by the page itself.
+    opens = headers.get("sec-fetch-mode") == "navigate" and path.strip("/").count("/") == 0
+    own_site = opens or headers.get("sec-fetch-site", "none") in ("none", "same-origin")
     if not own_site or headers.get("origin", f"http://{host}") != f"http://{host}":
         return "Another site asked for this page. Copy its address from the terminal into a new tab."
     if not secrets.compare_digest(f"{path}/".split("/")[1].encode(errors="replace"), token.encode()):
         return "This address lacks its token. Open the whole address that tsuiseki printed."
     return ""
+
+
+def port_of(token: str) -> int:
+    """Of the page of that token."""
+    return PORTS[int(token, 16) % len(PORTS)]
+
+
+def address_of(folder: Path) -> str:
+    """Of the page of a result's folder, while it is served."""
+    token = token_of(folder)
+    return f"http://{HOST}:{port_of(token)}/{token}/"
 
 
 def token_of(folder: Path) -> str:

@@ -8,8 +8,6 @@ from pathlib import Path
 
 from tsuiseki.tracking.errors import RunError
 
-# A result has a port of its own, of these, so that its page stays where it is.
-PORTS = range(20_000, 30_000)
 # Bytes of tracks and network from which it is said that they are being opened.
 LARGE = 5_000_000
 
@@ -29,7 +27,7 @@ def review(result: Path, *, video: Path | None = None) -> int:
     from tsuiseki.tracking.review.session import Session
 
     check_packages("reviewing")
-    from tsuiseki.tracking.report.local_page import HOST, token_of
+    from tsuiseki.tracking.report.local_page import HOST, port_of, token_of
     from tsuiseki.tracking.review.reviewed import Reviewed
     from tsuiseki.tracking.review.server import JpegFrames, application
 
@@ -42,7 +40,7 @@ def review(result: Path, *, video: Path | None = None) -> int:
         if session.source is not None:
             pictures, note = JpegFrames(session.source, session.n_frames), ""
         reviewed, token = Reviewed(session, result.resolve().name, note), token_of(result)
-        opened = listening(PORTS[int(token, 16) % len(PORTS)])
+        opened = listening(port_of(token))
         port = opened.getsockname()[1]
         app = application(reviewed, pictures, token, port)
         with serving(app, opened) as thread, suppress(KeyboardInterrupt):

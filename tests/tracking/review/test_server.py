@@ -64,6 +64,14 @@ def test_other_sites_are_refused(client, headers):
         assert (answer.status_code, len(answer.text.splitlines())) == (403, 1)
 
 
+def test_a_link_of_a_report_opens_the_page_and_nothing_else(client):
+    link = {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "navigate"}
+    assert client.get("", headers=link).status_code == 200
+    assert client.post("", headers=link).status_code == 405
+    for path in ("data", "main.js", "change/undo"):
+        assert client.get(path, headers=link).status_code == client.post(path, headers=link).status_code == 403
+
+
 @pytest.mark.parametrize("path", ["nothing", "..%2f..%2frun.py", "%2e%2e/server.py", "picture/80", "picture/x", "x/y"])
 def test_what_is_not_of_the_page_is_not_there(client, path):
     assert client.get(path).status_code == 404

@@ -231,7 +231,8 @@ const app = {
     this.segment = null;
     this.timeline.renew();
     this.ask();
-    if (first && !this.question) this.go(0);
+    if (first && this.goToPlace()) this.picked();
+    else if (first && !this.question) this.go(0);
     else if (first) this.goToQuestion();
     else this.go(this.frame);
     this.picked();
@@ -255,6 +256,15 @@ const app = {
     if (this.state.questions.length) return "All questions are skipped.";
     if (this.state.ranking) return "Questions are being looked for; you can correct by hand meanwhile.";
     return "Nothing is in doubt; you can still correct by hand.";
+  },
+
+  /** Go to the frame that the address names, counted from 1, and choose the tracks; false where it names none. */
+  goToPlace() {
+    const place = new URLSearchParams(location.hash.slice(1)), frame = Number(place.get("frame"));
+    if (!(frame >= 1 && frame <= this.state.frames)) return false;
+    this.go(frame - 1);
+    this.pick(...(place.get("ids") ?? "").split(",").map(Number).filter((id) => this.tracks.has(id)));
+    return true;
   },
 
   goToQuestion() {
@@ -350,6 +360,7 @@ const KEYS = {
 };
 
 for (const [name, action] of Object.entries(ACTIONS)) $(name).addEventListener("click", action);
+window.addEventListener("hashchange", () => app.goToPlace());
 $("scrub").addEventListener("input", () => app.go(Number($("scrub").value)));
 $("naming").addEventListener("submit", (event) => {
   event.preventDefault();
