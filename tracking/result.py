@@ -515,10 +515,8 @@ class Result(Collection[T_co]):
         network = None if self.network is None or self.facts.get("corrections") else self.network()
         frames = (numbers[0], numbers[-1]) if len(numbers) else None
         quality = people_quality(boxes, network, self.frame_rate or USUAL_RATE, self.size, frames)
-        notes = [] if self.frame_rate else [f"the frame rate is not known; {USUAL_RATE:g} a second were taken"]
-        notes += (
-            ["estimates are fitted on people, and other classes were tracked"] if self.settings.get("classes") else []
-        )
+        notes = [] if self.frame_rate else [f"the frame rate: {USUAL_RATE:g} a second were taken"]
+        notes += ["other classes than people, on whom estimates are fitted"] if self.settings.get("classes") else []
         return replace(quality, unseen=(*quality.unseen, *notes))
 
     def video_record(self) -> dict[str, Any]:

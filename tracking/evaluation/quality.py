@@ -39,9 +39,9 @@ MARGIN = 0.01
 SHARES = ("hota", "idf1", "recall", "precision")
 # What is estimated: shares, accuracy, and switches for each 1,000 boxes.
 SCORES = (*SHARES, "mota", "id_switches")
-BLIND = "people whom the detector never detects are not seen here, and boxes on what should not count"
-NO_NETWORK = "no margins: this result has no network of a flow, so who was confused with whom shows in its tracks alone"
-NO_SCORES = "no scores of detections: false positives show in their tracks alone"
+BLIND = "people whom the detector never detects, and boxes on what should not count"
+NO_NETWORK = "margins of decisions, as flow has: people who were confused show in the tracks alone"
+NO_SCORES = "scores of detections: false positives show in the tracks alone"
 
 
 class DoubtfulPlace(NamedTuple):
