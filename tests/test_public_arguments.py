@@ -40,6 +40,7 @@ def working(folder: Path) -> dict[str, dict[str, Any]]:
         "check_cameras": {"cameras": [], "calibration": NOTHING},
         "convert": {"result": missing, "to": "cvat", "out": out},
         "count": {"result": [TRACK], "scene": tsuiseki.Scene(), "frame_rate": 10.0},
+        "count_visitors": {"result": [TRACK], "frame_rate": 10.0},
         "evaluate_people": {"truth": [TRACK], "tracks": [TRACK]},
         "evaluate_points": {"truth": [TRACK], "tracks": [TRACK], "frames": 3},
         "evaluate_target": {"truth": TRACK.boxes, "target": TRACK.boxes},

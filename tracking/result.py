@@ -371,7 +371,8 @@ class Result(Collection[T_co]):
             raise RequestError("only the run that made these tracks can draw them; a file keeps no places in pictures")
         from tsuiseki.tracking.report.overlay import Overlay
 
-        return Overlay(boxes, self.frame_rate).draw
+        length = max([-1, *self.frames.get("frame", ()), *(int(track.frames[-1]) for track in boxes if len(track))]) + 1
+        return Overlay.of_people(boxes, self.frame_rate, self.size, length)
 
     @overload
     def draw(self, image: int) -> ImageArray: ...

@@ -18,6 +18,8 @@ from .tracking.counts.page import with_page as with_page
 from .tracking.counts.scene import Scene as Scene
 from .tracking.counts.scene import read_scene as read_scene
 from .tracking.counts.settings import CountSettings as CountSettings
+from .tracking.counts.visitors import Visitors as Visitors
+from .tracking.counts.visitors import count_visitors as count_visitors
 from .tracking.drone.run import track_drone as track_drone
 from .tracking.drone.settings import DroneSettings as DroneSettings
 from .tracking.errors import RequestError as RequestError

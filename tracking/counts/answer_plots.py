@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from tsuiseki.tracking.counts.counting import Answers, Table
+from tsuiseki.tracking.counts.paths import support_of
 from tsuiseki.tracking.report.plots import COLOURS, dress, literal
 from tsuiseki.tracking.types import FloatArray
 
@@ -169,6 +170,12 @@ def path_table(answers: Answers, pixels: FloatArray) -> Table:
     paths, rate = answers.paths, answers.frame_rate
     sampled = paths.frames % max(1, round(rate / SAMPLES)) == 0
     columns = {"time": paths.frames / rate, "id": paths.ids, "x": pixels[:, 0], "y": pixels[:, 1]}
+    doubt = dict[str, list[Any]]()
+    if (visitors := answers.visitors) is not None:
+        rows = np.flatnonzero(sampled)
+        doubt["support"] = support_of(paths, rows, visitors.doubtful)
+        ends = (paths.frames[which].astype(np.float64) for which in (paths.first_rows[rows], rows))
+        doubt["changed"] = visitors.changed(paths.ids[rows].tolist(), *ends)
     if paths.metres is not None:
         columns |= {"x_metres": paths.metres[:, 0], "y_metres": paths.metres[:, 1]}
-    return {name: column[sampled].round(3).tolist() for name, column in columns.items()}
+    return {name: column[sampled].round(3).tolist() for name, column in columns.items()} | doubt

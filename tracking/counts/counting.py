@@ -14,10 +14,11 @@ import numpy as np
 from tsuiseki.tracking.bounds import as_settings
 from tsuiseki.tracking.counts.companions import with_changed_ids, with_hidden
 from tsuiseki.tracking.counts.doubt import Doubt
-from tsuiseki.tracking.counts.line_tables import flows, line_tables, sides, turns
+from tsuiseki.tracking.counts.line_tables import Columns, flows, line_tables, sides, turns
 from tsuiseki.tracking.counts.paths import Paths, paths_of
 from tsuiseki.tracking.counts.scene import Scene, read_scene
 from tsuiseki.tracking.counts.settings import CountSettings
+from tsuiseki.tracking.counts.visitors import Visitors, visitors_among, with_doubt
 from tsuiseki.tracking.counts.zone_tables import counts_table, gathering_table, people, zone_tables
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
@@ -36,18 +37,23 @@ class Answers:
     ``tables`` are, with times in seconds from the start of the video and places in the unit of the scene:
 
     * ``lines``: line, direction, count, low, high; the last two are the ends of an interval of 90 %.
-    * ``crossings``: time, frame (from 1), id, line, direction, x, y, probability of being real, class
-      (name, where it is known).
+    * ``visitors``: people (how many different ones) with low and high, tracks; of animals it has no row.
+    * ``handovers``: time, frame (from 1), id, other (whom it meets there), x, y (feet, pixels), probability that the
+      id is another person's afterwards.
+    * ``crossings``: time, frame (from 1), id, line, direction, x, y, probability of being real, support, class
+      (name, where it is known). Support is ``observed`` where a detection supports the place, ``filled`` where none
+      does, and ``doubtful`` of a track that rather shows nobody.
     * ``flows``: start, end, line, direction, count: crossings by interval of time.
     * ``turns``: origin, destination, count: of people who crossed two lines or more, the first and the last of them.
     * ``zones``: zone, entries and exits with low and high, people (mean at a time) with low and high, most (at a time),
       stay (mean seconds) with low and high, longest (seconds), density (people a square metre, where metres are known).
     * ``stays``: zone, id, start, end, seconds, waited (seconds), entered and left (False where it began or ended
-      unseen).
+      unseen), changed (chance that the id was another person's by the end).
     * ``occupancy``: time, zone, people (mean over the second), low, high, most, waiting (mean).
     * ``counts``: time, people (mean over the second) and most in view.
     * ``sides``: origin, destination, count: from which side of the picture to which everybody went.
-    * ``people``: id, first, last, seconds, path (length), metres and speed (m/s) where metres are known, class.
+    * ``people``: id, first, last, seconds, path (length), metres and speed (m/s) where metres are known, filled
+      (seconds without a detection), changed (as of a stay), nobody (probability), class.
     * ``gatherings``: start, end, people (in all), most (at a time), x, y, ids.
 
     Attributes:
@@ -57,6 +63,7 @@ class Answers:
         length: frames.
         frame_rate: frames a second.
         size: ``(2,)`` width and height of the picture, pixels; where it is not known, of what holds all paths.
+        visitors: how many different people there were; None of animals and other targets.
     """
 
     tables: Mapping[str, Table]
@@ -66,6 +73,7 @@ class Answers:
     frame_rate: float
     size: FloatArray
     paths: Paths
+    visitors: Visitors | None = None
 
     def __repr__(self) -> str:
         lines, zones = len(self.scene.lines), len(self.scene.zones)
@@ -156,7 +164,9 @@ def count(
     extended = paths_of(chains, scene, settings)
     size = np.asarray(picture_size or scene.pixels(paths.points).max(axis=0, initial=1.0), dtype=np.float64)
     span, doubt = (first, length), Doubt(extended, scene, rate, length)
-    lines, crossings = line_tables(extended, scene, settings, doubt)
+    visitors = None if bodies else visitors_among(result, tracks, rate, picture_size, length)
+    doubtful = np.empty(0, np.int64) if visitors is None else visitors.doubtful
+    lines, crossings = line_tables(extended, scene, settings, doubt, doubtful)
     zones, occupancy = zone_tables(extended, scene, settings, doubt, span)
     tables = {
         "lines": lines,
@@ -169,7 +179,13 @@ def count(
         "people": people(paths, rate),
         "gatherings": gathering_table(paths, settings.gathering, rate),
     }
+    tables |= with_doubt(_with_classes(tables, tracks), visitors, paths, rate)
+    return Answers(tables, occupancy, scene, length, rate, size, paths, visitors)
+
+
+def _with_classes(tables: dict[str, Columns], tracks: Sequence[Track]) -> dict[str, Columns]:
+    """The tables, those of crossings and of people with the names of classes."""
     names = {track.id: track.class_name for track in tracks}
     for name in ("crossings", "people"):
         tables[name]["class"] = [names[number] for number in tables[name]["id"]]
-    return Answers(tables, occupancy, scene, length, rate, size, paths)
+    return tables

@@ -10,10 +10,10 @@ import numpy as np
 
 from tsuiseki.tracking.counts.crossings import line_crossings
 from tsuiseki.tracking.counts.doubt import Doubt, interval_of
-from tsuiseki.tracking.counts.paths import Paths
+from tsuiseki.tracking.counts.paths import Paths, support_of
 from tsuiseki.tracking.counts.scene import Scene
 from tsuiseki.tracking.counts.settings import CountSettings
-from tsuiseki.tracking.types import FloatArray
+from tsuiseki.tracking.types import FloatArray, IntArray
 
 Columns = dict[str, list[Any]]
 SIDES = ("left", "right", "top", "bottom")
@@ -21,10 +21,12 @@ SIDES = ("left", "right", "top", "bottom")
 SIDE = 0.1
 
 
-def line_tables(paths: Paths, scene: Scene, settings: CountSettings, doubt: Doubt) -> tuple[Columns, Columns]:
-    """The tables ``lines`` and ``crossings`` of `Answers`."""
+def line_tables(
+    paths: Paths, scene: Scene, settings: CountSettings, doubt: Doubt, doubtful: IntArray
+) -> tuple[Columns, Columns]:
+    """The tables ``lines`` and ``crossings`` of `Answers`; ``doubtful`` are ids of tracks that rather show nobody."""
     lines = empty("line", "direction", "count", "low", "high")
-    crossings = empty("time", "frame", "id", "line", "direction", "x", "y", "probability")
+    crossings = empty("time", "frame", "id", "line", "direction", "x", "y", "probability", "support")
     for line in scene.lines:
         crossed = line_crossings(paths, scene, line, settings.band)
         real, missed = doubt.real(crossed), doubt.missed(line, crossed)
@@ -44,6 +46,7 @@ def line_tables(paths: Paths, scene: Scene, settings: CountSettings, doubt: Doub
             points[:, 0],
             points[:, 1],
             np.round(real, 3),
+            np.array(support_of(paths, crossed.rows, doubtful), dtype="U8"),
         )
     order = sorted(range(len(crossings["time"])), key=lambda k: (crossings["frame"][k], crossings["id"][k]))
     return lines, {name: [values[k] for k in order] for name, values in crossings.items()}

@@ -66,8 +66,10 @@ HEADINGS = {
     ("zones", "longest"): "longest stay, s", ("zones", "density"): "people a square metre",
     ("gatherings", "start"): "start, s", ("gatherings", "end"): "end, s", ("gatherings", "most"): "most at a time",
 }  # fmt: skip
-UNITS = {"first": "first in view, s", "last": "last in view, s", "seconds": "in view, s", "path": "path, px",
-         "metres": "path, m", "speed": "speed, m/s"}  # fmt: skip
+DOUBT_NOTE = " A thin one with a question mark rather shows nobody, or somebody a second time."
+UNITS = {"filled": "filled in, s", "changed": "chance that it is another person at the end",
+         "nobody": "chance that it is nobody", "first": "first in view, s", "last": "last in view, s",
+         "seconds": "in view, s", "path": "path, px", "metres": "path, m", "speed": "speed, m/s"}  # fmt: skip
 
 
 def with_page(result: AnyResult) -> AnyResult:
@@ -197,6 +199,14 @@ class TrackedPage:
             return times | {_plain(head): [values[who] for who in table["id"]] for head, values in moving.items()}
         return {self.nouns[1] if column == "people" else column: values for column, values in table.items()}
 
+    def _who(self, tracks: Sequence[Track]) -> str:
+        """How many there are: of people the different ones, with an interval, and the tracks."""
+        visitors, who = self.answers.visitors, counted(tracks, self.nouns)
+        if visitors is None or not len(visitors.tracks) or len(visitors.tracks) < len(tracks):
+            return who
+        people = self.nouns[visitors.high != 1]
+        return f"About {visitors} different {people}, in {len(tracks)} track{'s' * (len(tracks) != 1)},"
+
     def _file(self, table: str) -> str:
         return self.nouns[1] if table == "people" and self._given is None else table
 
@@ -215,7 +225,8 @@ class TrackedPage:
         numbers = result.frames.get("frame", ()) or range(self.answers.length)
         first, length = (numbers[0], numbers[-1] - numbers[0] + 1) if len(numbers) else (0, 0)
         boxes = all(isinstance(getattr(track, "track", track), Track) for track in result)
-        who = counted(boxes_about(result, result.names), self.nouns)
+        who = self._who(boxes_about(result, result.names))
+        doubtful = [] if self.answers.visitors is None else self.answers.visitors.doubtful.tolist()
         return render(
             "tracked.html.j2",
             title=f"{self.nouns[1].capitalize()} in {result.name}",
@@ -225,9 +236,11 @@ class TrackedPage:
             most=MOST,
             frames=len(numbers),
             overlay=overlay_in(folder),
-            note=BOXES_NOTE.replace("person", self.nouns[0]) if boxes else "",
             review=partial(address_of, destination(folder)),
-            bars=Timeline([followed(track, self.nouns[0]) for track in self.tracks], first, length, rate),
+            note=BOXES_NOTE.replace("person", self.nouns[0]) + DOUBT_NOTE * bool(doubtful) if boxes else "",
+            bars=Timeline(
+                [followed(track, self.nouns[0], track.id in doubtful) for track in self.tracks], first, length, rate
+            ),
             made=self._made(),
         )
 
@@ -348,9 +361,11 @@ def write_csv(table: Callable[[], Table], path: Path) -> None:
 
 
 def summary(answers: Answers) -> Sequence[str]:
-    """A line for each line and zone."""
+    """A line for all people, and for each line and zone."""
     table, zones = answers.tables["lines"], answers.tables["zones"]
-    head = [
+    visitors = answers.visitors
+    head = [f"about {visitors} different people, in {len(visitors.tracks)} tracks"] if visitors is not None else []
+    head += [
         f"{line} {way}: {number} ({low}-{high})" if low != high else f"{line} {way}: {number}"
         for line, way, number, low, high in zip(*table.values(), strict=True)
     ]

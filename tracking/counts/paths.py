@@ -101,6 +101,15 @@ def paths_of(tracks: Iterable[Track | Sequence[Track]], scene: Scene, settings: 
     )
 
 
+def support_of(paths: Paths, rows: IntArray, doubtful: IntArray) -> list[str]:
+    """What speaks for places of rows ``(K,)``: ``observed``, ``filled``, or ``doubtful`` of the ids ``(D,)`` that are.
+
+    A detection supports an observed place and none a filled one; a doubtful track rather shows nobody.
+    """
+    kinds = np.where(paths.observed[rows], "observed", "filled")
+    return [str(kind) for kind in np.where(np.isin(paths.ids[rows], doubtful), "doubtful", kinds)]
+
+
 def anchored(
     boxes: FloatArray, scene: Scene, anchor: Anchor | None = None
 ) -> tuple[FloatArray, FloatArray, FloatArray | None]:

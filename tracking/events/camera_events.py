@@ -17,6 +17,7 @@ from tsuiseki.tracking.counts.online import Counter
 from tsuiseki.tracking.counts.paths import anchored, counted
 from tsuiseki.tracking.counts.scene import Scene
 from tsuiseki.tracking.events.event import Event, EventType
+from tsuiseki.tracking.geometry import shared_with_all
 from tsuiseki.tracking.types import FloatArray, Targets
 
 # Seconds without a box after which a person is lost: as long as most gaps that a tracker fills.
@@ -25,6 +26,10 @@ LOST_AFTER = 1.0
 REMEMBERED = 60.0
 # Share of the height by which somebody has to move for an event; a box jitters by less.
 STIRS = 0.1
+# Seconds for which somebody who comes up on the boxes of others may be nobody.
+NEW = 0.5
+# Share of a box that others cover from which it lies on them.
+ON_OTHERS = 0.8
 # Seconds by which times are rounded.
 INSTANT = 1e-6
 
@@ -36,6 +41,7 @@ class _Presence:
     Attributes:
         appeared: id of the event that said so.
         about: what an event says of the person, of the last frame.
+        since: time of the first frame.
         seconds: time of the last frame.
         reported: time of the last event that said where the person is.
         place: ``(2,)`` of that event, in the unit of the scene.
@@ -46,6 +52,7 @@ class _Presence:
 
     appeared: str
     about: dict[str, Any]
+    since: float
     seconds: float
     reported: float
     place: FloatArray
@@ -100,8 +107,13 @@ class CameraEvents:
         here = np.isfinite(places).all(axis=1) & counted(places, self._scene)
         self._begin_interval()
         self._renumber()
+        doubtful = np.array([self._is_new(number) for number in people.ids.tolist()], dtype=np.bool_)
+        if doubtful.any():
+            others = ~np.eye(len(people), dtype=np.bool_)
+            doubtful &= shared_with_all(people.boxes, people.boxes, others) >= ON_OTHERS
         for row in np.flatnonzero(here).tolist():
-            self._see(int(people.ids[row]), _about(people, row, metres), places[row], float(heights[row]))
+            about = _about(people, row, metres, bool(doubtful[row]))
+            self._see(int(people.ids[row]), about, places[row], float(heights[row]))
         for crossing in crossings:
             self._cross(crossing.id, crossing.name, crossing.direction)
         self._watch_stays()
@@ -141,13 +153,18 @@ class CameraEvents:
                 self._people[number] = person
                 self._tell("correction", {"corrects": person.appeared, "person": number, "was": earlier})
 
+    def _is_new(self, number: int) -> bool:
+        """Whether somebody came less than `NEW` seconds ago, after the first frame."""
+        person = self._people.get(number)
+        return self._seconds > 0 and (person is None or 0 < person.since > self._seconds - NEW)
+
     def _see(self, number: int, about: dict[str, Any], place: FloatArray, height: float) -> None:
         """A person is there."""
         about = {"frame": about.pop("frame"), "seconds": round(self._seconds, 3), "person": number, **about}
         person = self._people.get(number)
         if person is None:
             appeared = self._tell("appeared", about)
-            self._people[number] = _Presence(appeared, about, self._seconds, self._seconds, place)
+            self._people[number] = _Presence(appeared, about, self._seconds, self._seconds, self._seconds, place)
             return
         if person.lost:
             self._tell("correction", {"corrects": person.lost, "person": number, "withdrawn": True})
@@ -235,11 +252,13 @@ class CameraEvents:
         )
 
 
-def _about(people: Targets, row: int, metres: FloatArray | None) -> dict[str, Any]:
-    """What an event says of a person in a frame, beside the id and the time."""
+def _about(people: Targets, row: int, metres: FloatArray | None, doubtful: bool) -> dict[str, Any]:
+    """What an event says of a person in a frame, beside the id and the time; observed goes without saying."""
     about: dict[str, Any] = {"frame": people.frame + 1, "box": people.boxes[row].round(1).tolist()}
     if name := people.names.get(int(people.classes[row]), ""):
         about["class"] = name
     if metres is not None and np.isfinite(metres[row]).all():
         about["metres"] = metres[row].round(3).tolist()
+    if doubtful or people.status[row] != "tracking":
+        about["support"] = "doubtful" if doubtful else "filled"
     return about

@@ -20,9 +20,9 @@ _START = b'{"specversion":"'
 WHAT = "events of tsuiseki, a line each"
 # Columns of the envelope, of a person, and of what else an event says.
 COLUMNS = (
-    "id", "time", "camera", "type", "frame", "seconds", "person", "class", "x1", "y1", "x2", "y2", "x_metres",
-    "y_metres", "line", "direction", "zone", "stay", "gap", "start", "end", "frames", "people", "most", "lines",
-    "zones", "corrects", "was", "withdrawn", "events",
+    "id", "time", "camera", "type", "frame", "seconds", "person", "class", "support", "x1", "y1", "x2", "y2",
+    "x_metres", "y_metres", "line", "direction", "zone", "stay", "gap", "start", "end", "frames", "people", "most",
+    "lines", "zones", "corrects", "was", "withdrawn", "events",
 )  # fmt: skip
 LISTS = {"box": ("x1", "y1", "x2", "y2"), "metres": ("x_metres", "y_metres")}
 

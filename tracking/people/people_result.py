@@ -63,7 +63,7 @@ def people_result(
         seconds=times.seconds,
         frames=log.columns(tracks),
         files=files,
-        painter=Overlay(tracks, video.frame_rate).draw,
+        painter=Overlay.of_people(tracks, video.frame_rate, video.size, max([-1, *log.frames]) + 1),
         page=PageContent(quality=True),
         network=None if network is None else lambda: network,
     )

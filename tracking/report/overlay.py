@@ -1,4 +1,4 @@
-"""Tracks drawn over the video: boxes with ids, short trails, dashes where no detection supports a box.
+"""Tracks drawn over the video: boxes with ids, short trails, dashes where no detection supports a box, ``?`` in doubt.
 
 Bodies are drawn by their states: an ellipse where the size is known, an arrow ahead, points, the id.
 """
@@ -6,12 +6,14 @@ Bodies are drawn by their states: an ellipse where the size is known, an arrow a
 from __future__ import annotations
 
 import colorsys
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from functools import cache
 from pathlib import Path
 
 import cv2
 import numpy as np
 
+from tsuiseki.tracking.association.doubtful_tracks import doubtful_tracks
 from tsuiseki.tracking.types import Frame, ImageArray, IntArray, Track
 from tsuiseki.tracking.types.tracks import BodyTrack, PointTable
 from tsuiseki.tracking.video.webm import VideoWriter
@@ -48,6 +50,7 @@ class Overlay:
         frame_rate: of the video, for the length of the trails.
         captions: by track id, a text for each of its boxes, beside the id.
         trail_seconds: length of the trails, 0 for none; under a camera that moves they say nothing.
+        doubtful: ids of tracks that rather show nobody, which are drawn thin, with a question mark.
     """
 
     def __init__(
@@ -56,9 +59,10 @@ class Overlay:
         frame_rate: float,
         captions: Mapping[int, Sequence[str]] | None = None,
         trail_seconds: float = TRAIL_SECONDS,
+        doubtful: Collection[int] = (),
     ) -> None:
         self.tracks = list(tracks)
-        self.captions = captions or {}
+        self.captions, self.doubtful = captions or {}, doubtful
         self.trail = max(1, round(trail_seconds * frame_rate)) if trail_seconds > 0 else 0
         frames = [track.frames for track in self.tracks]
         numbers = [np.full(len(track), n) for n, track in enumerate(self.tracks)]
@@ -67,6 +71,19 @@ class Overlay:
         self._frames, self._numbers, self._rows = (
             np.concatenate(parts)[order] if parts else np.empty(0, dtype=np.int64) for parts in (frames, numbers, rows)
         )
+
+    @classmethod
+    def of_people(
+        cls, tracks: Sequence[Track], frame_rate: float, size: tuple[int, int] | None, length: int
+    ) -> Callable[[Frame], ImageArray]:
+        """`draw` of people's tracks in a video of so many frames; the first frame asks which are doubtful."""
+
+        @cache
+        def overlay() -> Overlay:
+            doubtful = doubtful_tracks(tracks, frame_rate or 25.0, size, length)
+            return cls(tracks, frame_rate, doubtful={tracks[n].id for n in np.flatnonzero(doubtful).tolist()})
+
+        return lambda frame: overlay().draw(frame)
 
     def draw(self, frame: Frame) -> ImageArray:
         """The image of ``frame`` with the tracks over it, ``(H, W, 3)`` uint8 RGB; the frame itself stays as it is."""
@@ -77,7 +94,8 @@ class Overlay:
             self._draw_trail(image, self.tracks[number], row)
         for number, row in present:
             track = self.tracks[number]
-            _draw_box(image, track, row, self.captions[track.id][row] if track.id in self.captions else "")
+            caption = self.captions[track.id][row] if track.id in self.captions else ""
+            _draw_box(image, track, row, caption, track.id in self.doubtful)
         draw_label(image, f"{frame.index + 1}", (4, image.shape[0] - 4), (60, 60, 60))
         return image
 
@@ -123,16 +141,16 @@ def without_flicker(image: ImageArray, previous: ImageArray | None) -> ImageArra
     return calm
 
 
-def _draw_box(image: ImageArray, track: Track, row: int, caption: str) -> None:
+def _draw_box(image: ImageArray, track: Track, row: int, caption: str, doubtful: bool) -> None:
     colour = track_colour(track.id)
     x1, y1, x2, y2 = np.round(track.boxes[row]).astype(int).tolist()
     if track.observed[row]:
-        cv2.rectangle(image, (x1, y1), (x2, y2), colour, round(2 * line_unit(image)), cv2.LINE_AA)
+        cv2.rectangle(image, (x1, y1), (x2, y2), colour, round((2 - doubtful) * line_unit(image)), cv2.LINE_AA)
     else:
         corners = ((x1, y1), (x2, y1), (x2, y2), (x1, y2))
         for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
             _dashed_line(image, start, end, colour)
-    draw_label(image, f"{track.id} {caption}".rstrip(), (x1, y1 - 2), colour)
+    draw_label(image, f"{track.id}{'?' * doubtful} {caption}".rstrip(), (x1, y1 - 2), colour)
 
 
 def _dashed_line(image: ImageArray, start: tuple[int, int], end: tuple[int, int], colour: Colour) -> None:

@@ -28,9 +28,9 @@ def counted(tracks: Sequence[Track], nouns: tuple[str, str] = PERSON) -> str:
     return ", ".join(f"{count} x {name}" for name, count in sorted(classes.items()))
 
 
-def followed(track: Track, noun: str = "person") -> tuple[str, list[Bar]]:
-    """The row of a track: when it was followed, pale where no detection supports it."""
-    name = f"{class_of(track, noun)} {track.id}"
+def followed(track: Track, noun: str = "person", doubtful: bool = False) -> tuple[str, list[Bar]]:
+    """The row of a track: when it was followed, pale where no detection supports it; ``?`` where it is doubtful."""
+    name = f"{class_of(track, noun)} {track.id}{'?' * doubtful}"
     return name, [
         Bar(span.first, span.last, name, track.id, pale=not span.value)
         for span in spans(track.frames, track.observed.astype(np.int64))

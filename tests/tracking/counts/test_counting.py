@@ -36,7 +36,7 @@ def test_who_walks_through_a_shop_is_in_every_table():
     assert found.count("entrance", "out") == (0, 0, 0)
     assert rows(found.tables["turns"]) == [("entrance", "exit", 1)]
     # In the shop from y = 101, frame 5, to y = 291, frame 24.
-    assert rows(found.tables["stays"]) == [("shop", 7, 0.5, 2.5, 2.0, 0.0, True, True)]
+    assert rows(found.tables["stays"]) == [("shop", 7, 0.5, 2.5, 2.0, 0.0, True, True, 0.0)]
     assert found.occupancy["shop"].tolist() == [0] * 5 + [1] * 20 + [0] * 15
     zone = {name: values[0] for name, values in found.tables["zones"].items()}
     assert (zone["entries"], zone["exits"], zone["people"], zone["most"]) == (1, 1, 0.5, 1)
@@ -56,7 +56,7 @@ def test_flows_are_summed_by_interval_up_to_the_end_of_the_video():
 
 def test_who_is_there_at_the_start_and_the_end_stays_from_first_to_last():
     found = answers(walker([(50, 200)] * 30))
-    assert rows(found.tables["stays"]) == [("shop", 1, 0.0, 3.0, 3.0, 3.0, False, False)]
+    assert rows(found.tables["stays"]) == [("shop", 1, 0.0, 3.0, 3.0, 3.0, False, False, 0.0)]
     assert found.tables["occupancy"]["waiting"] == [1, 1, 1]
     assert answers(walker([(50, 200)] * 30), waiting=0.0).tables["occupancy"]["waiting"] == [0, 0, 0]
 
