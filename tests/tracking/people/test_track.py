@@ -55,7 +55,8 @@ def test_a_person_is_tracked_from_any_source_by_any_method(
     assert record["frames"]["detections"] == record["frames"]["people"] == [1] * 12
     assert record["settings"]["method"] == method
     assert {"decode", "detect", method} <= set(record["seconds"])
-    assert capsys.readouterr().out == f"1 person in 12 frames: {tmp_path / 'o' / 'tracks.txt'}\n"
+    said = f"1 person in 12 frames: {tmp_path / 'o/tracks.txt'}\nopen {tmp_path / 'o/report.html'}\n"
+    assert capsys.readouterr().out == said
 
 
 def test_given_detections_need_no_network_and_no_images(inputs: Any, tmp_path: Path) -> None:
