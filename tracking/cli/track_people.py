@@ -111,7 +111,7 @@ def track(
         hiding = None if choice is None else _hiding(run, source, result, choice, finding)
         again = None if hiding is None else lambda: hiding.hidden(run.replay(source))
         run.save(
-            replace(result, page=PageContent(hide=None if hiding is None else hiding.hidden)),
+            replace(result, page=PageContent(hide=None if hiding is None else hiding.hidden, quality=True)),
             lambda: video.draw(run, source, result, frames=again) if choice is None or hiding else None,
         )
         run.done(f"{counted(result.tracks)} in {count(run.count, 'frame', 'frames')}: {output.out / 'tracks.txt'}")
