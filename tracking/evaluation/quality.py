@@ -100,8 +100,8 @@ class Quality:
 def scaled_score(name: str, value: FloatArray | float) -> FloatArray:
     """A score as it is estimated: shares as logits, accuracy and switches for 1,000 boxes as logarithms.
 
-    >>> scaled_score("idf1", 0.5), score_of("idf1", scaled_score("idf1", 0.75)).round(6)
-    (array(0.), array(0.75))
+    >>> float(scaled_score("idf1", 0.5)), round(float(score_of("idf1", scaled_score("idf1", 0.75))), 6)
+    (0.0, 0.75)
     """
     if name in SHARES:
         share = MARGIN + (1 - 2 * MARGIN) * np.clip(value, 0, 1)
