@@ -274,6 +274,7 @@ class Scenarios:
         speed: deviation of a new target's velocity.
         place_spread: deviation of a new target about its place.
         steps: scans, a second apart.
+        schedule: place, first and last scan of each target, instead of chance.
     """
 
     first: int = 3
@@ -289,6 +290,7 @@ class Scenarios:
     speed: float = 10.0
     place_spread: float = 10.0
     steps: int = 100
+    schedule: tuple[tuple[int, int, int], ...] = ()
 
     @property
     def model(self) -> SensingModel:
@@ -306,10 +308,19 @@ class Scenarios:
 
 STANDARD_PLACES = ((0.0, 0.0), (400.0, -600.0), (-800.0, -200.0), (-200.0, 800.0))
 """Those of the usual linear scenario of the literature."""
+STANDARD_SCHEDULE = (
+    (0, 0, 69), (1, 0, 99), (2, 0, 69), (1, 19, 99), (1, 19, 99), (0, 19, 99),
+    (2, 39, 99), (3, 39, 99), (2, 59, 99), (3, 59, 99), (0, 79, 99), (3, 79, 99),
+)  # fmt: skip
+"""Place, first and last scan of its targets."""
+STANDARD = Scenarios(0, 0.12, STANDARD_PLACES, bends=0.0, schedule=STANDARD_SCHEDULE)
 KINDS: Mapping[str, Scenarios] = {
     "anywhere": Scenarios(),
     "known places": Scenarios(0, 0.12, STANDARD_PLACES),
     "known places, straight paths": Scenarios(0, 0.12, STANDARD_PLACES, bends=0.0),
+    "standard targets, 10 false": STANDARD,
+    "standard targets, 30 false": replace(STANDARD, clutter=30.0),
+    "standard targets, 60 false": replace(STANDARD, clutter=60.0),
 }
 
 
@@ -320,6 +331,8 @@ def unseen(
     particles: PositiveInt = 1000,
     peer: str | None = None,
     seed: NonNegativeInt = FIRST_SEED,
+    kinds: tuple[str, ...] = tuple(KINDS),
+    filters: tuple[str, ...] = (*OURS, *PEERS),
 ) -> Outcome:
     """The labelled and the PHD filter on new scenarios, births anywhere or at known places, beside peers.
 
@@ -333,14 +346,20 @@ def unseen(
         peer: python of an environment with stonesoup and multisensor-lmb-filters-rs; by default this one, if it has
             them.
         seed: of the first scenario.
+        kinds: of scenarios; standard targets appear where and when those of the standard linear scenario do.
+        filters: labelled is the default of `track points`.
 
     Raises:
-        RequestError: the environment named has not the packages.
+        RequestError: the environment named has not the packages, or there is no such kind or filter.
     """
+    if unknown := [*(set(kinds) - set(KINDS)), *(set(filters) - {*OURS, *PEERS})]:
+        names = ", ".join([*KINDS, *OURS, *PEERS])
+        raise RequestError(f"`kinds`, `filters`: expected some of {names}, got {', '.join(unknown)}")
     environment = find_peer(peer, "points")
     ways: dict[str, Follow] = {name: partial(our_rows, *way, particles) for name, way in OURS.items()}
     ways |= {name: partial(peer_rows, environment, name) for name in PEERS} if environment else {}
-    rows = {(kind, name): partial(run_sensed, KINDS[kind], way) for kind in KINDS for name, way in ways.items()}
+    ways = {name: way for name, way in ways.items() if name in filters}
+    rows = {(kind, name): partial(run_sensed, KINDS[kind], way) for kind in kinds for name, way in ways.items()}
     measured = store.study(rows, range(seed, seed + seeds), "scenarios")
     fields = {"OSPA(2)": "ospa_tracks", "missed a scan": "missed", "false a scan": "false", "switches": "switches"}
     columns = [
@@ -400,15 +419,22 @@ def drawn_scenario(settings: Scenarios, seed: int) -> tuple[PointTracks, list[Sc
     rng, half = np.random.default_rng(seed), 0.5 * settings.side
     states, names, born = np.empty((0, 4)), np.empty(0, dtype=np.int64), 0
     frames, ids, places, scans = [], [], [], []
+    schedule = np.array(settings.schedule, dtype=np.int64).reshape(-1, 3)
+    schedule = schedule[np.argsort(schedule[:, 1], kind="stable")]
     for k in range(settings.steps):
-        alive = rng.random(len(states)) < settings.survival
+        alive = schedule[names - 1, 2] >= k if len(schedule) else rng.random(len(states)) < settings.survival
         states, names = states[alive], names[alive]
         x, y = settings.bends * rng.standard_normal((len(states), 2)).T
         states = states + np.stack([states[:, 1] + x / 2, x, states[:, 3] + y / 2, y], axis=1)
         inside = (np.abs(states[:, [0, 2]]) < half).all(axis=1)
+        appearing = schedule[schedule[:, 1] == k, 0]
         count = settings.first if k == 0 else rng.poisson(settings.births)
+        count = len(appearing) if len(schedule) else count
         new = np.zeros((count, 4))
-        if settings.places:
+        if len(schedule):
+            # As in the standard scenario, right at its place.
+            new[:, [0, 2]] = np.array(settings.places)[appearing]
+        elif settings.places:
             chosen = np.array(settings.places)[rng.integers(0, len(settings.places), count)]
             new[:, [0, 2]] = chosen + settings.place_spread * rng.standard_normal((count, 2))
         else:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import itertools
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,6 +14,7 @@ import numpy as np
 from pydantic import PositiveFloat, PositiveInt
 
 from tsuiseki.tracking.errors import InputWarning, RequestError, a_path
+from tsuiseki.tracking.filters.maximum_likelihood import FittedSetting
 from tsuiseki.tracking.formats.measurement_tables import (
     read_scans,
     read_sensing_model,
@@ -22,6 +24,7 @@ from tsuiseki.tracking.formats.measurement_tables import (
 from tsuiseki.tracking.geometry import centres
 from tsuiseki.tracking.people.detections import network_detections
 from tsuiseki.tracking.people.settings import FindingOptions
+from tsuiseki.tracking.points.fit import fit_model, model_text
 from tsuiseki.tracking.points.observed import positions_of, region_of
 from tsuiseki.tracking.points.run import extent_of
 from tsuiseki.tracking.points.settings import Lag, SetMethod
@@ -143,7 +146,7 @@ def sensed_result(
     return Result(
         tracks,
         settings=settings,
-        facts={"region": [list(pair) for pair in model.region]},
+        facts={"region": [list(pair) for pair in model.region], "log_evidence": tracker.log_evidence},
         seconds=times.seconds,
         frames={
             "frame": list(range(len(done))),
@@ -209,6 +212,7 @@ def points(
     shortest: PositiveInt = 3,
     lag: Lag = 0,
     detector: Path | None = None,
+    fit: bool = False,
 ) -> int:
     """Track an unknown number of targets from a sensor's measurements, such as a radar's or a lidar's.
 
@@ -227,6 +231,8 @@ def points(
             only).
         detector: network whose boxes in the video FILE are measured, by their centres in pixels; ONNX, or the name of a
             shipped or downloaded one.
+        fit: first fit the noise of sensor and motion, detection, clutter and births of the model to FILE by maximum
+            likelihood, with intervals; DIR also gets model.yaml. It takes as long as some 160 runs.
         output.seed: of the particles.
     """
     chosen = read_sensing_model(model)
@@ -234,10 +240,18 @@ def points(
         scans = read_scans(file, chosen.sensor.columns, period)
     else:
         chosen, scans = detected_scans(file, chosen, detector)
-    tracker = MeasurementTracker(with_region(chosen, scans), method, particles, output.seed, lag)
+    chosen, fitted = with_region(chosen, scans), dict[str, FittedSetting]()
+    if fit:
+        tries = progress(itertools.count(), "fitting")
+        chosen, fitted = fit_model(chosen, scans, method, particles, output.seed, lambda: next(tries))
+        tries.close()
+    tracker = MeasurementTracker(chosen, method, particles, output.seed, lag)
     with output.run() as run:
         steps = run.steps(scans, total=len(scans))
         result = sensed_result(tracker, steps, shortest, run.times, output.settings)
+        run.facts |= {"fitted": {name: asdict(setting) for name, setting in fitted.items()}} if fitted else {}
         run.save(result)
+        if fitted:
+            run.write("model.yaml", lambda path: path.write_text(model_text(chosen, fitted), encoding="utf-8"))
         run.done(f"{count(len(result), 'target', 'targets')} in {run.count} scans: {output.out / 'tracks.csv'}")
     return run.status

@@ -146,6 +146,11 @@ def point_model(model: SensingModel) -> PointModel:
     return PointModel(motion, sensor, model.survival, model.detection, model.clutter / _volume(model), inside=inside)
 
 
+def births_a_second(model: SensingModel) -> float:
+    """Expected new targets a second, at all places together or anywhere."""
+    return sum(place.rate for place in model.births.places) or model.births.rate
+
+
 def _births(model: SensingModel, sensor: GaussianSensor, particles: int) -> Births[FloatArray]:
     """Births a second: anywhere in the region, drawn where something was measured, or at the places of the model."""
     dimensions, places, modes = model.sensor.dimensions, model.births.places, len(model.motions)

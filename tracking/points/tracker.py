@@ -38,6 +38,7 @@ from tsuiseki.tracking.interchange import DetectionsLike, as_detections
 from tsuiseki.tracking.points.observed import (
     COLUMNS,
     SetFilter,
+    births_a_second,
     box_filter,
     region_filter,
     region_motion,
@@ -249,22 +250,33 @@ class MeasurementTracker(FiniteSetTracker):
         seed: of the particles.
         lag: 0 answers a scan at once; 1, of the labelled filter, after the next one, which tells whether a target has
             ended or was missed, and better where it was.
+        calm: whether a single motion of the labelled filter takes turns with a calm one.
+
+    Attributes:
+        log_evidence: logarithm of (11), ``p(Y_1:k)``.
 
     Raises:
         RequestError: the model has no region, there is no particle, or no such lag.
     """
 
     def __init__(
-        self, model: SensingModel, method: SetMethod = "labelled", particles: int = 1000, seed: int = 0, lag: Lag = 0
+        self,
+        model: SensingModel,
+        method: SetMethod = "labelled",
+        particles: int = 1000,
+        seed: int = 0,
+        lag: Lag = 0,
+        calm: bool = True,
     ) -> None:
         check_choice(method, get_args(SetMethod), "method")
         if not 1 <= particles <= 1_000_000:
             raise RequestError(f"`particles`: expected 1 to 1000000, got {particles}")
         if lag not in ((0, 1) if method == "labelled" else (0,)):
             raise RequestError(f"`lag`: expected 0, or 1 with the method labelled, got {lag} with {method}")
-        moving = with_calm_motion(model) if method == "labelled" else model
+        moving = with_calm_motion(model) if calm and method == "labelled" else model
         super().__init__(state_columns(moving), seed)
         self.model, self.lag = model, lag
+        self.log_evidence = 0.0
         self._filter = scan_filter(moving, method, particles)
         self._time: float | None = None
         self._targets: list[SensedTargets] = []
@@ -276,8 +288,11 @@ class MeasurementTracker(FiniteSetTracker):
         Raises:
             RequestError: it is not later than the last one.
         """
+        before = self._time
         info = self._step(self._filter_at(scan), scan.measurements)
         assert isinstance(info, LabelledInfo | PhdInfo)
+        newborn = births_a_second(self.model) * (1.0 if before is None else scan.time - before)
+        self.log_evidence += info.log_evidence - self.model.clutter - self.model.detection * newborn
         posterior = info.posterior if isinstance(info, PhdInfo) else self.state
         newest = self._sensed(scan.time, info.estimates, posterior)
         if not self.lag:

@@ -19,7 +19,12 @@ import numpy as np
 
 from tsuiseki.tracking.filters.base import Births, BornParticles, SetInfo, TargetEstimates
 from tsuiseki.tracking.filters.finite_sets.clusters import cluster_sizes, first_particles
-from tsuiseki.tracking.filters.finite_sets.pairs import association_marginals, draw_by_measurement, find_pairs
+from tsuiseki.tracking.filters.finite_sets.pairs import (
+    association_evidence,
+    association_marginals,
+    draw_by_measurement,
+    find_pairs,
+)
 from tsuiseki.tracking.filters.finite_sets.point_model import PointModel, check_measurements
 from tsuiseki.tracking.filters.resampling import logarithms, systematic_rows
 from tsuiseki.tracking.types import BoolArray, Columns, FloatArray, IntArray
@@ -114,9 +119,12 @@ class LabelledInfo(SetInfo):
 
     Attributes:
         smoothing_step: what this observation says of the tracks before it.
+        log_evidence: logarithm of ``p(Y_k | Y_1:k-1)`` of (11) but for ``exp(-m)``, where ``m`` is the expected number
+            of false measurements and of newborn targets that are measured: who made the model knows it.
     """
 
     smoothing_step: SmoothingStep
+    log_evidence: float
 
 
 @dataclass(frozen=True)
@@ -162,12 +170,13 @@ class LabelledMultiBernoulliFilter:
         predicted = self._predict(state, measurements, rng)
         new_mass, new_particles, hidden = self._hidden_update(predicted.hidden, measurements, rng)
         unclaimed = self.model.clutter_at(measurements) + new_mass
-        updated, free = self._track_update(predicted, measurements, unclaimed)
+        updated, free, associations = self._track_update(predicted, measurements, unclaimed)
         begun = free * np.divide(new_mass, unclaimed, out=np.zeros_like(new_mass), where=unclaimed > 0)
         joined = self._merge(self._join(updated, begun, new_particles, hidden), rng)
         joined, estimates = self._estimate(joined)
         count = float(joined.existence.sum() + np.exp(hidden.log_weights).sum())
-        info = LabelledInfo(estimates, count, SmoothingStep(state, predicted, updated))
+        evidence = associations - self._expected_of(predicted.hidden, len(state.hidden.particles))
+        info = LabelledInfo(estimates, count, SmoothingStep(state, predicted, updated), evidence)
         return self._resample(joined, rng), info
 
     def _predict(self, state: LabelledState, measurements: FloatArray, rng: np.random.Generator) -> LabelledState:
@@ -210,8 +219,8 @@ class LabelledMultiBernoulliFilter:
 
     def _track_update(
         self, state: LabelledState, measurements: FloatArray, unclaimed: FloatArray
-    ) -> tuple[LabelledState, FloatArray]:
-        """Tracks after marginal association, and the chance ``(M,)`` that no track has each."""
+    ) -> tuple[LabelledState, FloatArray, float]:
+        """Tracks after marginal association, the chance ``(M,)`` that no track has each, and the log evidence."""
         tracks, count = len(state), len(measurements)
         flat = state.particles.reshape(-1, state.particles.shape[-1])
         weights, detection = np.exp(state.log_weights), self.model.detection_of(flat).reshape(tracks, self.particles)
@@ -223,7 +232,8 @@ class LabelledMultiBernoulliFilter:
         undetected = np.sum(weights * (1.0 - detection), axis=1)
         r = state.existence
         missed = 1.0 - r + r * undetected
-        claimed, none = association_marginals(r[:, None] * likelihood, missed, unclaimed)
+        detected = r[:, None] * likelihood
+        claimed, none = association_marginals(detected, missed, unclaimed)
         alive = none * r * undetected / np.maximum(missed, TINY)
         existence = alive + claimed.sum(axis=1)
         share = claimed[pairs.groups, pairs.measurements] / np.maximum(evidence, TINY)
@@ -236,7 +246,11 @@ class LabelledMultiBernoulliFilter:
         log_weights = logarithms(total / total.sum(axis=1, keepdims=True))
         free = np.clip(1.0 - claimed.sum(axis=0), 0.0, 1.0)
         updated = replace(state, existence=np.minimum(existence, 1.0), log_weights=log_weights)
-        return updated, free
+        return updated, free, association_evidence(detected, missed, unclaimed, claimed, none)
+
+    def _expected_of(self, hidden: BornParticles, count: int) -> float:
+        """Expected measurements of the first ``count`` particles of targets never measured."""
+        return float(np.exp(hidden.log_weights[:count]) @ self.model.detection_of(hidden.particles[:count]))
 
     def _join(
         self, state: LabelledState, begun: FloatArray, new_particles: FloatArray, hidden: BornParticles

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.special import rel_entr, xlogy
 
 from tsuiseki.tracking.filters.finite_sets.point_model import GaussianSensor
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
@@ -168,3 +169,23 @@ def association_marginals(
     claim = detected * back
     total = missed + claim.sum(axis=1)
     return claim / total[:, None], missed / total
+
+
+def association_evidence(
+    detected: FloatArray, missed: FloatArray, unclaimed: FloatArray, claimed: FloatArray, none: FloatArray
+) -> float:
+    """Logarithm of the summed weight of all associations, by Bethe's free energy of their marginals.
+
+    It is exact where the pairs of positive weight form no loop, and elsewhere at most the true one (Vontobel, "The
+    Bethe permanent of a non-negative matrix", 2013).
+
+    Args:
+        detected, missed, unclaimed: as of `association_marginals`.
+        claimed: ``(T, M)`` and
+        none: ``(T,)`` probabilities as it returns them.
+    """
+    missed, unclaimed = np.maximum(missed, SMALLEST), np.maximum(unclaimed, SMALLEST)
+    free = np.clip(1.0 - claimed.sum(axis=0), 0.0, 1.0)
+    # The relative entropy of each choice to its weight, less what the two ends of a pair have twice.
+    pairs = rel_entr(claimed, detected)[claimed > 0].sum() - xlogy(1.0 - claimed, 1.0 - claimed).sum()
+    return float(-pairs - rel_entr(none, missed).sum() - rel_entr(free, unclaimed).sum())

@@ -32,6 +32,7 @@ from tsuiseki.tracking.types import FloatArray
 
 LIMIT = 200_000
 """Particles at most, whatever the expected count."""
+TINY = float(np.finfo(np.float64).tiny)
 NEGLIGIBLE = 1e-5
 """Weight below which a light cluster is not helped by more particles."""
 
@@ -42,9 +43,12 @@ class PhdInfo(SetInfo):
 
     Attributes:
         posterior: the weighted particles after the update, before they are drawn anew.
+        log_evidence: logarithm of ``p(Y_k | Y_1:k-1)`` of (11), the predicted targets being Poisson, but for
+            ``exp(-m)``, as of `labelled_multi_bernoulli.LabelledInfo`.
     """
 
     posterior: PhdState
+    log_evidence: float
 
 
 @dataclass(frozen=True)
@@ -80,13 +84,13 @@ class PhdFilter:
         """One observation ``(M, Z)`` further: predict, update, read off the targets, draw anew."""
         measurements = check_measurements(observation, len(self.model.sensor.deviation))
         predicted = self._predict(state, measurements, rng)
-        posterior, clusters = self._update(predicted, measurements, state.next_label)
+        posterior, clusters, evidence = self._update(predicted, measurements, state.next_label)
         posterior, clusters = self.identity.tidy(posterior, clusters, self.model.sensor)
         estimates = self.extract(posterior, clusters)
         if not self.identity.printed:
             estimates, memory = self.identity.recall(state.memory, estimates, posterior, clusters, self.model)
             posterior = replace(posterior, memory=memory)
-        info = PhdInfo(estimates, posterior.expected_count, posterior)
+        info = PhdInfo(estimates, posterior.expected_count, posterior, evidence)
         return self._resample(posterior, rng), info
 
     def _predict(self, state: PhdState, measurements: FloatArray, rng: np.random.Generator) -> PhdState:
@@ -104,8 +108,10 @@ class PhdFilter:
             state.next_label + len(born.starts),
         )
 
-    def _update(self, predicted: PhdState, measurements: FloatArray, provisional: int) -> tuple[PhdState, Clusters]:
-        """Weights by Eqs. (53)-(55), which are Eqs. (45)-(47) for particles; an equality.
+    def _update(
+        self, predicted: PhdState, measurements: FloatArray, provisional: int
+    ) -> tuple[PhdState, Clusters, float]:
+        """Weights by Eqs. (53)-(55), which are Eqs. (45)-(47) for particles; an equality. Also the log evidence.
 
         (54) and (55) are printed without the ``pD`` that (46) has before the same convolution. With it the weights of
         the targets that explain a measurement sum to at most one.
@@ -116,12 +122,14 @@ class PhdFilter:
         joint = (detection * weights)[pairs.particle] * np.exp(pairs.log_likelihood)
         # ``mu_C p_C(y) + pD C_k(y)``, the denominator of (46); 0 / 0 without clutter says nothing, so its share is 0.
         total = self.model.clutter_at(measurements) + pairs.by_measurement(joint, len(measurements))
-        share = joint / np.maximum(total, np.finfo(np.float64).tiny)[pairs.measurement]
+        share = joint / np.maximum(total, TINY)[pairs.measurement]
         gained = pairs.by_particle(share, len(weights))
         log_weights = logarithms((1.0 - detection) * weights + gained)
         posterior = PhdState(predicted.particles, predicted.labels, log_weights, predicted.next_label)
         nothing = np.zeros(len(measurements), dtype=np.int64)
-        return posterior, Clusters(starts, pairs, share, measurements, nothing, predicted.next_label, provisional)
+        clusters = Clusters(starts, pairs, share, measurements, nothing, predicted.next_label, provisional)
+        expected = (detection * weights)[predicted.labels < provisional].sum()
+        return posterior, clusters, float(np.log(np.maximum(total, TINY)).sum() - expected)
 
     def _resample(self, posterior: PhdState, rng: np.random.Generator) -> PhdState:
         """``rho`` particles a target, each of weight ``1 / rho``, Eqs. (56)-(59); a light cluster has more, lighter."""
