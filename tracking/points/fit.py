@@ -1,6 +1,6 @@
 """The model of a sensor and its targets by maximum likelihood, from what the sensor measured: ``track points --fit``.
 
-Noise of motion and sensor, detection, clutter and births maximise the log evidence of the filter, (11) of the
+Noise of motion and sensor, detection, clutter and births maximise the log evidence of the filter, Eq. (11) of the
 finite-sets paper. The filter has the motions as the model names them, without the calm one that the tracker adds.
 """
 
