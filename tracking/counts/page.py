@@ -67,8 +67,8 @@ HEADINGS = {
     ("gatherings", "start"): "start, s", ("gatherings", "end"): "end, s", ("gatherings", "most"): "most at a time",
 }  # fmt: skip
 DOUBT_NOTE = " A thin one with a question mark rather shows nobody, or somebody a second time."
-UNITS = {"filled": "filled in, s", "changed": "chance that it is another person at the end",
-         "nobody": "chance that it is nobody", "first": "first in view, s", "last": "last in view, s",
+UNITS = {"filled": "filled in, s", "changed": "chance of a mix-up",
+         "nobody": "chance of nobody", "first": "first in view, s", "last": "last in view, s",
          "seconds": "in view, s", "path": "path, px", "metres": "path, m", "speed": "speed, m/s"}  # fmt: skip
 
 

@@ -373,7 +373,7 @@ def test_people_have_a_report(clip: Path, drone_models: Path, tmp_path: Path) ->
     assert main([*words, "--overlay", "--out", str(tmp_path / "o")]) == 0
     page = (tmp_path / "o" / "report.html").read_text()
     assert "<h1>People in clip</h1>" in page
-    assert "<title>person 1, 0.0 to 0.4 s" in page
+    assert "<title>person 1?, 0.0 to 0.4 s" in page
     assert 'src="data:video/webm;base64,' in page
 
 
