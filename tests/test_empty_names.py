@@ -45,7 +45,7 @@ def test_every_command_refuses_an_empty_name_in_its_place(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    out = [] if words[0] in ("evaluate", "review", "forget") else ["--out", "out"]
+    out = [] if words[0] in ("evaluate", "review", "forget", "gallery") else ["--out", "out"]
     assert main([*words, empty, *out]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert "empty" in line

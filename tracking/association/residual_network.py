@@ -78,8 +78,10 @@ class ResidualNetwork:
 
 # Links of a network from which on potentials save more than they cost.
 MANY_LINKS = 5_000
-# Rounds of Bellman and Ford from nothing, and from potentials of a flow whose costs have changed.
-SWEEPS, SWEEPS_AGAIN = 10, 2
+# Rounds of Bellman and Ford from nothing.
+SWEEPS = 10
+# Rounds from potentials of a flow whose costs have changed.
+SWEEPS_AGAIN = 2
 # Potential of a node that no path has reached by then, nats.
 UNREACHED = 100.0
 

@@ -33,10 +33,14 @@ UNSEEN = 0.25
 AROUND = 0.5
 # Costs from which on nothing is in doubt, nats.
 CERTAIN = 30.0
-# Margins of the flow that count, nats; those of exchanges are searched up to the second.
-MARGIN, EXCHANGE = 6.0, 4.0
-# Least probability of a place that is weighed, and of one that is marked.
-WEIGHED, MARKED = 0.02, 0.08
+# Margins of the flow that count, nats.
+MARGIN = 6.0
+# Margins of exchanges that are searched, nats.
+EXCHANGE = 4.0
+# Least probability of a place that is weighed.
+WEIGHED = 0.02
+# Least probability of a place that is marked.
+MARKED = 0.08
 FEATURES = ("gap", "stays", "changes", "gain", "others", "before", "after", "met", "apart", "link", "exchange")
 
 

@@ -38,8 +38,10 @@ WITHOUT = (0.95, 0.23)
 SHAPE = 1.0
 # Standard deviation of the common error of all logits of a video.
 COMMON = 0.5
-# Probability of the interval, and draws for its ends.
-LEVEL, DRAWS = 0.9, 4000
+# Probability of the interval.
+LEVEL = 0.9
+# Draws for its ends.
+DRAWS = 4000
 
 
 @dataclass(frozen=True, eq=False)

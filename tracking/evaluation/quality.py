@@ -112,7 +112,7 @@ def scaled_score(name: str, value: FloatArray | float) -> FloatArray:
 
 
 def score_of(name: str, scaled: FloatArray | float) -> FloatArray:
-    """The score of a `scaled_score`."""
+    """``(N,)`` scores in their own units, back from the scale on which they are fitted, and within their bounds."""
     if name in SHARES:
         return np.asarray(np.clip((scipy.special.expit(scaled) - MARGIN) / (1 - 2 * MARGIN), 0, 1))
     if name == "mota":

@@ -32,8 +32,9 @@ EDGE = 0.5
 ENDS = 0.5
 # Seconds within which a track may be that of another one that ended.
 RETURN = 3.0
-# Heights, and heights a second, within which it begins then.
+# Heights within which it begins then.
 NEAR = 0.7
+# Heights a second by which that grows.
 SPEED = 0.7
 # Seconds below which a track is short.
 SHORT = 1.0
@@ -49,13 +50,15 @@ DROPPED = 0.15
 NOISE = 1.0
 # Margin below which exchanges are weighed, nats.
 CLOSE = 2.5
-# Logit of the probability that a link is wrong whose other way costs nothing, what each doubling of its gap adds, and
-# by how much each unit of cost lowers it; as of the questions of a review.
+# Logit of the probability that a link is wrong whose other way costs nothing; as of the questions of a review.
 LINK = -1.6
+# What each doubling of its gap adds.
 GAP = 0.45
+# By how much each unit of cost lowers it.
 SLOPE = 0.45
-# Detections of a network that are looked at, and the parts of a longer video that they come from.
+# Detections of a network that are looked at.
 MOST = 10_000
+# Parts of a longer video that they come from.
 PARTS = 5
 
 

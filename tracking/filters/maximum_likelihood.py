@@ -23,23 +23,34 @@ from tsuiseki.tracking.types import FloatArray
 
 LogEvidence: TypeAlias = Callable[[Mapping[str, float]], float]
 """Logarithm of (11) of a recording, with settings by their names."""
-# First step and last of the climb, in logarithms.
-FIRST_STEP, LAST_STEP = 0.5, 0.05
+# First step of the climb, in logarithms.
+FIRST_STEP = 0.5
+# Last step of the climb, in logarithms.
+LAST_STEP = 0.05
 # Evaluations of the climb for each setting.
 CLIMB = 20
-# The surface is fitted about where each setting alone lowers the log evidence by this, and so many deviations of its
-# roughness more, which are those of as many evaluations a hair's breadth apart.
-DROP, ABOVE, PROBES, HAIR = 3.0, 4.0, 8, 1e-4
+# The surface is fitted about where each setting alone lowers the log evidence by this.
+DROP = 3.0
+# Deviations of its roughness that it is lowered by besides.
+ABOVE = 4.0
+# Evaluations that tell the roughness.
+PROBES = 8
+# Distance of these from each other, in logarithms.
+HAIR = 1e-4
 # Rounds in which the surface is fitted, and twice as many in which its widths are sought.
 ROUNDS = 3
 # Settings drawn for each coefficient of the surface.
 DRAWS = 1.5
-# Deviations of an interval of 95 %, and how much lower its ends are than the maximum of the profile.
-NORMAL_95, CUT = 1.96, 1.92
+# Deviations of an interval of 95 %.
+NORMAL_95 = 1.96
+# How much lower its ends are than the maximum of the profile: half of the square.
+CUT = 1.92
 # Widest step along one setting, in logarithms.
 WIDEST = 1.0
-# Least curvature along one setting, in units of its width; and along any direction, in curvatures of the settings.
-FLAT, LEAST = 1e-6, 0.05
+# Least curvature along one setting, in units of its width.
+FLAT = 1e-6
+# Least curvature along any direction, in curvatures of the settings.
+LEAST = 0.05
 # Standard deviation of a curvature about the expected one, in curvatures.
 HELD = 0.3
 

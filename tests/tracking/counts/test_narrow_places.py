@@ -79,7 +79,7 @@ def test_a_stay_between_two_frames_lasts_no_time():
     strip = zone((0, 200), (640, 200), (640, 204), (0, 204))
     stays = count(Result([walker(down(300, [150, 190, 230, 270]))], "v", 10.0, SIZE), Scene([], [strip], SIZE))
     (row,) = zip(*stays.tables["stays"].values(), strict=True)
-    assert row == ("zone", 1, 0.2, 0.2, 0.0, 0.0, True, True)
+    assert row == ("zone", 1, 0.2, 0.2, 0.0, 0.0, True, True, 0.0)
 
 
 def test_random_walks_with_long_steps_through_narrow_zones_are_counted_as_they_come():
