@@ -16,7 +16,7 @@ help:
 	@echo "make test         set up the train and dev extras and run the tests"
 	@echo "make test-browser the tests of pages in the system's Chromium"
 	@echo "make test-readers CVAT's own reader opens what is exported, in an environment of its own"
-	@echo "make test-slow    the tests that take over 2 seconds, after make test"
+	@echo "make test-slow    the tests that take over a second, after make test"
 	@echo "make test-lowest  the demo and a sample of the tests with the lowest versions that pyproject.toml allows"
 	@echo "make benchmarks   the smallest rows of the table of speeds, with the peers that are installed"
 	@echo "make audit        the locked packages against the index of advisories, where it can be reached"

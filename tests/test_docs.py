@@ -432,6 +432,7 @@ def test_the_readme_shows_people_in_ten_lines() -> None:
 # ---- Equations
 
 
+@pytest.mark.slow
 def test_the_table_of_equations_is_current_and_says_what_computes_each() -> None:
     equations = script("equations")
     assert text_of(equations.PAGE) == equations.page(), "give `python .ci/equations.py --write`"

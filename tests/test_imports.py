@@ -164,6 +164,7 @@ def test_importing_all_of_tracking_leaves_torch_out():
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "package", ["tsuiseki.tracking", "tsuiseki.datamodules", "tsuiseki.models", "tsuiseki.trainers"]
 )

@@ -146,6 +146,7 @@ def test_settings_and_trackers_refuse_by_the_same_rule(name: str, arguments: dic
         PUBLIC[name](**arguments)
 
 
+@pytest.mark.slow
 def test_a_class_is_the_same_from_everywhere() -> None:
     """The package hands out what the modules define, and nothing changes by being named."""
     for name, public in PUBLIC.items():

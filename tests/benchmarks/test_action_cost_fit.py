@@ -86,6 +86,7 @@ def test_no_cost_of_actions_prices_the_tracks_that_it_is_fitted_to() -> None:
         np.testing.assert_array_equal(getattr(plain, name), getattr(priced, name))
 
 
+@pytest.mark.slow
 def test_the_file_holds_the_cost_of_actions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     observations, truth = row_of_people(0)
     clip = tmp_path / "fit" / "one"

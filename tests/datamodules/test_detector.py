@@ -169,6 +169,7 @@ def test_pictures_in_the_sun_are_other_pictures_of_the_same_people(tmp_path: Pat
     assert pictures[0] != pictures[1]
 
 
+@pytest.mark.slow
 def test_pictures_are_generated_once_and_read_as_any_sequence(tmp_path: Path) -> None:
     folder = tmp_path / "generated"
     source = TrainingSource(str(folder), generate=3, seed=5)
@@ -185,6 +186,7 @@ def test_pictures_are_generated_once_and_read_as_any_sequence(tmp_path: Path) ->
     assert next(iter(module.train_dataloader())).images.shape == (1, 48, 64, 3)
 
 
+@pytest.mark.slow
 def test_hidden_people_are_ignored(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training_images, "LEAST_VISIBLE", 0.9)
     folder = tmp_path / "generated"

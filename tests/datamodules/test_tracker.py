@@ -27,6 +27,7 @@ def some(wardrobe: Wardrobe) -> list[TargetPair]:
     return [draw_pair(np.random.default_rng(n), wardrobe, 127, 255) for n in range(24)]
 
 
+@pytest.mark.slow
 def test_shapes_and_kinds(some: list[TargetPair]) -> None:
     for drawn in some:
         assert (drawn.template.shape, drawn.template.dtype) == ((127, 127, 3), np.uint8)

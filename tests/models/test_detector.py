@@ -132,6 +132,7 @@ def test_ssd300_keeps_the_person_of_torchvision_exactly() -> None:
     _compare(model.eval(), 300, detector)
 
 
+@pytest.mark.slow
 def test_fine_tuning_starts_from_the_logits_of_background_and_person() -> None:
     state = _random_state()
     image = torch.randn(1, 3, 320, 320)

@@ -121,6 +121,7 @@ def test_a_batch_without_a_target_has_a_loss() -> None:
     assert float(terms["score_loss"]) > 0
 
 
+@pytest.mark.slow
 def test_a_pair_is_learnt_by_heart() -> None:
     torch.manual_seed(0)
     network = TrackerNetwork(channels=16)

@@ -82,6 +82,7 @@ def test_crossings_add_up_to_the_change_of_side(seed: int) -> None:
     assert found["down"] - found["up"] == (ends[:, 1] - ends[:, 0]).sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", [LINE, SHORT])
 @given(seed=seeds)
 def test_a_film_that_runs_backwards_exchanges_the_directions(line: SceneLine, seed: int) -> None:
@@ -91,6 +92,7 @@ def test_a_film_that_runs_backwards_exchanges_the_directions(line: SceneLine, se
     assert reversed_ == {"down": forwards["up"], "up": forwards["down"]}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("line", [LINE, SHORT])
 @given(seed=seeds)
 def test_a_line_drawn_from_its_other_end_exchanges_the_directions(line: SceneLine, seed: int) -> None:
@@ -100,6 +102,7 @@ def test_a_line_drawn_from_its_other_end_exchanges_the_directions(line: SceneLin
     assert crossed(tracks, turned) == {"down": found["up"], "up": found["down"]}
 
 
+@pytest.mark.slow
 @given(seed=seeds, scale=st.sampled_from([0.5, 2.0, 3.0]))
 def test_counts_do_not_depend_on_the_size_of_the_picture(seed: int, scale: float) -> None:
     """A picture with all that is drawn in it may be enlarged."""

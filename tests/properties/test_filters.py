@@ -162,6 +162,7 @@ class Offsets(np.random.Generator):
         return np.full(() if size is None else size, self.offset)
 
 
+@pytest.mark.slow
 @given(seed=seeds, particles=st.integers(1, 6), count=st.integers(1, 12))
 def test_resampling_is_unbiased(seed: int, particles: int, count: int) -> None:
     """Over all offsets a particle is drawn its share of the times; in each draw that share, rounded up or down."""

@@ -53,6 +53,7 @@ def assert_equal_fields(found: object, expected: object, digits: float = 0.0) ->
             np.testing.assert_array_equal(vars(found)[name], value)
 
 
+@pytest.mark.slow
 @given(seed=seeds, count=counts)
 def test_states_of_bodies_come_back(seed: int, count: int) -> None:
     """Frames, states, scores and statuses of bodies are those that were written."""

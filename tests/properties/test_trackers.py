@@ -52,6 +52,7 @@ def assert_same(tracks: Sequence[Track], expected: Sequence[Track], scale: float
         np.testing.assert_allclose(boxes, expected_boxes, atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", ONLINE)
 @given(seed=seeds)
 def test_the_order_of_detections_does_not_matter(make: Make, seed: int) -> None:
@@ -79,6 +80,7 @@ def test_tracks_grow_with_the_picture(make: Make, seed: int, scale: float) -> No
     assert_same(run_tracker(larger, make()), run_tracker(frames, make()), scale=scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", ONLINE)
 @given(seed=seeds, empty=st.integers(1, 4))
 def test_tracks_begin_later_after_empty_frames(make: Make, seed: int, empty: int) -> None:

@@ -70,6 +70,7 @@ def test_cuda_that_is_asked_for_runs_or_is_refused_in_one_line(inputs, cuda, cap
         assert "use-a-gpu.md, or take cpu" in said
 
 
+@pytest.mark.slow
 def test_a_run_that_goes_over_to_the_cpu_says_one_line_and_run_json_says_what_ran(inputs, cuda, capsys, tmp_path):
     assert main([*inputs.words(), "--out", str(tmp_path / "out")]) == 0
     record = json.loads((tmp_path / "out" / "run.json").read_text())
@@ -78,6 +79,7 @@ def test_a_run_that_goes_over_to_the_cpu_says_one_line_and_run_json_says_what_ra
     assert capsys.readouterr().err.count("cannot use the GPU") == (0 if works else 1)
 
 
+@pytest.mark.slow
 def test_cpu_leaves_the_gpu_alone(inputs, cuda):
     result = tsuiseki.track_people(inputs.video, detector=inputs.detector, appearance=inputs.appearance, device="cpu")
     assert result.facts["device"] == "cpu"

@@ -42,6 +42,7 @@ def test_a_command_says_in_a_line_what_to_do(hidden: dict[str, str], tmp_path: P
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_trackers_of_given_boxes_need_no_opencv(hidden: dict[str, str]) -> None:
     code = (
         "import tsuiseki as t\nfor s in (t.Sort(), t.DeepSort(), t.ByteTrack(), t.OcSort()): s.update([[0, 0, 9, 9]])"

@@ -84,6 +84,7 @@ def test_the_run_and_its_page_have_the_record(kept: Path) -> None:
     assert "manager" in page
 
 
+@pytest.mark.slow
 def test_counts_have_the_record_of_the_scene(kept: Path, tmp_path: Path) -> None:
     out = tmp_path / "answers"
     assert main(["count", str(kept), "--scene", str(tmp_path / "scene.yaml"), "--out", str(out)]) == 0

@@ -54,6 +54,7 @@ def test_a_process_that_is_ended_from_outside_is_one_clear_line() -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("everyone", [True, False])
 def test_an_interrupt_cleans_up_and_begins_nothing_further(everyone: bool, tmp_path: Path) -> None:
     script = tmp_path / "script.py"

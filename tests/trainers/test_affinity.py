@@ -165,6 +165,7 @@ def test_observation_recovers_the_logistic() -> None:
     assert cost.b == -0.5
 
 
+@pytest.mark.slow
 def test_fits_from_labels_alone(sequence: Path, tmp_path: Path) -> None:
     video, settings = AffinityVideo(folders=[sequence], detections="simulated"), AffinitySettings(trees=QUICK)
     out = fit_affinity(video, OutputFile(out=tmp_path / "a.onnx"), settings)

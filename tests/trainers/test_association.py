@@ -80,6 +80,7 @@ def weights(checkpoint: Path) -> dict[str, torch.Tensor]:
     return dict(load_module(Association, checkpoint).network.state_dict())
 
 
+@pytest.mark.slow
 def test_logs_and_exports(trained: Path) -> None:
     objective = column(trained, "train/objective")
     assert objective[-1] < objective[0]

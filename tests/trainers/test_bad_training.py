@@ -98,6 +98,7 @@ def test_a_start_of_which_too_little_fits(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_a_start_takes_over_everything() -> None:
     """Without the parts of its file 270 of 373 tensors would stay random."""
     module = Detector(start="people")
@@ -220,6 +221,7 @@ def test_a_share_out_of_bounds(data: Any, share: float, street: Path) -> None:
     refused(lambda: data(street, batches=0), "batches")
 
 
+@pytest.mark.slow
 def test_options_of_lightning_that_cannot_work_are_one_line(
     street: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -144,6 +144,7 @@ def test_anchors_are_those_of_the_start_unless_the_labels_are_of_another_kind(tm
     )
 
 
+@pytest.mark.slow
 def test_the_best_epoch_is_exported_and_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     exported: list[tuple[Path, Path]] = []
     kept, folder = tmp_path / "out" / "checkpoints", walk(tmp_path / "set")

@@ -118,6 +118,7 @@ def test_a_branched_detector_starts_from_one_of_people(change: str, config: Path
         fit_detector(["--config", str(config), "--model.architecture=branched", change])
 
 
+@pytest.mark.slow
 def test_a_branch_needs_a_detector_beside_it(config: Path) -> None:
     anchors = json.dumps([[[12, 28]], [[20, 50]], [[30, 60]], [[20, 20]], [[44, 44]], [[92, 92]]])
     words = ["--config", str(config), "--model.architecture=branched", f"--model.anchors={anchors}"]
@@ -137,6 +138,7 @@ def test_a_branch_needs_a_detector_beside_it(config: Path) -> None:
         fit_detector(words)
 
 
+@pytest.mark.slow
 def test_training_leaves_checkpoints_and_logs_and_goes_on(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -167,6 +169,7 @@ def test_training_leaves_checkpoints_and_logs_and_goes_on(
         fit_detector(["validate", "--config", str(config), "--overwrite", "true"])
 
 
+@pytest.mark.slow
 def test_the_start_is_an_epoch_and_stays_the_best_where_none_is_better(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -187,6 +190,7 @@ def layout_keys(state: dict[str, dict[str, object]]) -> list[str]:
     return sorted(state["state_dict"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_training_that_is_interrupted_says_how_to_go_on(
     number: signal.Signals,
@@ -239,6 +243,7 @@ def test_a_logger_that_is_not_installed_says_what_to_install() -> None:
     assert one_line(ValueError(text)) == "Problem with W: Requirement 'wandb' not met."
 
 
+@pytest.mark.slow
 def test_a_logger_that_fails_is_one_line(config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     class UsageError(Exception):
         __module__ = "wandb.errors"
@@ -252,6 +257,7 @@ def test_a_logger_that_fails_is_one_line(config: Path, tmp_path: Path, monkeypat
     assert json.loads((tmp_path / "out" / "run.json").read_text())["reason"] == "No key. Log in."
 
 
+@pytest.mark.slow
 def test_loggers_of_lightning_are_taken_as_given(config: Path, tmp_path: Path) -> None:
     fit_detector(["--config", str(config), "--trainer.logger", "CSVLogger", f"--trainer.logger.save_dir={tmp_path}/log",
                   "--trainer.logger.name=mine"])  # fmt: skip
@@ -278,6 +284,7 @@ def test_options_of_lightning_mean_what_lightning_says(config: Path, tmp_path: P
     assert "EpochLines" not in kinds
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", ["--trainer.limit_val_batches=0", "--trainer.fast_dev_run=true"])
 def test_no_checkpoint_is_named_that_is_not_there(
     config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: str
@@ -292,6 +299,7 @@ def test_no_checkpoint_is_named_that_is_not_there(
     assert "best checkpoint:" not in out
 
 
+@pytest.mark.slow
 def test_scores_of_two_devices_are_those_of_one(config: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Five images, of which one device has three and the other two: Lightning gives it the first one again."""
     monkeypatch.setattr(Detector, "forward", _heads)

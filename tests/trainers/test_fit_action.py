@@ -154,6 +154,7 @@ def test_configurations_build_what_they_say(name: str, trunk: int, size: int, tm
     assert cli.model.network.streams["rgb_local"].trunk.channels[-1] == trunk
 
 
+@pytest.mark.slow
 def test_request_errors(acting_clips: Path, tmp_path: Path) -> None:
     with pytest.raises(RequestError, match="no_such_key"):
         fit_action(options(acting_clips, tmp_path, f"--out={tmp_path / 'o'}", "--model.no_such_key=1"))

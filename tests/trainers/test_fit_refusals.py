@@ -62,6 +62,7 @@ def test_a_missing_image_is_not_made_up_for_by_another(coco: Path) -> None:
         labelled_images(coco / "coco.json")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("content", ["truncated", "text", "nothing", "link"])
 def test_an_image_that_cannot_be_read_is_named(coco: Path, tmp_path: Path, content: str) -> None:
     image = coco / "images" / "0003.jpg"
@@ -133,6 +134,7 @@ def test_a_checkpoint_of_another_network_is_refused_in_one_line(coco: Path, tmp_
         fit_detector(arguments(coco, tmp_path / "out", f"--ckpt_path={other}"))
 
 
+@pytest.mark.slow
 @pytest.mark.integration
 @pytest.mark.parametrize("case", ["missing_image", "trunc"])
 def test_the_image_of_the_cases_is_named(data_folder: Path, tmp_path: Path, case: str) -> None:

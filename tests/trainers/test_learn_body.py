@@ -59,6 +59,7 @@ def test_centroid_and_sampling_of_a_rectangle():
     assert area_centroids(line[None])[0] == pytest.approx(4 + 1j)
 
 
+@pytest.mark.slow
 def test_the_first_mode_is_the_bend_of_the_fish(clip, fit):
     tracks = {track.id: track for track in read_states(clip / "states.csv")}
     exact = np.array([tracks[o.identity].states[o.frame] for o in outlines_of(clip, None)])
@@ -96,6 +97,7 @@ def test_it_fits_fish_it_has_not_seen(fit, monkeypatch):
         assert point_distances(edges, fit.body.contour(states)).max(axis=1).min() < 5.0
 
 
+@pytest.mark.slow
 def test_the_tracker_follows_a_body_that_nobody_drew(fit, monkeypatch):
     """On the fish of another clip, and of the size that was learnt."""
     monkeypatch.setattr(goldfish_clip, "SPREAD", 0.0)

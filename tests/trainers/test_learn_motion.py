@@ -97,6 +97,7 @@ def test_mean_and_components_of_known_increments_are_recovered():
     assert not np.allclose(covariance(found.printed), covariance(found.increments), rtol=0.05)
 
 
+@pytest.mark.slow
 def test_the_dependence_on_bend_and_rates_is_recovered():
     gain = np.zeros((4, 6))
     gain[0, 0], gain[1, 1] = -0.05, -0.3  # drag

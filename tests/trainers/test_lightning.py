@@ -163,6 +163,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
 }
 
 
+@pytest.mark.slow
 @each_network
 @pytest.mark.parametrize("option", OPTIONS)
 def test_options_of_the_trainer_work(

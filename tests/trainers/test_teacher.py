@@ -59,6 +59,7 @@ def loss_of(module: Detector) -> float:
     return float(module.eval().training_step(batch(), 0).detach())
 
 
+@pytest.mark.slow
 def test_the_lesson_is_added_to_that_of_the_labels():
     losses = []
     for weight in (None, 0.0, 1.0, 2.0):
@@ -70,6 +71,7 @@ def test_the_lesson_is_added_to_that_of_the_labels():
     assert losses[3] - losses[2] == pytest.approx(losses[2] - losses[1], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_a_checkpoint_teaches_and_the_student_loads_without_it(tmp_path):
     teacher, path = student(), tmp_path / "teacher.ckpt"
     save(teacher, path)

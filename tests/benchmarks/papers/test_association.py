@@ -153,6 +153,7 @@ def stand_in(tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(python)
 
 
+@pytest.mark.slow
 def test_peers_are_run_where_they_are_installed(data: Path, tmp_path: Path, stand_in: str) -> None:
     assert main(words(data, tmp_path, "--sets", "mot17", "--parts", "methods", "--peer", stand_in)) == 0
     values = json.loads((tmp_path / "out/results.json").read_text())

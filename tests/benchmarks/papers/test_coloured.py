@@ -24,6 +24,7 @@ def test_both_methods_are_scored_on_every_kind_of_clutter(tmp_path: Path, monkey
     assert all(row["runs"][0]["ospa1"] < 40 for row in values if row["method"] == "track blobs")
 
 
+@pytest.mark.slow
 def test_equalisation_reports_all_updates(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["--seeds", "1", "--frames", "15", "--particles", "80", "--cache", str(tmp_path / "cache")]
     assert main(["phd-equalisation", *words, "--out", str(tmp_path / "out")]) == 0

@@ -68,6 +68,7 @@ def test_all_rows_and_again_from_the_store(data: Path, tmp_path: Path) -> None:
     assert json.loads((tmp_path / "two" / "results.json").read_text()) == found
 
 
+@pytest.mark.slow
 def test_each_group_is_tracked_by_what_the_others_taught(data: Path, tmp_path: Path) -> None:
     one = next(one for one in DATA_SETS if one.key == "mot15")
     sequences, fit = find_sequences(data, one), partial(fold_sums, FlowLoss(), 3)

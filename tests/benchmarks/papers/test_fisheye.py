@@ -95,6 +95,7 @@ def test_looks_alone_exchange_those_in_the_same_clothes():
     assert switches["rectification"] > 0
 
 
+@pytest.mark.slow
 def test_the_best_choice_on_validation_is_taken():
     row = ROWS["world"]
     found = best_choice(row, lambda choices: grades("world", [observed(), observed(seed=1)], 0.1, choices))

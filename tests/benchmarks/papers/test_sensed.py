@@ -17,6 +17,7 @@ from benchmarks.papers.finite_sets import STANDARD_PLACES, Scenarios, drawn_scen
 from benchmarks.papers.peers import Peer
 
 
+@pytest.mark.slow
 def test_the_experiment_prints_every_kind(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -93,6 +93,7 @@ def test_everybody_in_view_is_visible_in_its_box():
     assert inside.sum() > 0.15 * (x2 - x1) * (y2 - y1)
 
 
+@pytest.mark.slow
 def test_all_twelve_actions_are_performed():
     arena = np.array([[0.0, 0.0], [6.0, 5.0]])
     seen: set[str] = set()

@@ -32,6 +32,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_everybody_is_true_and_stands_in_the_boxes(place: Path) -> None:
     truth = read_placed_truth(place)
     assert np.allclose(np.unique(truth.times), np.arange(FRAMES) / 5)
@@ -51,6 +52,7 @@ def test_everybody_is_true_and_stands_in_the_boxes(place: Path) -> None:
             assert (pixels < box[2:] + 3).all()
 
 
+@pytest.mark.slow
 def test_tracked_from_true_boxes_they_keep_their_ids(place: Path, tmp_path: Path) -> None:
     out, scores = tmp_path / "out", tmp_path / "scores.json"
     boxes = ",".join(str(place / name / "gt" / "gt.txt") for name in NAMES)

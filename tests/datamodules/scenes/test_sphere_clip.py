@@ -33,6 +33,7 @@ def test_cameras_are_those_of_the_experiment():
         assert distances.max() <= 5.1
 
 
+@pytest.mark.slow
 def test_the_ball_is_drawn_within_its_true_outline(scene, images):
     # Inside the outline lies the ball (or the hand that holds it), not the room: nearly every pixel differs.
     empty = scene.backgrounds()
@@ -52,6 +53,7 @@ def test_the_person_is_in_view_besides_the_ball(scene, images):
     assert changed.sum() > 5 * ball
 
 
+@pytest.mark.slow
 def test_the_same_seed_makes_the_same_film_and_another_one_another():
     settings = CarriedBallSettings(frames=1, samples=1)
     first, again, other = (next(SphereClip(settings, s).frames())[0][0] for s in (3, 3, 4))

@@ -36,6 +36,7 @@ def states(folder):
         return list(csv.DictReader(file))
 
 
+@pytest.mark.slow
 def test_a_film_is_tracked_in_millimetres_and_evaluated(film, tmp_path, capsys):
     out = tmp_path / "out"
     words = ["track", "animals", str(film), "--fps", "10", "--scale", "0.5", "--overlay", "--out", str(out)]
@@ -69,6 +70,7 @@ def test_a_film_is_tracked_in_millimetres_and_evaluated(film, tmp_path, capsys):
     assert "1.000" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_few_labels_place_the_points_in_every_frame(film, tmp_path):
     few = tmp_path / "few.csv"
     lines = (film.parent / "labels.csv").read_text().splitlines()
@@ -82,6 +84,7 @@ def test_a_few_labels_place_the_points_in_every_frame(film, tmp_path):
     np.testing.assert_allclose(placed.points[:, 1, 0], 22 + 4 * np.arange(FRAMES), atol=3.0)
 
 
+@pytest.mark.slow
 def test_advice_is_that_of_the_points_where_points_were_given(film, tmp_path, capsys):
     (tmp_path / "one.csv").write_text("track,frame_idx,head.x,head.y,tail.x,tail.y\na,3,58,60,30,60\n")
     words = ["track", "animals", str(film), "--fps", "10", "--points", str(tmp_path / "one.csv")]
@@ -92,6 +95,7 @@ def test_advice_is_that_of_the_points_where_points_were_given(film, tmp_path, ca
     assert "threshold" not in out
 
 
+@pytest.mark.slow
 def test_points_of_sleap_are_observations(film, tmp_path):
     rng = np.random.default_rng(0)
     rows = ["track,frame_idx,head.x,head.y,mid.x,mid.y,tail.x,tail.y"]
@@ -129,6 +133,7 @@ def test_wrong_requests(film, tmp_path, capsys, words, expected):
     assert expected in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_identities_are_corrected_and_done_again(film, tmp_path, capsys):
     """A second animal walks below; they are exchanged, one box is moved, and a new run does the same."""
     pair = tmp_path / "pair"

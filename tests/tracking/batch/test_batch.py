@@ -173,6 +173,7 @@ def wait_for(true: Any, seconds: float = 60.0) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.slow
 def test_results_are_known_by_content(
     videos: Path, networks: list[str], tmp_path: Path, here: Any, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -193,6 +194,7 @@ def test_results_are_known_by_content(
     assert main([*words, "--overwrite"]) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 def test_a_broken_video_fails_alone(
     videos: Path, networks: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -221,6 +223,7 @@ def test_a_broken_video_fails_alone(
     assert "2 failed" in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_a_full_disk_stops_and_the_same_goes_on(
     videos: Path, networks: list[str], tmp_path: Path, here: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -106,6 +106,7 @@ def test_only_people_follow_each_other(recorded: Path, tmp_path: Path, capsys: p
     assert "`continuous`" not in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_windows_whose_borders_are_proved_give_the_ids_of_the_whole_solve(monkeypatch: pytest.MonkeyPatch) -> None:
     """Three minutes of people who come and go: what is finished on the way is what one solution of the whole says."""
     monkeypatch.setattr(whole_flow, "RELEASE", 30.0)

@@ -71,6 +71,7 @@ def floor(folder: Path, _: Path) -> tuple[list[str], str]:
     return [str(folder / "halls")], "monday"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [drone, fisheye, floor])
 def test_a_batch_gives_what_the_command_gives(
     make: Any, videos: Path, tmp_path: Path, here: Any, capsys: pytest.CaptureFixture[str]

@@ -35,6 +35,7 @@ def test_folders_globs_and_files(videos: Path, tmp_path: Path) -> None:
     assert list(named(tmp_path / "**/b.*")) == ["b"]
 
 
+@pytest.mark.slow
 def test_manifests(videos: Path, tmp_path: Path) -> None:
     table = tmp_path / "list.csv"
     table.write_text(f"source,name,frames,view,overlay\n{videos}/web.webm,first,2-9,2,\n{videos}/web.webm,,,,true\n")
@@ -173,6 +174,7 @@ def sequences(folder: Path) -> Path:
     return folder
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("here")
 @pytest.mark.parametrize("options", [[], ["--detections", "det/det.txt"]])
 def test_58_37_each_sequence_of_text_has_its_own_detections(options: list[str], tmp_path: Path) -> None:

@@ -54,6 +54,7 @@ def film(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_states_that_the_function_gives(fish: Path, tmp_path: Path) -> None:
     (track,) = track_deformable(fish, colour=COLOUR, settings=SETTINGS)
     words = ["track", "deformable", str(fish), "--colour", COLOUR, "--deformable.particles", "300"]
@@ -86,6 +87,7 @@ def test_bodies_that_cannot_be_say_so(fish: Path, options: dict[str, Any], messa
         track_deformable(fish, **options)
 
 
+@pytest.mark.slow
 def test_the_command_writes_the_path_that_the_function_gives(film: Path, tmp_path: Path) -> None:
     sources, settings = [film / "a", film / "b"], SphereSettings(particles=200)
     path = track_sphere(sources, film / "cameras.yaml", 0.1, start=CENTRE, settings=settings)

@@ -51,6 +51,7 @@ def test_a_clip_is_tracked_by_what_was_learnt(clip, motion, tmp_path):
     assert set(run["seconds"]) == {"draw", "edges", "particles"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("preset", ["paper", "conditional", "independent", "velocity", "walk"])
 def test_every_preset_tracks(clip, motion, tmp_path, preset):
     words = ["track", "deformable", str(clip), "--out", str(tmp_path / "out"), "--motion", str(motion), *COLOUR]
@@ -70,6 +71,7 @@ def test_without_motion_the_wide_run_finds_the_fish_and_teaches(clip, tmp_path):
     assert (learnt["body"], learnt["frame_rate"], learnt["columns"]) == ("goldfish", 15.0, list(FIELDS))
 
 
+@pytest.mark.slow
 def test_an_empty_picture_is_lost_and_goes_on(motion, tmp_path):
     folder = tmp_path / "grey"
     folder.mkdir()

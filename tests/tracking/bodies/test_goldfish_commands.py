@@ -24,6 +24,7 @@ def test_a_clip_comes_with_states_and_silhouettes(tmp_path, capsys, body, count,
     assert f"frameRate={rate}" in (out / "seqinfo.ini").read_text()
 
 
+@pytest.mark.slow
 def test_the_seed_decides(tmp_path):
     for name, seed in (("one", "4"), ("same", "4"), ("other", "5")):
         words = ["simulate", "goldfish", "--frames", "1", "--seed", seed, "--out", str(tmp_path / name)]

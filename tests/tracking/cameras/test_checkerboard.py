@@ -68,6 +68,7 @@ def pictures(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_command_finds_the_camera(pictures: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "intrinsics.yaml"
     assert main(["calibrate", "checkerboard", str(pictures), "--corners", "9,6", "--out", str(out)]) == 0

@@ -76,6 +76,7 @@ def test_files_that_are_no_detector(video: Path, tmp_path: Path, capsys: pytest.
     assert "expected" in refused(capsys, tmp_path / "o", str(video), "--detector", str(tmp_path / "gone.onnx"))
 
 
+@pytest.mark.slow
 def test_a_teacher_that_cannot_look(video: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = np.zeros((7, 126), np.float32)
     rows[:4] = [[40], [30], [10], [30]]
@@ -198,6 +199,7 @@ def test_the_teacher_is_opened_once(video: Path, tmp_path: Path, monkeypatch: py
     assert isinstance(given[0].teacher, ForeignDetector)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("words", "kept"),
     [((), "detector_people"), (("--detector", "figures"), "detector_figures")],

@@ -164,6 +164,7 @@ def test_detections_of_another_video_are_refused(inputs: Any, tmp_path: Path, co
     assert "are these the detections of another video?" in complaint(words, 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [truncated, broken_later])
 def test_a_video_that_breaks_off_keeps_what_is_finished(
     make: Make, inputs: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -278,6 +279,7 @@ def test_an_output_folder_that_is_a_file(inputs: Any, tmp_path: Path, complaint:
         assert "is a file" in complaint([*inputs.words(), "--out", str(tmp_path / "file"), *extra], 2)
 
 
+@pytest.mark.slow
 def test_an_output_folder_full_of_results(inputs: Any, tmp_path: Path, complaint: Complaint) -> None:
     out = tmp_path / "o"
     assert main([*inputs.words(), "--out", str(out)]) == 0

@@ -30,6 +30,7 @@ def tracks(tmp_path):
     return path
 
 
+@pytest.mark.slow
 def test_the_command_writes_tables_plots_and_a_page(tmp_path, scene, tracks, capsys):
     out = tmp_path / "out"
     assert main(["count", str(tracks), "--scene", str(scene), "--fps", "10", "--out", str(out)]) == 0
@@ -39,6 +40,7 @@ def test_the_command_writes_tables_plots_and_a_page(tmp_path, scene, tracks, cap
     assert {"answers.json", "report.html", "places.png", "stays.csv"} <= set(record["files"])
 
 
+@pytest.mark.slow
 def test_a_tracked_folder_knows_its_rate_and_length(tmp_path, inputs, scene, capsys):
     words = ["track", "people", str(inputs.images), "--fps", "4", "--detections", str(inputs.detections)]
     assert main([*words, "--method", "sort", "--out", str(tmp_path / "run")]) == 0

@@ -90,6 +90,7 @@ def test_nobody_is_a_page_too(tmp_path):
     assert "No people were followed." in (out / "report.html").read_text()
 
 
+@pytest.mark.slow
 def test_a_result_without_its_video_has_a_page_without_pictures(tmp_path, video):
     (tmp_path / "other.mp4").write_bytes(b"no video")
     for source in (str(tmp_path / "none.mp4"), str(tmp_path / "other.mp4"), ""):
@@ -101,6 +102,7 @@ def test_a_result_without_its_video_has_a_page_without_pictures(tmp_path, video)
     )
 
 
+@pytest.mark.slow
 def test_many_tracks_stay_below_the_size_of_a_page(tmp_path):
     rng = np.random.default_rng(0)
     every = [walker(np.array([300, 200]) + np.cumsum(rng.normal(0, 3, (60, 2)), axis=0), k + 1) for k in range(400)]

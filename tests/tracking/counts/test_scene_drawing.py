@@ -61,6 +61,7 @@ def test_the_last_counts_are_those_of_the_tables(monkeypatch: pytest.MonkeyPatch
     assert ins == sorted(ins)
 
 
+@pytest.mark.slow
 def test_count_and_track_draw_the_scene(tmp_path: Path, inputs) -> None:  # type: ignore[no-untyped-def]
     scene = tmp_path / "scene.yaml"
     scene.write_text("lines: [{name: d, from: [0, 44], to: [60, 44]}]\n")

@@ -40,6 +40,7 @@ def test_demo_leaves_a_result_for_each_method_and_a_report(tmp_path: Path, capsy
     assert "already holds" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_the_clip_alone_is_a_video_as_large_as_the_street(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     clip = tmp_path / "street.mp4"
     assert main(["demo", "--clip", str(clip), "--frames", "3"]) == 0

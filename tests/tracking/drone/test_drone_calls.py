@@ -32,6 +32,7 @@ def labelled(flight: Path) -> list[np.ndarray]:
     return [truth.boxes[truth.evaluated & (truth.frames == frame)] for frame in range(8)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["flow", "flow-saf", "flow-maf"])
 def test_people_and_what_they_do(flight: Path, method: Any) -> None:
     found = track_drone(flight, method, detections=labelled(flight), threads=1)

@@ -44,6 +44,7 @@ def values(out: Path) -> dict[str, Any]:
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["flow", "flow-saf", "flow-maf"])
 def test_people_are_followed_and_their_actions_named(
     clip: Path, action_streams: list[Path], tmp_path: Path, method: str, capsys: pytest.CaptureFixture[str]
@@ -65,6 +66,7 @@ def test_people_are_followed_and_their_actions_named(
         assert said == ("Sitting" if way < 3 else "Walking" if way < 80 else "Running")
 
 
+@pytest.mark.slow
 def test_report_overlay_and_evaluation(
     clip: Path, action_streams: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -85,6 +87,7 @@ def test_report_overlay_and_evaluation(
     assert found["mean_f1"] > 0.9
 
 
+@pytest.mark.slow
 def test_given_tracks_keep_their_places_and_get_actions(clip: Path, action_streams: list[Path], tmp_path: Path) -> None:
     out = tmp_path / "out"
     streams = ",".join(map(str, action_streams))
@@ -109,6 +112,7 @@ def test_given_tracks_of_another_video_are_refused(
     assert "tracks reach frame 23, but the video has 22 frames; are these the tracks of" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_okutama_labels_are_given_tracks_and_their_own_truth(
     acting_clips: Path, action_streams: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -235,6 +239,7 @@ def save_other(path: Path) -> None:
     onnx.save(model, path)
 
 
+@pytest.mark.slow
 def test_labels_with_other_actions_are_refused(
     clip: Path, action_streams: list[Path], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

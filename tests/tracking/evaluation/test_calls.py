@@ -33,6 +33,7 @@ def test_half_a_result_scores_half_of_the_boxes() -> None:
     assert evaluate_people(RIGHT, [walk(1, range(10), 0), walk(2, range(10), 100)], frames="1-10").recall == 1
 
 
+@pytest.mark.slow
 def test_files_folders_and_labels_are_truth(street: Path, tmp_path: Path) -> None:
     truth = read_ground_truth(street / "gt" / "gt.txt")
     keep = [

@@ -54,6 +54,7 @@ def events_in(path: Path) -> list[dict[str, Any]]:
     return events
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", HOWS)
 def test_a_recording_gives_events(how: tuple[str, ...], sequence: Path, tmp_path: Path) -> None:
     file, scene = tmp_path / "events.jsonl", sequence.parent / "scene.yaml"
@@ -74,6 +75,7 @@ def test_a_recording_gives_events(how: tuple[str, ...], sequence: Path, tmp_path
     assert json.loads((tmp_path / "o/run.json").read_text())["settings"]["events"] == str(file)
 
 
+@pytest.mark.slow
 def test_a_file_of_events_goes_on(sequence: Path, tmp_path: Path) -> None:
     file = tmp_path / "events.jsonl"
     for name in "ab":

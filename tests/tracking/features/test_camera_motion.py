@@ -38,6 +38,7 @@ def through(matrix, points):
     return moved[:, :2] if moved.shape[1] == 2 else moved[:, :2] / moved[:, 2:]
 
 
+@pytest.mark.slow
 def test_a_flight_is_followed_to_a_pixel(flight, frames):
     points = np.array([[x, y] for x in (120, 320, 520) for y in (80, 180, 280)], dtype=float)
     errors, moves = [], []
@@ -52,6 +53,7 @@ def test_a_flight_is_followed_to_a_pixel(flight, frames):
     assert np.median(errors) < 1.0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seed", "jerk"), [(271, 11), (96, 7)])
 def test_a_jerk_by_a_quarter_of_the_width_is_found(seed, jerk):
     settings = DroneSceneSettings(width=640, height=360, frames=16, people=3, clutter=1, camera="violent")

@@ -85,6 +85,7 @@ def test_no_step_of_the_flight_with_the_largest_jerks_is_far_off():
     assert found.worst < MOST_WORST
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seed", "largest", "way"), [(3000, 15, 200), (3001, 85, 140), (3100, 85, 150), (3101, 82, 70), (3201, 22, 140)]
 )

@@ -63,6 +63,7 @@ def test_a_camera_that_turns(speed: float) -> None:
     assert sum(told([picture(world, speed * n, n) for n in range(30)])) <= (2 if speed < 1 else 0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("change", [{"zoom": 1.001}, {"zoom": 0.998}, {"roll": 0.001}], ids=str)
 def test_a_camera_that_zooms_or_rolls(change: dict[str, float]) -> None:
     """A tenth of a percent, or a twentieth of a degree, a frame."""

@@ -111,6 +111,7 @@ def rotated(room, tmp_path, change=lambda rows: rows):
     return ["--detections", str(path), "--cameras", str(tmp_path / "one.yaml"), "--appearance", "none"]
 
 
+@pytest.mark.slow
 def test_rotated_boxes_of_a_network_are_tracked(room, tmp_path):
     out = tmp_path / "out"
     assert track(room, out, *rotated(room, tmp_path), sources=("camera1",)) == 0
@@ -120,6 +121,7 @@ def test_rotated_boxes_of_a_network_are_tracked(room, tmp_path):
     assert set(rows["degrees"].tolist()) <= {45.0, -135.0}
 
 
+@pytest.mark.slow
 def test_a_network_of_turned_boxes_keeps_their_angles(room, tmp_path):
     rows = np.zeros((300, 7), np.float32)
     rows[0] = [150, 60, 40, 16, 0.9, 0, np.radians(20)]  # it lies: the longer side is the height of a person
@@ -256,6 +258,7 @@ def test_videos_are_linked_by_the_flow_unless_asked_otherwise(room, tmp_path):
         assert f'"method": "{method[-1] if method else "flow"}"' in (tmp_path / "out/run.json").read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [(320, 240), (0, 0)])
 def test_text_of_the_calibrations_or_no_size_is_taken(room, tmp_path, size):
     assert main(only_text(room, tmp_path, size)) == 0
@@ -286,6 +289,7 @@ class FakeCamera:
         pass
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("size", "resize", "status"), [
     ((320, 240), "no", 0), ((640, 480), "no", 2), ((640, 480), "cut", 0),
 ])  # fmt: skip
@@ -357,6 +361,7 @@ def test_a_box_beyond_the_rim_is_nobodys(room, tmp_path, capsys):
     one_line(capsys, "frame 1: expected boxes of people on the floor, got one about")
 
 
+@pytest.mark.slow
 def test_people_outside_the_floor_are_left_out_and_counted(room, tmp_path, capsys):
     def one_metre(camera):
         camera.update(floor=[*(v - 0.5 for v in camera["position"][:2]), *(v + 0.5 for v in camera["position"][:2])])

@@ -187,6 +187,7 @@ def events_of(world: World, videos: Sequence[Any], described: bool = False) -> l
     return [event for event in events if isinstance(event, PeopleOnFloor)]
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_a_camera_that_starts_late_stops_and_comes_back_leaves_the_ids() -> None:
     world = small(make_world(2, people=4, miss=0.0, false=0.0), 4)
@@ -201,6 +202,7 @@ def test_a_camera_that_starts_late_stops_and_comes_back_leaves_the_ids() -> None
     assert views[22:, 2].any()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_after_an_outage_of_all_cameras_the_ids_are_those_of_the_appearance() -> None:
     world = small(make_world(3, people=4, miss=0.0, false=0.0), 4)
@@ -222,6 +224,7 @@ def test_after_an_outage_of_all_cameras_the_ids_are_those_of_the_appearance() ->
     assert not before & after
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("delay", [1.0, 24.0])
 def test_each_moment_is_answered_once_as_soon_as_the_delay_is_over(delay: float) -> None:
     """A delay of 24 seconds settles more at a time than the window keeps."""
@@ -237,6 +240,7 @@ def test_each_moment_is_answered_once_as_soon_as_the_delay_is_over(delay: float)
     assert solver.ids == 2
 
 
+@pytest.mark.slow
 def test_two_names_for_one_camera_are_told_and_the_run_goes_on() -> None:
     world = small(make_world(4, people=3), 3)
     twin = World([world.feeds[0], replace(world.feeds[0], placed=replace(world.feeds[0].placed, name="twin")),

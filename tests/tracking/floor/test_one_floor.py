@@ -272,6 +272,7 @@ def test_boxes_outside_a_cameras_picture_are_refused(tmp_path):
         track_floor(cameras=tmp_path / "cameras.yaml", detections=files)
 
 
+@pytest.mark.slow
 def test_a_result_is_saved_and_loaded(world, tmp_path):
     names = written_detections(world, tmp_path)
     result = track_floor(cameras=tmp_path / "cameras.yaml", detections=names)
@@ -299,6 +300,7 @@ def test_shelf_keypoints_stay_with_both_people(data_folder):
         assert len({number for _, number in nearest}) == 1
 
 
+@pytest.mark.slow
 def test_the_filter_follows_them_as_they_come():
     world = make_world(0, people=3)
     people = people_online(measured(world))

@@ -456,6 +456,7 @@ def check(case: FuzzCase, folder: Path, count: int) -> None:
                 raise AssertionError(f"change {number}: {type(error).__name__}: {error}\n{data[:3000]!r}") from error
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", CASES)
 def test_a_changed_file_is_read_or_refused_in_a_line(name: str, tmp_path: Path) -> None:
     check(CASES[name], tmp_path, 50)

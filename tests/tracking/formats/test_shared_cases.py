@@ -124,6 +124,7 @@ TRACKED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", TRACKED)
 def test_people_of_few_frames_and_odd_detections(
     row: str, cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -138,6 +139,7 @@ def test_people_of_few_frames_and_odd_detections(
     assert (status, lowest <= hota <= highest) == (0, True), text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["dlc_unique.csv", "dlc_multi.csv", "an_default.h5", "an_standard.h5"])
 def test_animals(name: str, cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder = cases / "animals"
@@ -156,6 +158,7 @@ def boxes_in(out: Path) -> list[list[float]]:
     return [[float(value) for value in line.split(",")] for line in (out / "boxes.txt").read_text().splitlines()]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["base.mp4", "interlaced.mpg", "offset10.mkv"])
 def test_one_target_in_odd_video(name: str, cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, text = single(cases / "round2" / "01-video" / name, tmp_path / "o", capsys)
@@ -165,6 +168,7 @@ def test_one_target_in_odd_video(name: str, cases: Path, tmp_path: Path, capsys:
     np.testing.assert_allclose(boxes_in(tmp_path / "o")[-1], expected, atol=tolerance)
 
 
+@pytest.mark.slow
 def test_one_target_in_a_file_whose_name_is_no_utf8(
     cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -175,6 +179,7 @@ def test_one_target_in_a_file_whose_name_is_no_utf8(
     np.testing.assert_allclose(boxes_in(tmp_path / "o")[-1], LAST_BOX, atol=1.5)
 
 
+@pytest.mark.slow
 def test_one_of_two_streams_is_named(cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, text = single(cases / "round2" / "01-video" / "two_streams.mkv", tmp_path / "o", capsys)
     assert (status, "2 video streams, 1 of 160x120, 2 of 320x240 pixels: 1 is read" in text) == (0, True), text
@@ -197,6 +202,7 @@ def served(cases: Path) -> Iterator[str]:
         thread.join()
 
 
+@pytest.mark.slow
 def test_a_finite_stream_ends(served: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     status, text = single(f"{served}/base.ts", tmp_path / "o", capsys)
     assert (status, len(boxes_in(tmp_path / "o"))) == (0, 40), text
@@ -226,6 +232,7 @@ COUNTED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("row", COUNTED)
 def test_counts(row: str, cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, scene, expected, line = COUNTED[row]
@@ -246,6 +253,7 @@ NETWORKS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NETWORKS)
 def test_people_of_networks(name: str, cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     for number in range(1, 11):

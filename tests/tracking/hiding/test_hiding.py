@@ -137,6 +137,7 @@ def street(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_clip(folder, StreetClip(StreetSettings(frames=20, width=320, height=240, people=6), 41))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hide", ["people", "heads"])
 @pytest.mark.parametrize("every", [1, 5])
 def test_no_labelled_head_is_clear_with_given_boxes(hide: str, every: int, street: Path, tmp_path: Path) -> None:
@@ -230,6 +231,7 @@ def result(inputs: Any, tmp_path: Path) -> Path:
     return tmp_path / "r"
 
 
+@pytest.mark.slow
 def test_the_command_hides_and_counts_doubtful_frames(
     inputs: Any, result: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -354,6 +356,7 @@ def test_an_overlay_is_drawn_on_hidden_frames(inputs: Any, tmp_path: Path, monke
     assert [len(np.unique(image[8:40, 8:24].reshape(-1, 3), axis=0)) <= 40 for image in drawn] == [True] * 6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("hide", "clear"), [("people", False), ("heads", False), ("all-but=1", True)])
 def test_the_report_shows_hidden_pictures(
     inputs: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, hide: str, clear: bool

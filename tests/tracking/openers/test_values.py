@@ -109,6 +109,7 @@ def test_no_constructor_runs(tmp_path: Path):
     assert (type(value), value.value, RUNS) == (Runs, 3, [])
 
 
+@pytest.mark.slow
 def test_nothing_in_the_package_or_the_papers_unpickles():
     """Checkpoints are read with ``weights_only=True``, arrays without objects, the rest is JSON or arrays."""
     words = (

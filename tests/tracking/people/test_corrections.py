@@ -53,6 +53,7 @@ def test_they_are_done_again_on_other_detections_of_the_same_people(corrections,
     assert session.answered == 2
 
 
+@pytest.mark.slow
 def test_what_does_not_apply_is_listed_by_the_command(corrections, tmp_path, capsys):
     found = [boxes[:1] for boxes in two_people()]
     rows = [f"{t + 1},-1,{x},{y},{x2 - x},{y2 - y},{s}" for t, ((x, y, x2, y2, s),) in enumerate(found)]

@@ -36,6 +36,7 @@ def rows_of(answer: Targets) -> list[tuple[int, list[float], bool]]:
     return [(one.id, one.box.tolist(), one.status == "tracking") for one in answer]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("delay", [0.0, 0.1, 0.5, 1.0])
 def test_what_is_answered_is_what_the_tracks_say_in_the_end(seed: int, delay: float) -> None:
@@ -75,6 +76,7 @@ def test_a_delay_longer_than_the_video_is_the_whole_flow(seed: int) -> None:
         np.testing.assert_array_equal(a.observed, b.observed)
 
 
+@pytest.mark.slow
 def test_an_id_outlives_a_gap_longer_than_the_delay() -> None:
     video, truth = crowd(np.random.default_rng(7), 3, 80, noise=0.5)
     video[30:50] = [Detections.empty()] * 20
@@ -127,6 +129,7 @@ def test_the_camera_of_the_images_is_forgotten_too() -> None:
             np.testing.assert_array_equal(one.boxes, other.boxes)
 
 
+@pytest.mark.slow
 def test_tracks_begin_with_the_first_frame_that_was_not_forgotten() -> None:
     video, _ = crowd(np.random.default_rng(9), 3, 60)
     tracker = FlowTracker(frame_rate=RATE, delay=0.5)
@@ -140,6 +143,7 @@ def test_tracks_begin_with_the_first_frame_that_was_not_forgotten() -> None:
         np.testing.assert_array_equal(a.boxes, b.boxes[30:])
 
 
+@pytest.mark.slow
 def test_learnt_prices_judge_before_the_answer() -> None:
     video, _ = crowd(np.random.default_rng(10), 3, 40)
     sure, unsure = ObservationCost(alpha=-9.0, beta=0.0), ObservationCost(alpha=0.5, beta=0.0)
@@ -149,6 +153,7 @@ def test_learnt_prices_judge_before_the_answer() -> None:
     assert tracker.tracks() == []
 
 
+@pytest.mark.slow
 def test_features_may_come_and_go() -> None:
     video, truth = crowd(np.random.default_rng(11), 3, 60)
     patchy = [found if frame % 20 > 10 else replace(found, features=None) for frame, found in enumerate(video)]

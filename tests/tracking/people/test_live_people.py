@@ -85,6 +85,7 @@ def test_parts_follow_the_hours_and_each_can_be_read_while_it_is_written(tmp_pat
     assert max(map(max, numbers)) < 120
 
 
+@pytest.mark.slow
 def test_a_run_goes_on_where_it_was_and_gives_no_id_twice(tmp_path: Path) -> None:
     out = tmp_path / "out"
     for begin in (0.0, 10_000.0):

@@ -31,6 +31,7 @@ def track(clip, out, *more):
     return main([*words, "--appearance", "none", "--flow.smoothing=false", *more])
 
 
+@pytest.mark.slow
 def test_tracks_come_back_in_pixels_of_their_own_frames(clip, tmp_path):
     assert track(clip, tmp_path / "a", "--moving-camera", "--flow.fill", "0") == 0
     truth = read_ground_truth(clip / "gt" / "gt.txt")

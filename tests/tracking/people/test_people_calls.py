@@ -78,6 +78,7 @@ def following(people: Targets) -> Targets:
     return people.select(people.status == "tracking")
 
 
+@pytest.mark.slow
 def test_each_frame_is_answered_with_its_image(street: Path) -> None:
     given = labelled(street)
     seen = list(follow_people(street, "sort", detections=given))
@@ -89,6 +90,7 @@ def test_each_frame_is_answered_with_its_image(street: Path) -> None:
         np.testing.assert_array_equal(person.box, tracks[person.id].boxes[tracks[person.id].frames == 15][0])
 
 
+@pytest.mark.slow
 def test_the_flow_with_a_delay_answers_frame_by_frame(street: Path) -> None:
     """And `track_people` says the same in the end."""
     given = labelled(street)
@@ -208,6 +210,7 @@ def test_targets_of_a_frame_out_of_tracks() -> None:
     assert len(targets_at([track], 5)) == 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "message"),
     [

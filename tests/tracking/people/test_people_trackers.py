@@ -82,6 +82,7 @@ def test_people_seen_in_every_frame_get_one_track_each(make: Callable[[], People
     assert all(len(people) == 1 for people in owners(tracks, truth))
 
 
+@pytest.mark.slow
 @EACH
 def test_missed_and_false_detections_do_not_break_tracks(make: Callable[[], PeopleTracker]) -> None:
     video, truth = crowd(np.random.default_rng(1), 5, 60, miss=0.1, clutter=0.5)
@@ -119,6 +120,7 @@ def test_the_input_is_never_written_to(make: Callable[[], PeopleTracker]) -> Non
     assert run_tracker(video, make())
 
 
+@pytest.mark.slow
 @CONTRACT
 def test_asking_for_tracks_early_changes_nothing(make: Callable[[], PeopleTracker]) -> None:
     video, _ = crowd(np.random.default_rng(5), 4, 31, miss=0.2, clutter=0.5)

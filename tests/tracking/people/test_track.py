@@ -59,6 +59,7 @@ def test_a_person_is_tracked_from_any_source_by_any_method(
     assert capsys.readouterr().out == said
 
 
+@pytest.mark.slow
 def test_given_detections_need_no_network_and_no_images(inputs: Any, tmp_path: Path) -> None:
     sequence = tmp_path / "s"
     (sequence / "det").mkdir(parents=True)
@@ -86,6 +87,7 @@ def notes(text: str) -> list[str]:
     return [line.removeprefix("tsuiseki: note: ") for line in text.splitlines() if line.startswith("tsuiseki: note: ")]
 
 
+@pytest.mark.slow
 def test_classes_are_tracked_apart(text_only: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     words = ["track", "people", str(text_only), "--detections", str(text_only / "det.txt"), "--method", "sort"]
     assert main([*words, "--fps", "10", "--classes", "1,3", "--out", str(tmp_path / "apart")]) == 0
@@ -143,6 +145,7 @@ def test_wrong_classes_and_rates(
     assert line in capsys.readouterr().err
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("source", ["video", "images"])
 def test_a_stretch_keeps_its_frame_numbers(inputs: Any, tmp_path: Path, source: str) -> None:
     words = inputs.words(getattr(inputs, source))
@@ -157,6 +160,7 @@ def test_the_overlay_has_the_frames_of_the_stretch(inputs: Any, tmp_path: Path) 
     assert run_record(tmp_path / "o")["files"] == ["flow.npz", "overlay.webm", *REPORT, "tracks.txt"]
 
 
+@pytest.mark.slow
 def test_a_stream_is_recorded_for_its_overlay(inputs: Any, tmp_path: Path) -> None:
     assert main([*inputs.words(f"file://{inputs.video}"), "--overlay", "--out", str(tmp_path / "o")]) == 0
     check_result(tmp_path / "o", 0, 11)
@@ -171,6 +175,7 @@ def test_a_stream_is_recorded_for_its_overlay(inputs: Any, tmp_path: Path) -> No
     assert len(list(open_source(tmp_path / "o" / "overlay.webm").frames())) == 12
 
 
+@pytest.mark.slow
 def test_the_same_run_gives_the_same_tracks(inputs: Any, tmp_path: Path) -> None:
     for name in ("a", "b"):
         assert main([*inputs.words(), "--out", str(tmp_path / name)]) == 0

@@ -83,6 +83,7 @@ def two_people(count: int) -> list[list[list[float]]]:
     return [[[10 + t, 10, 50 + t, 90, 0.9], [100 + t, 10, 150 + t, 90, 0.9]] for t in range(count)]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["flow", "sort"])
 @pytest.mark.parametrize("detected", [True, False])
 def test_a_frame_visits_few_rooms_and_rarely_comes_back(street: Path, method: str, detected: bool) -> None:

@@ -22,6 +22,7 @@ def clip(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_clip_is_tracked_and_scored(clip, tmp_path, capsys):
     out, scores = tmp_path / "out", tmp_path / "scores.json"
     assert main(["track", "blobs", str(clip), "--out", str(out), "--colour", "red", "--overlay"]) == 0
@@ -43,6 +44,7 @@ def test_the_command_says_what_the_weights_sum_to(clip, tmp_path, capsys, preset
     assert said in capsys.readouterr().out
 
 
+@pytest.mark.slow
 def test_points_and_boxes_are_tracked_alike(clip, tmp_path):
     rng = np.random.default_rng(0)
     way = np.array([[50 + 4 * k, 60 + 2 * k] for k in range(20)]) + rng.standard_normal((20, 2))

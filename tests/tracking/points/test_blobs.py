@@ -29,6 +29,7 @@ def points(length: int = 25) -> list[np.ndarray]:
     return [np.array([[50.0 + 3 * t, 60.0], [250.0 - 2 * t, 150.0 + t]]) for t in range(length)]
 
 
+@pytest.mark.slow
 def test_the_command_writes_what_the_function_gives(clip: Path, tmp_path: Path) -> None:
     tracks = track_blobs(clip, "red", frames="2-8", settings=BlobSettings(particles=200))
     words = ["track", "blobs", str(clip), "--colour", "red", "--frames", "2-8", "--particles", "200"]

@@ -130,6 +130,7 @@ def test_light_and_dark_screens_take_the_ink_of_the_page(tmp_path: Path) -> None
     assert "#010203" not in text
 
 
+@pytest.mark.slow
 def test_the_page_is_the_same_every_time(tmp_path: Path) -> None:
     assert report_page(make_report(tmp_path)) == report_page(make_report(tmp_path))
 

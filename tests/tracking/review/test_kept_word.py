@@ -129,6 +129,7 @@ def client(reviewable):
     session.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "request_text",
     [

@@ -98,6 +98,7 @@ def test_a_reviewed_result_is_training_data(reviewable, tracked):
     assert len(labelled_images(reviewable)) == FRAMES_OF_CLIP
 
 
+@pytest.mark.slow
 def test_a_reviewed_result_of_a_video_file_is_training_data(reviewable, tracked, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with VideoWriter(tmp_path / "clip.webm", 25) as writer:

@@ -56,6 +56,7 @@ def anew(flow):
     return solution.cost + force * (flow.status == FORCED).sum()
 
 
+@pytest.mark.slow
 def test_a_correction_of_a_thousand_frames_is_the_flow_that_is_solved_anew(network):
     corrected = CorrectedFlow(network)
     follower = corrected.flow.solution().follower

@@ -56,6 +56,7 @@ def tracks(path: Path) -> Path:
     return path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [400, 3_000, 20_000])
 def test_a_finished_count_stays_whole_where_the_next_one_fills_the_disk(
     size: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -74,6 +75,7 @@ def test_a_finished_count_stays_whole_where_the_next_one_fills_the_disk(
     assert line.startswith(f"tsuiseki: File too large ({tmp_path / 'o'}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["people", "blobs", "single"])
 def test_a_finished_result_stays_whole_where_the_next_one_breaks_off(
     name: str, clip: Path, tmp_path: Path, drone_models: Path, monkeypatch: pytest.MonkeyPatch,
@@ -142,6 +144,7 @@ LACKS = [MemoryError(), cv2.error("OpenCV: error: (-4:Insufficient memory) Faile
          RuntimeError("std::bad_alloc")]  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("error", LACKS)
 @pytest.mark.parametrize(
     ("name", "where"),

@@ -93,6 +93,7 @@ def at_call(number: int, what: Callable[[], object], function: Callable[..., Any
     return called
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_an_interrupt_keeps_the_finished_frames(
@@ -123,6 +124,7 @@ def test_an_interrupt_keeps_the_finished_frames(
     assert not [p for p in (tmp_path / "o").iterdir() if p.name.startswith(".")]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("trouble", ["interrupt", "full disk"])
 def test_what_is_finished_survives_the_drawing(
@@ -176,6 +178,7 @@ def test_a_second_interrupt_ends_at_once_and_one_that_comes_twice_is_one(
     assert lines_of(capsys)[-1].startswith(f"tsuiseki: interrupted; {said}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("what", "linker"),
     [
@@ -244,6 +247,7 @@ def test_options_win_over_files_wherever_they_stand(clip: Path, tmp_path: Path) 
     assert (settings["source"], settings["seed"], settings["particles"]) == (str(clip), 3, 40)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", NAMES)
 def test_a_printed_config_and_a_record_can_be_given_back(
     name: str, clip: Path, drone_models: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -273,6 +277,7 @@ def test_a_record_of_another_command_and_one_that_would_overwrite(
     assert "add --overwrite" in again
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["webm", "mp4"])
 def test_the_same_seed_gives_the_same_bytes(kind: str, clip: Path, drone_models: Path, tmp_path: Path) -> None:
     words = [*commands(clip, drone_models)["blobs"][0], "--overlay", "--overlay-format", kind]
@@ -331,6 +336,7 @@ def test_requests_that_cannot_be_met(
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["OTB", "UAV123"])
 @pytest.mark.parametrize("name", NAMES)
 def test_folders_of_one_target_are_taken_by_every_command(

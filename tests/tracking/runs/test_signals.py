@@ -225,6 +225,7 @@ def started(out: Path, place: str, seconds: float, ignored: bool = False) -> sub
     return process
 
 
+@pytest.mark.slow
 def test_a_process_ends_with_the_status_of_the_signal(out: Path) -> None:
     process = started(out, "step 2", 1.0)
     os.killpg(process.pid, signal.SIGINT)
@@ -234,6 +235,7 @@ def test_a_process_ends_with_the_status_of_the_signal(out: Path) -> None:
     assert is_partial(out)
 
 
+@pytest.mark.slow
 def test_what_is_ignored_stays_ignored(out: Path) -> None:
     process = started(out, "step 2", 1.0, ignored=True)
     process.send_signal(signal.SIGINT)
@@ -242,6 +244,7 @@ def test_what_is_ignored_stays_ignored(out: Path) -> None:
     assert not is_partial(out)
 
 
+@pytest.mark.slow
 def test_a_killed_run_leaves_nothing_half_and_the_next_one_clears_up(out: Path) -> None:
     def visible() -> dict[str, str]:
         return {path.name: path.read_text() for path in out.iterdir() if not path.name.startswith(".")}

@@ -66,6 +66,7 @@ def _started():
     return tracker
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_boxes():
     images, boxes = clip(walk(30), hidden=range(12, 20))
     first, second = (run(Combined(seed=3), images, boxes[0]) for _ in range(2))
@@ -93,6 +94,7 @@ def test_a_challenger_that_looks_like_the_surroundings_does_not_win():
     assert tracker._likelier(images[-1], tracker.target, elsewhere)
 
 
+@pytest.mark.slow
 def test_a_lost_target_is_found_where_the_witness_sees_it_again():
     """It is hidden for a second and comes back two of its sides away, where the filter alone does not look."""
     path = np.concatenate([walk(20), np.tile([[150.0, 110.0]], (40, 1))])

@@ -24,6 +24,7 @@ def test_one_size_is_kept_where_no_others_are_tried():
         np.testing.assert_allclose(seen.box[2:] - seen.box[:2], boxes[0, 2:] - boxes[0, :2])
 
 
+@pytest.mark.slow
 def test_a_size_that_the_size_filter_does_not_see_is_seen_by_the_colours(monkeypatch):
     """It shrinks at once by more than the filter's five steps of 3 %; without the far look its size stays."""
     images, boxes = clip(walk(40), sizes=[1.0] * 12 + [0.6] * 28)

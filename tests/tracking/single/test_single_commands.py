@@ -12,6 +12,7 @@ from tsuiseki.tracking.report import drawing
 from tsuiseki.tracking.single.settings import METHODS
 
 
+@pytest.mark.slow
 def test_track_and_evaluate(labelled_square, tmp_path, capsys):
     out = tmp_path / "Square"
     assert main(["track", "single", str(labelled_square), "--out", str(out), "--plot", "--overlay"]) == 0
@@ -117,6 +118,7 @@ def test_constant_images_are_refused_at_the_start_and_followed_later(labelled_sq
     assert np.isfinite(np.loadtxt(tmp_path / "o" / "boxes.txt", delimiter=",")).all()
 
 
+@pytest.mark.slow
 def test_the_network_of_people_is_not_asked_about_a_square(labelled_square, tmp_path, capsys):
     words = ["track", "single", str(labelled_square), "--frames", "1-4", "--recognise", "--method", "kcf"]
     assert main([*words, "--out", str(tmp_path / "square")]) == 0

@@ -74,6 +74,7 @@ def test_the_stated_covariance_holds_the_truth(film):
     assert np.median(square) < 16
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_track(film):
     first, second = follow(film, seed=3), follow(film, seed=3)
     np.testing.assert_array_equal([p.point for p in first], [p.point for p in second])

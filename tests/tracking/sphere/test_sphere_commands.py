@@ -60,6 +60,7 @@ def test_a_film_is_tracked_and_everything_is_written(film, track):
     assert all(section.count("<table>") <= 1 for section in page.split("<section>")), "tables have a heading each"
 
 
+@pytest.mark.slow
 def test_the_preset_paper_walks_and_never_searches(film, track):
     status, _, result = track("--start", start_of(film), "--preset", "paper", "--particles", "100")
     assert status == 0
@@ -71,6 +72,7 @@ def test_the_preset_paper_walks_and_never_searches(film, track):
     assert "search" not in record["seconds"]
 
 
+@pytest.mark.slow
 def test_an_offset_shifts_one_video_against_the_other(film, track):
     shift = str(2 / 15)
     status, _, result = track("--start", start_of(film), "--offsets", f"0,{shift}", "--particles", "50")
@@ -237,6 +239,7 @@ def webcams(film, monkeypatch):
     monkeypatch.setattr(video.cv2, "VideoCapture", FakeCamera)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("webcams")
 def test_two_webcams_are_followed_while_they_come(film, tmp_path):
     # A ball that rests: how many frames are seen depends on how busy the machine is, where the ball is does not.
@@ -264,6 +267,7 @@ def test_live_cameras_refuse_what_needs_a_recording(film, tmp_path, capsys):
     assert "got a live camera" in capsys.readouterr().err
 
 
+@pytest.mark.slow
 def test_a_film_is_followed_as_it_is_tracked(film, tmp_path):
     import tsuiseki
 

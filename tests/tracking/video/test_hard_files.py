@@ -82,6 +82,7 @@ def test_58_1_interlaced_pictures_are_read(tmp_path: Path) -> None:
     check_whole(write(tmp_path / "a.mpg", "mpeg2video", options={"flags": "+ildct+ilme", "qscale": "2"}, format="mpeg"))
 
 
+@pytest.mark.slow
 def test_58_2_names_that_are_no_text_in_and_out(tmp_path: Path) -> None:
     folder = tmp_path / os.fsdecode(b"caf\xe9")
     folder.mkdir()

@@ -155,6 +155,7 @@ def test_a_scene_of_another_size_than_the_video_file_is_refused(place, capsys):
     assert "the video has 160x120" in error
 
 
+@pytest.mark.slow
 def test_who_crosses_in_a_video_file_is_counted(place, capsys):
     scene = place / "scene.yaml"
     scene.write_text(yaml.safe_dump(SCENE))
@@ -172,6 +173,7 @@ def test_an_old_result_without_a_size_is_counted_and_that_is_said(place):
     assert sum(answers.tables["lines"]["count"]) == 1
 
 
+@pytest.mark.slow
 def test_the_page_of_a_count_shows_no_pictures_of_another_video(place):
     (place / "scene.yaml").write_text(yaml.safe_dump(SCENE))
     write_video(place / "clip.webm", (320, 240))

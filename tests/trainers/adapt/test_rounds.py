@@ -89,6 +89,7 @@ def test_the_first_round_must_be_better_by_more(adaptation: Callable[[list[Track
         assert better(again, learnt)
 
 
+@pytest.mark.slow
 def test_a_round_is_kept_where_it_beats_the_default(adaptation: Callable[[list[TrackedPeople]], Adaptation]) -> None:
     given = adaptation([seeing(2, 3.0), seeing(2, 1.0)])
     _, learnt = rounds(given)
@@ -123,6 +124,7 @@ def test_twice_the_people_are_kept(adaptation: Callable[[list[TrackedPeople]], A
     assert best_of(finished).number == 1
 
 
+@pytest.mark.slow
 def test_a_round_competes_with_the_start_and_not_with_its_teacher(
     adaptation: Callable[[list[TrackedPeople]], Adaptation], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -159,6 +161,7 @@ def test_boxes_are_moved_onto_silhouettes_once(adaptation: Callable[[list[Tracke
     assert [here.scores.offset > 0.01 for here in finished] == [True, False]
 
 
+@pytest.mark.slow
 def test_finished_rounds_are_not_made_again(
     adaptation: Callable[[list[TrackedPeople]], Adaptation], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -74,6 +74,7 @@ def test_the_file_carries_its_card_and_gives_what_torch_gives(tmp_path: Path, fl
     assert kinds == {onnx.TensorProto.FLOAT16 if float16 else onnx.TensorProto.FLOAT}
 
 
+@pytest.mark.slow
 def test_nothing_of_this_machine_is_in_the_file(tmp_path: Path) -> None:
     path = tmp_path / "tiny.onnx"
     export_onnx(Tiny(), CARD, path, EXAMPLE, ["features"])
@@ -81,6 +82,7 @@ def test_nothing_of_this_machine_is_in_the_file(tmp_path: Path) -> None:
     assert [e.key for e in onnx.load(path).metadata_props] == [METADATA_KEY]
 
 
+@pytest.mark.slow
 def test_a_difference_to_torch_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     def wrong(convert: Callable[..., onnx.ModelProto]) -> Callable[..., onnx.ModelProto]:
         def converted(*given: Any) -> onnx.ModelProto:
@@ -99,6 +101,7 @@ def test_a_difference_to_torch_leaves_no_file(tmp_path: Path, monkeypatch: pytes
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_an_output_that_says_nothing_is_refused(tmp_path: Path) -> None:
     with pytest.raises(RunError, match="features is constant"):
         export_onnx(Constant(), CARD, tmp_path / "constant.onnx", EXAMPLE, ["features"])

@@ -89,6 +89,7 @@ class TestGradients:
         quotients = np.array(rows)
         return quotients[:, 0], quotients[:, 1:]
 
+    @pytest.mark.slow
     def test_loss_and_flow_have_the_derivatives_of_finite_differences(self) -> None:
         of_loss, of_flow = self.differences()
         costs = self.costs()
@@ -107,6 +108,7 @@ class TestGradients:
         np.testing.assert_allclose(gradients(costs), of_flow @ direction, atol=0.08)
         assert np.abs(of_flow @ direction).max() > 0.2
 
+    @pytest.mark.slow
     def test_one_detection_has_the_closed_form(self) -> None:
         """It is used with the probability that its sum of costs s, with noise of deviation √3 ε, is below 0."""
         total = torch.tensor([0.8], dtype=torch.float64, requires_grad=True)
@@ -121,6 +123,7 @@ class TestGradients:
         (by_flow,) = torch.autograd.grad(flows.detections.sum(), total)
         assert by_flow.item() == pytest.approx(-norm.pdf(0.8 / spread) / spread, abs=0.03)
 
+    @pytest.mark.slow
     @pytest.mark.parametrize("name", ["fenchel_young", "hinge", "both"])
     def test_gradcheck_of_the_loss_over_the_same_draws(self, name: FlowLossName) -> None:
         """Over its own draws the loss is linear between costs at which a minimum changes; none changes within 0.001.
@@ -340,6 +343,7 @@ class Linked(torch.nn.Module):
         return (2 * flows.loss).sum()
 
 
+@pytest.mark.slow
 def test_a_compiled_network_has_the_same_loss_and_gradient() -> None:
     torch.manual_seed(0)
     plain, window = Linked(), street(0)

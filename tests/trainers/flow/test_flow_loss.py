@@ -90,6 +90,7 @@ def test_the_distance_is_that_of_each_arc(seed: int) -> None:
         assert constant + slope @ flow == pytest.approx(arcs.weight @ np.abs(flow - arcs.labelled))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1])
 def test_gradient_is_that_of_finite_differences(seed: int) -> None:
     """Of the expected perturbed minimum: the same 2 x 150 draws on both sides of every cost.

@@ -70,6 +70,7 @@ def test_an_everyday_set_draws_all_its_parts() -> None:
     assert sum(share for share, _ in EVERYDAY) == pytest.approx(1)
 
 
+@pytest.mark.slow
 def test_posed_people_need_a_library_that_has_them(library: Path) -> None:
     # The library's people stand and walk.
     settings = replace(PLAIN, rendered=1.0, posed=1.0)

@@ -60,6 +60,7 @@ def test_nobody_is_labelled_for_them(photographs: Photographs) -> None:
     assert (image != other).any()
 
 
+@pytest.mark.slow
 def test_near_pictures_show_people_large() -> None:
     heights = []
     for seed in range(6):

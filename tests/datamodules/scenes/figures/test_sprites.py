@@ -108,6 +108,7 @@ def test_steady_sides_stand_where_the_person_does() -> None:
     np.testing.assert_allclose(smaller(sprite, 0.5).steady, [-2, 6])
 
 
+@pytest.mark.slow
 def test_pictures_with_steady_boxes_are_the_same_pictures(library: Path) -> None:
     settings = TrainingSettings((160, 120), people=(4, 4), clutter=(2, 2), rendered=1.0)
     stock = SpriteLibrary(library)
@@ -226,6 +227,7 @@ def _varied(folder: Path, count: int, scene: Any = "varied", **given: Any) -> Tr
     return TrainingSource(str(folder), generate=count, scene=scene, **given)
 
 
+@pytest.mark.slow
 def test_varied_pictures_show_them(library: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(training_images, "on_all_cores", lambda work, items, _: map(work, items))
     folder = tmp_path / "pictures"

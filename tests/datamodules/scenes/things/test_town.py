@@ -56,6 +56,7 @@ def test_fronts_keep_clear_of_people():
             assert not ((np.abs(local[:, 0]) < min(wall.scale[0, 0], 7.9)) & (np.abs(local[:, 1]) < 0.5)).any()
 
 
+@pytest.mark.slow
 def test_a_town_hides_people_and_adds_none():
     fewer = 0
     for seed in range(6):
