@@ -42,6 +42,7 @@ from tsuiseki.tracking.types.tracks import (
     FloorTrack,
     PointTable,
     boxes_about,
+    frames_up_to,
     positive_ids,
     targets_at,
 )
@@ -371,7 +372,7 @@ class Result(Collection[T_co]):
             raise RequestError("only the run that made these tracks can draw them; a file keeps no places in pictures")
         from tsuiseki.tracking.report.overlay import Overlay
 
-        length = max([-1, *self.frames.get("frame", ()), *(int(track.frames[-1]) for track in boxes if len(track))]) + 1
+        length = frames_up_to(self.frames.get("frame", ()), boxes)
         return Overlay.of_people(boxes, self.frame_rate, self.size, length)
 
     @overload
@@ -466,9 +467,9 @@ class Result(Collection[T_co]):
             raise RequestError("expected tracks of people or animals to correct, got others; use tsuiseki review")
         if self.facts.get("corrections"):
             raise RequestError("expected tracks as the tracker left them, got corrected ones; use tsuiseki review")
-        length = max([-1, *self.frames.get("frame", ()), *(int(track.frames[-1]) for track in solved)]) + 1
+        length = frames_up_to(self.frames.get("frame", ()), solved)
         about = CorrectedVideo(self.name if self.source else "", self.size, length)
-        network = network_of_tracks(solved, self.frame_rate or 25.0) if self.network is None else self.network()
+        network = network_of_tracks(solved, self.frame_rate or USUAL_RATE) if self.network is None else self.network()
         again = replayed(solved, network, a_path(corrections, "corrections"), about)
         again.warn()
         boxes, tracks, points = list(again.tracks), list[Any](again.tracks), self.points

@@ -24,7 +24,7 @@ from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
-from tsuiseki.tracking.types.tracks import BodyTrack, boxes_about
+from tsuiseki.tracking.types.tracks import BodyTrack, boxes_about, frames_up_to
 
 Table = Mapping[str, Sequence[Any]]
 """Columns by name, all of one length."""
@@ -155,7 +155,7 @@ def count(
         settings = replace(settings, anchor="centre")
     paths = paths_of(tracks, scene, settings)
     frames = getattr(result, "frames", {}).get("frame", ())
-    first, length = min(frames, default=0), max([-1, *frames, *(int(track.frames[-1]) for track in tracks)]) + 1
+    first, length = min(frames, default=0), frames_up_to(frames, tracks)
     picture_size = scene.size or result_size
     if result_size is None and not bodies:  # one that knows its picture was tracked in it
         compare_with_picture("the result", np.concatenate([np.empty((0, 4)), *(t.boxes for t in tracks)]), picture_size)

@@ -27,7 +27,7 @@ from tsuiseki.tracking.report.track_bars import PERSON
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 from tsuiseki.tracking.types.class_choice import PERSON_NAMES
-from tsuiseki.tracking.types.tracks import boxes_about
+from tsuiseki.tracking.types.tracks import boxes_about, frames_up_to
 
 # Weights of `doubtful_tracks.FEATURES` and a constant, of the logit that a track is the first of a further person. They
 # and the two below are fitted on generated streets of seeds below 120.
@@ -100,8 +100,7 @@ def count_visitors(result: Result[Any] | Sequence[Track], frame_rate: float | No
     if not 0 < rate < 1e4:
         raise RequestError(f"expected a frame rate above 0, got {rate:g}; give `frame_rate`")
     tracks = boxes_about(result, getattr(result, "names", ()))
-    frames = getattr(result, "frames", {}).get("frame", ())
-    length = max([-1, *frames, *(int(track.frames[-1]) for track in tracks)]) + 1
+    length = frames_up_to(getattr(result, "frames", {}).get("frame", ()), tracks)
     found = visitors_among(result, tracks, rate, getattr(result, "size", None), length)
     if found is None:
         raise RequestError("expected a result of people, got one of other targets")

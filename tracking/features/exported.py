@@ -367,6 +367,11 @@ def as_describer(
     )
 
 
+def usual_describer(appearance: AppearanceLike | None) -> Describe:
+    """`as_describer`, by default of the shipped network."""
+    return as_describer("people" if appearance is None else appearance)
+
+
 class FunctionDetector:
     """A detector that is a function.
 

@@ -64,6 +64,15 @@ class Look:
     def __repr__(self) -> str:
         return f"<Look: {len(self.pictures)} pictures of {self.source[-60:]}>"
 
+    @property
+    def mean(self) -> FloatArray:
+        """``(1, D)`` mean of the pictures, each of unit length."""
+        return np.asarray(unit_rows(np.array(self.pictures)).mean(axis=0, keepdims=True))
+
+    def centre_or(self, usual: FloatArray | None) -> FloatArray | None:
+        """``(D,)`` the centre, or the usual one where it is not known."""
+        return usual if self.centre is None else np.array(self.centre)
+
 
 @dataclass(frozen=True, config=SETTINGS)
 class KnownPerson:
@@ -149,19 +158,21 @@ class Gallery:
         Args:
             centre: ``(D,)`` mean of the people in view, for looks without one in a gallery of few people.
         """
-        usual = centre if self.centre() is None else self.centre()
-        looks = [np.concatenate([_mean(look, usual) for look in person.looks]) for person in self.people.values()]
-        return unit_rows(np.array([rows.mean(axis=0) for rows in looks])) if looks else np.empty((0, 0))
+        own = self.centre()
+        usual = centre if own is None else own
+        visits = [[without(look.mean, look.centre_or(usual))[0] for look in p.looks] for p in self.people.values()]
+        return unit_rows(np.array([np.mean(rows, axis=0) for rows in visits])) if visits else np.empty((0, 0))
 
     def centre(self) -> FloatArray | None:
         """``(D,)`` mean of those in the gallery; None where there are too few."""
-        first = [_mean(person.looks[0], None, own=False) for person in self.people.values()]
+        first = [person.looks[0].mean for person in self.people.values()]
         return centre_of(np.concatenate(first)) if first else None
 
     def doubts(self, name: str) -> list[str]:
         """Why the looks of a person may not be those of one person, or be those of another; a sentence each."""
         person = self.people[name]
-        pictures = np.concatenate([_pictures(look, self.centre()) for look in person.looks])
+        usual = self.centre()
+        pictures = np.concatenate([without(np.array(x.pictures), x.centre_or(usual)) for x in person.looks])
         sources = [look.source for look in person.looks for _ in look.pictures]
         said = []
         if len(pictures) > 1:
@@ -188,18 +199,6 @@ class Gallery:
         content = RootModel[Gallery](self).model_dump(mode="json")
         with whole_file(folder / FILE) as file:
             file.write((json.dumps(content, ensure_ascii=False) + "\n").encode())
-
-
-def _pictures(look: Look, usual: FloatArray | None, own: bool = True) -> FloatArray:
-    """``(P, D)`` pictures of a look without its own centre, or without the usual one."""
-    centre = np.array(look.centre) if own and look.centre is not None else usual
-    return without(np.array(look.pictures), centre)
-
-
-def _mean(look: Look, usual: FloatArray | None, own: bool = True) -> FloatArray:
-    """``(1, D)`` likewise, of their mean."""
-    mean = unit_rows(np.array(look.pictures)).mean(axis=0)
-    return _pictures(replace(look, pictures=[mean.tolist()]), usual, own)
 
 
 def read_gallery(folder: str | Path) -> Gallery:

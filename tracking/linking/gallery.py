@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.features.exported import AppearanceLike, Describe, as_describer
+from tsuiseki.tracking.features.exported import AppearanceLike, Describe, usual_describer
 from tsuiseki.tracking.features.gallery import FILE, Gallery, Look, check_network, network_of, read_gallery
 from tsuiseki.tracking.features.recognition import centre_of
 from tsuiseki.tracking.linking.identities import look_of
@@ -20,7 +20,6 @@ from tsuiseki.tracking.people.tracks_of_source import boxes_of, tracked
 from tsuiseki.tracking.privacy import Days
 from tsuiseki.tracking.video.source import open_source
 
-SHIPPED = "people"
 Action: TypeAlias = Literal["add", "remove", "list"]
 # A result and the id of one of its tracks.
 _TRACK = re.compile(r"(.+):(\d+)")
@@ -47,7 +46,7 @@ def add_person(
     Raises:
         RequestError: a source is missing or shows nothing, or the network is not that of the gallery.
     """
-    describer = as_describer(SHIPPED if appearance is None else appearance)
+    describer = usual_describer(appearance)
     if gallery is None:
         gallery = Gallery(network_of(describer))
     check_network(gallery, describer, "the gallery")

@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import NonNegativeFloat
 
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.features.exported import AppearanceLike, Describe, as_describer
+from tsuiseki.tracking.features.exported import AppearanceLike, Describe, usual_describer
 from tsuiseki.tracking.features.gallery import Gallery, opened_gallery
 from tsuiseki.tracking.features.recognition import centred
 from tsuiseki.tracking.fields import Commas, FrameRate
@@ -28,7 +28,7 @@ from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.options import Output
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
 
-SHIPPED, NONE = "people", "none"
+NONE = "none"
 # Of `joins.csv` and `unsure.csv`.
 COLUMNS = ("id", "result", "track", "next_result", "next_track", "seconds", "likeness", "margin")
 # Of `people.csv`.
@@ -100,7 +100,7 @@ def link(
     _refuse_twice(names, loaded)
     describer = None
     if not (isinstance(appearance, str | Path) and str(appearance) == NONE):
-        describer = as_describer(SHIPPED if appearance is None else appearance)
+        describer = usual_describer(appearance)
     people = None if gallery is None else opened_gallery(gallery, describer)
     pictures = [_pictures(name, result, describer) for name, result in zip(names, loaded, strict=True)]
     passages = _passages(names, loaded, starts or [0.0] * len(loaded), pictures)

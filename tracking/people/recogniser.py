@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
-from tsuiseki.tracking.features.exported import AppearanceLike, as_describer
+from tsuiseki.tracking.features.exported import AppearanceLike, usual_describer
 from tsuiseki.tracking.features.gallery import Gallery, opened_gallery
 from tsuiseki.tracking.features.recognition import centre_of, identity_of, recognise, unit_rows, without
-from tsuiseki.tracking.types import FloatArray, Frame, Targets
+from tsuiseki.tracking.types import FloatArray, Frame, Recognition, Targets
 
-SHIPPED = "people"
 # Seconds from one picture of somebody to the next: those in between look the same.
 BETWEEN = 0.4
 # Pictures of somebody: more change the mean little.
@@ -31,6 +30,14 @@ class _Look:
     time: float
 
 
+@dataclass
+class _InView:
+    """How those looked who were seen, by id, and who those in view are."""
+
+    looks: dict[int, _Look] = field(default_factory=dict)
+    identities: dict[int, Recognition] = field(default_factory=dict)
+
+
 class Recogniser:
     """Gives targets their identities.
 
@@ -43,9 +50,12 @@ class Recogniser:
     """
 
     def __init__(self, gallery: str | Path | Gallery, appearance: AppearanceLike | None = None) -> None:
-        self.describer = as_describer(SHIPPED if appearance is None else appearance)
+        self.describer = usual_describer(appearance)
         self.gallery = opened_gallery(gallery, self.describer)
-        self._cameras: dict[int, dict[int, _Look]] = {}
+        self._centre = self.gallery.centre()
+        # Nothing of the view enters where the gallery has a centre.
+        self._rows = None if self._centre is None else self.gallery.rows()
+        self._cameras: dict[int, _InView] = {}
 
     def recognised(self, steps: Iterable[tuple[Frame, Targets]]) -> Iterator[tuple[Frame, Targets]]:
         """The same frames, in which each person who was ever seen well has an identity."""
@@ -54,25 +64,33 @@ class Recogniser:
 
     def update(self, frame: Frame, targets: Targets) -> Targets:
         """The targets of the next frame of a camera with their identities."""
-        looks = self._cameras.setdefault(frame.camera, {})
-        self._describe(frame, targets, looks)
-        seen = [number for number in targets.ids.tolist() if number in looks]
-        if not seen:
-            return targets
-        means = unit_rows(np.array([look.total for look in looks.values()]))
-        centre = centre_of(means, self.gallery.centre())
-        rows = without(means, centre)[[list(looks).index(number) for number in seen]]
-        chances = recognise(rows, self.gallery.rows(centre), np.ones((len(seen), len(seen)), dtype=bool))
-        names = list(self.gallery.people)
-        identities = {number: identity_of(row, names) for number, row in zip(seen, chances, strict=True)}
-        return replace(targets, identities=identities)
+        camera = self._cameras.setdefault(frame.camera, _InView())
+        described = self._describe(frame, targets, camera.looks)
+        seen = [number for number in targets.ids.tolist() if number in camera.looks]
+        # The same people with the same pictures are who they were in the frame before.
+        if described or seen != list(camera.identities):
+            camera.identities = self._identities(seen, camera.looks)
+        return replace(targets, identities=camera.identities)
 
-    def _describe(self, frame: Frame, targets: Targets, looks: dict[int, _Look]) -> None:
-        """Take a picture of those whose last one is some time ago."""
+    def _identities(self, seen: list[int], looks: dict[int, _Look]) -> dict[int, Recognition]:
+        """Who those in view are, by what is known of all who were."""
+        if not seen:
+            return {}
+        means = unit_rows(np.array([look.total for look in looks.values()]))
+        centre = centre_of(means, self._centre)
+        row_of = {number: row for row, number in enumerate(looks)}
+        rows = without(means, centre)[[row_of[number] for number in seen]]
+        likenesses = self.gallery.rows(centre) if self._rows is None else self._rows
+        chances = recognise(rows, likenesses, np.ones((len(seen), len(seen)), dtype=bool))
+        names = list(self.gallery.people)
+        return {number: identity_of(row, names) for number, row in zip(seen, chances, strict=True)}
+
+    def _describe(self, frame: Frame, targets: Targets, looks: dict[int, _Look]) -> bool:
+        """Take a picture of those whose last one is some time ago; whether there was any."""
         due = [row for row, number in enumerate(targets.ids.tolist()) if _is_due(looks.get(number), frame.time)]
         due = [row for row in due if targets.status[row] == "tracking"]
         if not due:
-            return
+            return False
         rows = self.describer.describe(frame.image, targets.boxes[due])
         for number, row in zip(targets.ids[due].tolist(), rows, strict=True):
             if np.isfinite(row).all() and row.any():
@@ -80,6 +98,7 @@ class Recogniser:
                 looks[number] = _Look(look.total + row, look.count + 1, frame.time)
         for number in list(looks)[:-LATEST]:
             del looks[number]
+        return True
 
 
 def _is_due(look: _Look | None, time: float) -> bool:

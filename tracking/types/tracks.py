@@ -184,6 +184,11 @@ class FloorDetections(ShortRepr):
         return len(self.detections)
 
 
+def frames_up_to(numbers: Iterable[int], tracks: Iterable[Track | BodyTrack]) -> int:
+    """How many frames there are up to the last of the ``numbers`` and of the tracks, which count from 0."""
+    return max([-1, *numbers, *(int(track.frames[-1]) for track in tracks if len(track.frames))]) + 1
+
+
 def positive_ids(ids: IntArray) -> IntArray:
     """``(N,)`` the ids of a file, where 0, which no track here has, becomes the smallest that is free.
 
