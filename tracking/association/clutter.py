@@ -9,9 +9,10 @@ A(t*) / N(t*), is the probability that a detection of that score is right.
 `standing_clutter` names the tracks that stay in their place and score less than tracks that move.
 
 `ScoreChoice` chooses the threshold of other projects' networks. Such a network first runs on the beginning of the video
-with a low threshold. The moving detections there give the threshold for the rest of the video. Given detections are cut
-likewise where that leaves out most of them; then no detector's own threshold has cut them before. What stands for a
-second, such as a parked car, is left to `standing_clutter`."""
+with a low threshold. The moving detections there give the threshold for the rest of the video. Before a moving camera
+all clutter moves, so there the usual threshold stays. Given detections are cut likewise where that leaves out most of
+them; then no detector's own threshold has cut them before. What stands for a second, such as a parked car, is left to
+`standing_clutter`."""
 
 from __future__ import annotations
 
@@ -25,6 +26,7 @@ from tsuiseki.tracking.association.nearby import near_pairs, sizes
 from tsuiseki.tracking.features.exported import Detect
 from tsuiseki.tracking.features.foreign_detector import ForeignDetector
 from tsuiseki.tracking.features.ground_plane import GroundPlane
+from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.streaming import stream
 from tsuiseki.tracking.features.view_choice import inner_detector
 from tsuiseki.tracking.geometry import centres, iou_pairs
@@ -210,24 +212,28 @@ class ScoreChoice:
         ground: also drops what scores less.
 
     Attributes:
-        floor: the threshold by now; None where too little moves, and the usual one is taken.
+        floor: the threshold by now; None where the usual one is taken: too little moves, or the camera does.
+        moving: pictures do not show that the camera stands still in most of the beginning.
     """
 
     def __init__(self, detect: Detect, network: ForeignDetector, ground: GroundPlane | None) -> None:
         self._detect, self._network, self._ground = detect, network, ground
         self.floor: float | None = None
+        self.moving = False
 
     def choose(self, source: Source, batch_size: int, workers: int, times: StageTimes) -> dict[int, Detections]:
         """Detections by frame number at the beginning of the video, at the threshold that is taken from then on."""
         usual, self._network.score_threshold = self._network.score_threshold, LOWEST
         last = source.frames_wanted.first + round(SECONDS * source.frame_rate)
         beginning: dict[int, Detections] = {}
-        frames = source.frames()
+        frames, camera = source.frames(), StandingCamera()
         for frame, detections in stream(frames, self._detect, None, batch_size, times, workers):
             if frame.index >= last:
                 break
             beginning[frame.index] = detections
-        self.floor = floor_of([*beginning.values()], source.frame_rate)
+            camera.add(frame.image)
+        self.moving = 2 * len(camera.moved) > len(camera)
+        self.floor = None if self.moving else floor_of([*beginning.values()], source.frame_rate)
         threshold = usual if self.floor is None else self.floor
         self._network.score_threshold = threshold
         if self._ground is not None:
@@ -241,7 +247,8 @@ class ScoreChoice:
 
     def __str__(self) -> str:
         if self.floor is None:
-            return f"scores: too little moves to tell what they are worth; kept from {self.threshold:g}"
+            reason = "the camera moves too much" if self.moving else "too little moves"
+            return f"scores: {reason} to tell what they are worth; kept from {self.threshold:g}"
         return f"scores: boxes are kept from {self.floor:.2f} on, by what moves; --score-threshold says another"
 
 

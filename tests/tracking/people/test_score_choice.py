@@ -41,10 +41,12 @@ class Walkers:
         return [each.select(each.scores >= self.score_threshold) for each in found]
 
 
-def opened(folder: Path) -> Any:
+def opened(folder: Path, moving: bool = False) -> Any:
+    """A picture a frame whose first row tells its number, before a wall that a camera passes where it is moving."""
+    wall = cv2.resize(np.random.default_rng(0).integers(30, 220, (9, 60, 3), np.uint8), (1920, 96))
     for t in range(FRAMES):
-        image = np.zeros((16, 16, 3), np.uint8)
-        image[:, :8], image[:, 8:] = min(t, 200), max(t - 200, 0)
+        image = wall[:, 5 * t * moving :][:, :160].copy()
+        image[0, :80], image[0, 80:] = min(t, 200), max(t - 200, 0)
         cv2.imwrite(str(folder / f"{t:04}.png"), image)
     return open_source(str(folder), frame_rate=RATE)
 
@@ -67,6 +69,18 @@ def test_where_nothing_moves_the_usual_threshold_is_taken(tmp_path: Path) -> Non
     assert sum(len(found) for _, found in PeopleInputs(opened(tmp_path), still, choice=choice).detections()) == 0
     assert choice.floor is None
     assert choice.threshold == 0.3
+
+
+def test_before_a_camera_that_moves_clutter_moves_too_and_the_usual_threshold_is_taken(tmp_path: Path) -> None:
+    network = Walkers()
+    choice = ScoreChoice(network, network, None)  # type: ignore[arg-type]
+    counts = [
+        len(found) for _, found in PeopleInputs(opened(tmp_path, moving=True), network, choice=choice).detections()
+    ]
+    assert counts == [5] * FRAMES
+    assert choice.floor is None
+    assert choice.threshold == 0.3
+    assert "the camera moves too much" in str(choice)
 
 
 def test_functions_and_given_detections_keep_their_own_threshold() -> None:
