@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import warnings
+from collections import deque
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -23,8 +24,10 @@ from tsuiseki.tracking.video.source import check_size
 
 # Share of the delay for which a moment waits for a camera that is late.
 HELD = 0.5
-# Frames in a row that two cameras have in common, from which on they are one.
+# Different pictures that two cameras have in common, from which on they are one.
 SAME = 5
+# Last pictures of each camera that are compared, several seconds of it.
+RECENT = 256
 # Every so many pixels two pictures are compared.
 SPARSE = 8
 
@@ -38,37 +41,38 @@ class View:
     people: StandingPeople
 
 
-@dataclass
 class SameCameras:
-    """Finds two names for one camera: their pictures are equal, one after the other.
+    """Finds two names for one camera: pictures of both are equal.
+
+    Streams of one camera run apart and lose different frames, so each picture is compared with the last ones of the
+    other. One that does not change says nothing, for two screens may show the same.
+
+    Args:
+        names: of the cameras.
 
     Attributes:
         out: cameras that are left out.
     """
 
-    names: Sequence[str]
-    out: set[int] = field(default_factory=set)
-    _equal: dict[tuple[int, int], tuple[int, int]] = field(default_factory=dict)
-    _last: dict[int, bytes] = field(default_factory=dict)
+    def __init__(self, names: Sequence[str]) -> None:
+        self.names, self.out = names, set[int]()
+        self._recent = [deque[int](maxlen=RECENT) for _ in names]
 
     def add(self, camera: int, image: ImageArray) -> None:
         """Take the next picture of a camera."""
         sparse = image[::SPARSE, ::SPARSE]
-        if int(sparse.max()) == int(sparse.min()):
+        if camera in self.out or int(sparse.max()) == int(sparse.min()):
             return
-        seen = self._last[camera] = sparse.tobytes()
-        for other, theirs in self._last.items():
-            if other == camera or camera in self.out or other in self.out:
+        picture = hash(sparse.tobytes())
+        self._recent[camera].append(picture)
+        for other, theirs in enumerate(self._recent):
+            if other == camera or other in self.out or picture not in theirs:
                 continue
-            pair = min(camera, other), max(camera, other)
-            equal, apart = self._equal.get(pair, (0, 0))
-            # The newest frame of the other camera may be the one before, or its own.
-            equal, apart = (equal + 1, 0) if seen == theirs else (equal, apart + 1)
-            self._equal[pair] = (equal, apart) if apart < 2 else (0, 0)
-            if equal >= SAME:
-                self.out.add(pair[1])
+            if len(set(theirs).intersection(self._recent[camera])) >= SAME:
+                first, second = sorted((camera, other))
+                self.out.add(second)
                 warnings.warn(
-                    f"{self.names[pair[1]]} gives the pictures of {self.names[pair[0]]}: it is left out",
+                    f"{self.names[second]} gives the pictures of {self.names[first]}: it is left out",
                     InputWarning, stacklevel=2,
                 )  # fmt: skip
 

@@ -21,7 +21,7 @@ from tsuiseki.tracking.errors import InputWarning
 from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
 from tsuiseki.tracking.features.exported import as_describer, as_detector
 from tsuiseki.tracking.floor.delayed_floor import DelayedFloor
-from tsuiseki.tracking.floor.live_floor import FloorLoop
+from tsuiseki.tracking.floor.live_floor import FloorLoop, SameCameras
 from tsuiseki.tracking.floor.live_run import LiveFloor, floor_live
 from tsuiseki.tracking.floor.measured_floor import CameraFeed
 from tsuiseki.tracking.floor.moments import ComingMoments
@@ -253,6 +253,36 @@ def test_two_names_for_one_camera_are_told_and_the_run_goes_on() -> None:
     with pytest.warns(InputWarning, match="twin gives the pictures of corner1: it is left out"):
         events = events_of(twin, videos)
     assert [frame is not None for frame in events[-1].frames] == [True, False, True, True]
+
+
+@pytest.mark.parametrize("ahead", [0, 1, 7, 100])
+@pytest.mark.parametrize("every", [1, 3])
+def test_one_camera_under_two_names_is_told_however_far_its_streams_are_apart(ahead: int, every: int) -> None:
+    pictures = np.random.default_rng(0).integers(0, 256, (ahead + 30, 16, 16), np.uint8)
+    same, told = SameCameras(["first", "second"]), r"second gives the pictures of first: it is left out"
+    for picture in pictures[:ahead]:
+        same.add(1, picture)
+
+    def go_on() -> None:
+        for k in range(30):
+            same.add(1, pictures[ahead + k])
+            if k % every == 0:
+                same.add(0, pictures[k])
+
+    with pytest.warns(InputWarning, match=told):
+        go_on()
+    assert same.out == {1}
+
+
+def test_cameras_that_show_one_still_picture_are_two(recwarn: pytest.WarningsRecorder) -> None:
+    still, *moving = np.random.default_rng(0).integers(0, 256, (61, 16, 16), np.uint8)
+    same = SameCameras(["first", "second"])
+    for k in range(30):
+        for number in (0, 1):
+            same.add(number, still)
+            same.add(number, moving[2 * k + number])
+    assert not same.out
+    assert not recwarn.list
 
 
 def test_frames_that_come_when_their_moment_is_over_are_counted() -> None:
