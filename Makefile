@@ -40,7 +40,8 @@ test-readers: $(VENV)/.dev $(VENV)/.readers
 	$(BIN)/python -m pytest -rs tests/tracking/formats/test_readers.py
 
 test-slow: $(VENV)/.dev
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadfile --max-worker-restart 0 -m "slow and not gpu and not browser"
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist worksteal --max-worker-restart 0 --durations 40 -m "slow and not paced and not gpu and not browser"
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -m paced tests
 
 # Without torch: what trains has its own lower bounds.
 test-lowest: $(LOWEST)/.made

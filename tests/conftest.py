@@ -23,7 +23,7 @@ from tsuiseki.tracking.types.labels import ActionLabels, GroundTruth
 
 REPOSITORY = Path(__file__).resolve().parent.parent
 # The marks of `make test`, of `make test-slow`, and of both at once.
-QUICK, SLOW, ALL = "not gpu and not slow and not browser", "slow and not gpu and not browser", ""
+QUICK, SLOW, ALL = "not gpu and not slow and not browser", "slow and not paced and not gpu and not browser", ""
 # Commands that ended well, in this process and in those of pytest-xdist.
 RAN: set[str] = set()
 

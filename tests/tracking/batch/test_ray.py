@@ -19,7 +19,7 @@ from tsuiseki.tracking.errors import RequestError
 
 from .test_batch import count, people, wait_for
 
-pytestmark = [pytest.mark.ray, pytest.mark.slow]
+pytestmark = [pytest.mark.ray, pytest.mark.slow, pytest.mark.paced]
 
 
 def command(videos: Path, networks: list[str], out: Path) -> list[str]:

@@ -165,10 +165,10 @@ def files(folder):
 )
 def test_a_network_that_never_ends_is_stopped_in_its_trial_and_that_is_said(tmp_path, monkeypatch, kind):
     for module in (networks, exported, foreign_detector):
-        monkeypatch.setattr(module, "TRIAL_SECONDS", 0.2)
+        monkeypatch.setattr(module, "TRIAL_SECONDS", 1.0)
     path, opened = files(tmp_path)[kind]
     opened(path)
     start = monotonic()
-    with pytest.raises(RequestError, match=r"expected the network to end within 0\.2 s, .*export it again$"):
+    with pytest.raises(RequestError, match=r"expected the network to end within 1 s, .*export it again$"):
         opened(add_endless_loop(path))
-    assert monotonic() - start < 5
+    assert monotonic() - start < 20

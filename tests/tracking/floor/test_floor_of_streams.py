@@ -113,6 +113,7 @@ def place(monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[World, list[Planned
 
 
 @pytest.mark.slow
+@pytest.mark.paced
 @pytest.mark.filterwarnings("ignore")
 def test_a_floor_of_streams_has_a_page_and_events_and_its_people_keep_their_ids(
     place: tuple[World, list[PlannedCamera]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,

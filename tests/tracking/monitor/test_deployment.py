@@ -61,6 +61,7 @@ def test_the_unit_starts_a_command_that_there_is_and_stops_it_by_an_interrupt() 
 
 
 @pytest.mark.slow
+@pytest.mark.paced
 def test_the_steps_of_the_dockerfile_give_a_run_that_is_healthy(tmp_path: Path) -> None:
     """Wheel, environment, start and health check, as the Dockerfile has them; the packages are of this environment."""
     build = [sys.executable, "-m", "build", "--wheel", "--outdir", str(tmp_path / "dist"), str(REPOSITORY)]

@@ -205,6 +205,7 @@ people_live(Output(Path(sys.argv[1])), opened(camera(plan, 10.0, hours=hours), "
 
 
 @pytest.mark.slow
+@pytest.mark.paced
 def test_after_a_kill_at_any_moment_the_same_command_goes_on(tmp_path: Path) -> None:
     out, before, promised = tmp_path / "out", set[int](), 0
     for seconds in (0.0, 0.03, 0.11):

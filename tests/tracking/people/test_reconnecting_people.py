@@ -71,6 +71,7 @@ def server(walked: Street, monkeypatch: pytest.MonkeyPatch) -> Iterator[PlannedC
 
 
 @pytest.mark.slow
+@pytest.mark.paced
 @pytest.mark.filterwarnings("ignore")
 def test_people_keep_their_ids_over_a_gap_within_the_delay_and_by_appearance_over_a_longer_one(
     walked: Street, server: PlannedCamera, tmp_path: Path
@@ -120,6 +121,7 @@ sys.exit(main(sys.argv[2:]))
 
 
 @pytest.mark.slow
+@pytest.mark.paced
 def test_the_command_goes_on_after_three_kills_and_loses_at_most_the_delay(inputs: Inputs, tmp_path: Path) -> None:
     """Killed at first, in the middle, and while the camera is away; somebody stands before it all the time."""
     picture = jpeg(np.full((48, 64, 3), 120, np.uint8))

@@ -95,6 +95,7 @@ def source_of(server: MotionJpeg, wanted: FrameRange | None = None, give_up: flo
 
 
 @pytest.mark.slow
+@pytest.mark.paced
 def test_a_stream_that_is_cut_and_one_that_stalls_come_back(servers: list[MotionJpeg]) -> None:
     servers.append(MotionJpeg([(30, False), (30, True), (300, False)]))
     source = source_of(servers[0], FrameRange(0, 69))
@@ -112,6 +113,7 @@ def test_a_stream_that_is_cut_and_one_that_stalls_come_back(servers: list[Motion
 
 
 @pytest.mark.slow
+@pytest.mark.paced
 @pytest.mark.filterwarnings("ignore")
 def test_garbage_between_and_instead_of_pictures_is_passed_over() -> None:
     picture, rng = np.full((48, 64, 3), 90, np.uint8), np.random.default_rng(0)
@@ -131,6 +133,7 @@ def test_garbage_between_and_instead_of_pictures_is_passed_over() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.paced
 def test_a_stream_that_stays_away_is_given_up(servers: list[MotionJpeg]) -> None:
     servers.append(MotionJpeg([(20, False)]))
     begin, frames = time.monotonic(), source_of(servers[0], give_up=1.5).frames()
@@ -139,12 +142,13 @@ def test_a_stream_that_stays_away_is_given_up(servers: list[MotionJpeg]) -> None
         pytest.raises(RunError, match=r"after frame \d\d, and none within 1\.5 s"),
     ):
         list(frames)
-    assert 1.5 < time.monotonic() - begin < 5
+    assert 1.5 < time.monotonic() - begin < 20
     with pytest.raises(RequestError, match=r"expected pictures from .*, got none"):
         open_source(servers[0].address)
 
 
 @pytest.mark.slow
+@pytest.mark.paced
 def test_a_run_marks_the_gap_and_answers_an_interrupt_while_it_waits(
     servers: list[MotionJpeg], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -161,7 +165,7 @@ def test_a_run_marks_the_gap_and_answers_an_interrupt_while_it_waits(
     threading.Thread(target=interrupt, daemon=True).start()
     words = ["track", "blobs", servers[0].address, "--colour", "red", "--particles", "50", "--out", str(tmp_path / "o")]
     assert main(words) == 0
-    assert time.monotonic() - asked[0] < 3
+    assert time.monotonic() - asked[0] < 10  # the picture would be waited for 20 s
     record = json.loads((tmp_path / "o" / "run.json").read_text())
     (facts,) = record["facts"]["frame_times"].values()
     assert facts["timed_by"] == "arrival"
