@@ -26,6 +26,8 @@ from benchmarks.detectors.fixed_sets import FALSE, PARTS, scores_of
 from benchmarks.long_training import LongTraining, command, draw_curve, next_time
 from tsuiseki import configs
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
+from tsuiseki.trainers.detector import Detector
+from tsuiseki.trainers.exporting.exported_weights import layout_of
 
 HERE = Path(__file__).parent
 BEST, RECORD = HERE / "detector_everyday.onnx", HERE / "detector_everyday.jsonl"
@@ -68,9 +70,11 @@ def training(data: Path, sprites: Path, options: Sequence[str]) -> LongTraining:
     def fit(best: Sequence[Path], work: Path, number: int) -> list[Path]:
         last = work / "checkpoints" / "last.ckpt"
         go_on = ["--ckpt_path", str(last)] if last.is_file() else ["--overwrite", "true"]
+        start = work / "start.onnx"
+        uncalibrated(best[0]).export(start, overwrite=True)
         command([
             "train", "detector", "--config", str(CONFIG), "--out", str(work), *go_on,
-            "--model.start", str(best[0]), "--data.seed", str(number), "--data.train", json.dumps(sources(number)),
+            "--model.start", str(start), "--data.seed", str(number), "--data.train", json.dumps(sources(number)),
             *options,
         ])  # fmt: skip
         out = work / "detector.onnx"
@@ -85,6 +89,21 @@ def training(data: Path, sprites: Path, options: Sequence[str]) -> LongTraining:
         return scores_of(files[0], data, sprites)
 
     return LongTraining([BEST], RECORD, "score", PARTS, [FALSE], fit, score)
+
+
+def uncalibrated(file: Path) -> Detector:
+    """The exported detector with scores as they were learnt, which are overlaps and no probabilities.
+
+    A calibration left in the weights is what the loss first takes out again; it doubles the loss at the start.
+    """
+    module = Detector(start=file)
+    scale, shift = layout_of(file).card.settings.get("score_calibration", (1.0, 0.0))
+    for head in module.network.class_heads:
+        last = head[-1]
+        last.weight.data /= scale
+        last.bias.data /= scale
+        last.bias.data.view(-1, 2)[:, 1] -= shift / scale
+    return module
 
 
 def sources(number: int) -> list[dict[str, Any]]:

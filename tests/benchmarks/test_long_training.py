@@ -6,9 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import torch
 
 from benchmarks.detectors import fixed_sets, long_training
 from benchmarks.long_training import LongTraining, draw_curve, read_record
+from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.detector import Detector
+from tsuiseki.trainers.exporting.exported_weights import layout_of
 
 LATER = timedelta(hours=1)
 
@@ -86,6 +90,17 @@ def test_each_step_of_the_detector_has_pictures_of_its_own() -> None:
     seeds = [source["seed"] for source in long_training.sources(5)]
     assert len(set(seeds)) == len(seeds) == 6
     assert Path(long_training.calibration()).name == "everyday-sparse"
+
+
+def test_a_step_begins_with_scores_as_they_were_learnt() -> None:
+    file = shipped("detector_people")
+    scale, shift = layout_of(file).card.settings["score_calibration"]
+    picture = torch.rand(1, 3, 96, 128)
+    learnt, calibrated = (
+        module.network.eval()(picture)[0].diff().detach().numpy()
+        for module in (long_training.uncalibrated(file), Detector(start=file))
+    )
+    assert scale * learnt + shift == pytest.approx(calibrated, abs=1e-3)
 
 
 def test_the_score_is_the_mean_of_its_parts() -> None:
