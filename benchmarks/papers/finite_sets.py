@@ -49,7 +49,7 @@ from tsuiseki.tracking.types import Detections, FloatArray, Frame, sensing_model
 from tsuiseki.tracking.types.measurements import Scan
 from tsuiseki.tracking.types.sensing_model import SensingModel
 
-METHODS = ("phd-literal", "phd", "labelled")
+METHODS = ("phd-literal, (54)-(55)", "phd-literal", "phd", "labelled")
 CUT_OFF = 100.0
 BIRTHS_ANYWHERE = 0.1
 """Expected births a step where a scenario names no places."""
@@ -136,8 +136,8 @@ def start_filter(method: str, settings: dict[str, Any], clutter: float, particle
     """A fresh filter at work on a scenario.
 
     ``phd-literal`` is the paper's filter: the particles of (50) and (57) by weight alone, targets read off by clusters,
-    the labels of 5.2 as printed, nothing claimed or remembered, everything parted shown at once. ``phd`` is ours, and
-    ``labelled`` the multi-Bernoulli filter.
+    the labels of 5.2 as printed, nothing claimed or remembered, everything parted shown at once. It sums by (46), and
+    by (54)-(55) where that is in its name. ``phd`` is ours, and ``labelled`` the multi-Bernoulli filter.
     """
     model = scenario_model(settings, clutter)
     births = scenario_births(settings, particles)
@@ -147,12 +147,14 @@ def start_filter(method: str, settings: dict[str, Any], clutter: float, particle
         if isinstance(births, MixtureBirths)
         else replace(births, limit=max(round(particles * BIRTHS_ANYWHERE), 1))
     )
+    literal = PhdFilter(
+        model, printed, particles, smallest_cluster=0, extract=by_clusters, identity=TrackIdentity(printed=True)
+    )
     filters: dict[str, Filter[Any, FloatArray, SetInfo]] = {
         "labelled": LabelledMultiBernoulliFilter(model, births, particles),
         "phd": PhdFilter(model, births, particles, extract=by_measurements),
-        "phd-literal": PhdFilter(
-            model, printed, particles, smallest_cluster=0, extract=by_clusters, identity=TrackIdentity(printed=True)
-        ),
+        "phd-literal": literal,
+        "phd-literal, (54)-(55)": replace(literal, printed=True),
     }
     columns = 4 if settings["kind"] == "linear" else 5
     return PointFilter(filters[method], filters[method].init(np.empty((0, columns))), np.random.default_rng(seed))

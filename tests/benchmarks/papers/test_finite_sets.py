@@ -9,6 +9,7 @@ import pytest
 
 from benchmarks.papers.__main__ import main
 from benchmarks.papers.finite_sets import (
+    METHODS,
     REQUIRED,
     read_scenario,
     run_filter,
@@ -109,7 +110,7 @@ def test_the_finite_set_experiment_prints_writes_and_keeps(small_scenario, tmp_p
     assert "labelled" in printed
     values = json.loads((tmp_path / "out/results.json").read_text())
     rows = {row["method"]: row for row in values}
-    assert set(rows) == {"phd-literal", "phd", "labelled"}
+    assert set(rows) == set(METHODS)
     # Three targets that stay: a filter that shows nothing has an OSPA of 100.
     assert rows["labelled"]["runs"][0]["ospa1"] < 50
     assert {"tables.md", "tables.json"} <= {p.name for p in (tmp_path / "out").iterdir()}

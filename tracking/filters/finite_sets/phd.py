@@ -62,6 +62,7 @@ class PhdFilter:
         identity: how clusters keep, join and part their labels, section 5.2.
         extract: reads the targets off: ``by_measurements`` or ``by_clusters``.
         smallest_cluster: particles that a light cluster keeps, each of less weight; 0 draws by weight alone, (57).
+        printed: leave ``pD`` out of the sum (55), as it is printed; (46) has it.
     """
 
     model: PointModel
@@ -70,6 +71,7 @@ class PhdFilter:
     identity: TrackIdentity = field(default_factory=TrackIdentity)
     extract: Extraction = by_measurements
     smallest_cluster: int = 200
+    printed: bool = False
 
     def init(self, particles: FloatArray, count: float = 0.0) -> PhdState:
         """``count`` expected targets spread evenly over particles ``(N, D)``; ``(0, D)`` begins with no target.
@@ -121,7 +123,8 @@ class PhdFilter:
         pairs = find_pairs(predicted.particles, starts, measurements, self.model.sensor)
         joint = (detection * weights)[pairs.particle] * np.exp(pairs.log_likelihood)
         # ``mu_C p_C(y) + pD C_k(y)``, the denominator of (46); 0 / 0 without clutter says nothing, so its share is 0.
-        total = self.model.clutter_at(measurements) + pairs.by_measurement(joint, len(measurements))
+        summed = weights[pairs.particle] * np.exp(pairs.log_likelihood) if self.printed else joint
+        total = self.model.clutter_at(measurements) + pairs.by_measurement(summed, len(measurements))
         share = joint / np.maximum(total, TINY)[pairs.measurement]
         gained = pairs.by_particle(share, len(weights))
         log_weights = logarithms((1.0 - detection) * weights + gained)

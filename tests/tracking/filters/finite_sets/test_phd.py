@@ -99,6 +99,14 @@ def test_a_missed_scan_leaves_the_share_of_equation_45(detection):
     assert info.expected_count == pytest.approx(3.0 * 0.5 * (1 - detection))
 
 
+@pytest.mark.parametrize(("printed", "expected"), [(False, 1.2), (True, 1.0)])
+def test_equations_54_and_55_as_printed_leave_out_a_factor_of_46(printed, expected):
+    # Without clutter a measurement is explained by one target by (46), and by p_D of one as (55) is printed.
+    chosen = PhdFilter(model(0.0, 0.8, survival=1.0), NO_BIRTHS, density=1000, printed=printed)
+    _, info = chosen.step(chosen.init(np.zeros((1000, 4)), 1.0), np.zeros((1, 2)), np.random.default_rng(0))
+    assert info.expected_count == pytest.approx(expected)
+
+
 @pytest.mark.parametrize("kind", ["phd", "labelled"])
 def test_expected_count_is_the_true_one_in_the_mean(kind):
     counts = []
