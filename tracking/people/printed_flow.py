@@ -7,7 +7,8 @@ two times it averages the action features along the tracks found (eq. 5.3): 17 f
 printed sum runs from ⌊t − 15/2⌋ to ⌈t + 15/2⌉. The divisor does not matter to a cosine.
 
 Open in the text and decided here: the trees are fitted on action distances of single frames, and MHT-MAF applies the
-same trees to distances of means. Detections are linked over at most as many frames as the trees were fitted on, within
+same trees to distances of means. Trees fitted on means along tracks trust them too much: both ends of a wrong link
+share their mean, so that no later time mends it. Detections are linked over at most as many frames as the trees were fitted on, within
 `PRINTED_GATE`. Missed frames cost nothing. Boxes are compared where the picture shows them, and no gap is filled.
 """
 
