@@ -8,8 +8,9 @@ printed sum runs from ⌊t − 15/2⌋ to ⌈t + 15/2⌉. The divisor does not m
 
 Open in the text and decided here: the trees are fitted on action distances of single frames, and MHT-MAF applies the
 same trees to distances of means. Trees fitted on means along tracks trust them too much: both ends of a wrong link
-share their mean, so that no later time mends it. Detections are linked over at most as many frames as the trees were fitted on, within
-`PRINTED_GATE`. Missed frames cost nothing. Boxes are compared where the picture shows them, and no gap is filled.
+share their mean, so that no later time mends it. Detections are linked over at most as many frames as the trees were
+fitted on, within `PRINTED_GATE`. Missed frames cost nothing. Boxes are compared where the picture shows them, and no
+gap is filled.
 """
 
 from __future__ import annotations
