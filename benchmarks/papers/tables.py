@@ -64,11 +64,6 @@ def with_error(values: FloatArray, form: str, ddof: int = 1) -> str:
     return f"{np.mean(values):{form}} ± {error:{form.lstrip('+')}}"
 
 
-def with_deviation(values: FloatArray, form: str) -> str:
-    """The mean and the standard deviation of the values."""
-    return f"{np.mean(values):{form}} ± {np.std(values):{form.lstrip('+')}}"
-
-
 def _between(values: FloatArray, form: str, ends: Callable[[FloatArray], tuple[float, float, float]]) -> str:
     mean, low, high = (f"{value:{form}}" for value in ends(values))
     return f"{mean} [{low}, {high}]" if len(values) > 1 else mean
