@@ -1,8 +1,9 @@
 """Decisions that a flow was least certain of, as questions that are answered with yes or no.
 
 What the other way costs more (`marginals`) says how likely a decision is wrong, and the tracks say how many detections
-it would spoil. Questions come by the product. Neighbouring links of a track that are about as doubtful are one question
-about the boxes before and after them; two people who may have been exchanged are one, too.
+it would spoil. Questions come by the product, in which a long track counts no more than `ENOUGH` detections: else sure
+decisions about long tracks come before likely errors. Neighbouring links of a track that are about as doubtful are one
+question about the boxes before and after them; two people who may have been exchanged are one, too.
 """
 
 from __future__ import annotations
@@ -37,6 +38,8 @@ AS_DOUBTFUL = 0.3
 FAR = 5
 # Exchanges that are weighed at most.
 WEIGHED = 100
+# Spoilt detections beyond which an error weighs no more, chosen on generated streets.
+ENOUGH = 5
 # Frames that are shown before and after those that a question is about.
 AROUND = 12
 
@@ -133,10 +136,10 @@ class Questioner:
         self._predecessor[self._follower[linked]] = linked
 
     def ranked(self, limit: int, without: Set[str] = frozenset()) -> list[Question]:
-        """As many questions, first those whose wrong answer probably spoils most, without those of some keys."""
+        """As many questions, first those whose wrong answer probably costs most, without those of some keys."""
         questions: dict[str, tuple[float, Question]] = {}
         for wrong, spoilt, arcs, ask in (self._links(), self._joins(), self._exchanges(), self._tracks()):
-            weight, covered, count = wrong * spoilt, set[int](), 0
+            weight, covered, count = wrong * np.minimum(spoilt, ENOUGH), set[int](), 0
             for n in np.argsort(-weight, kind="stable").tolist():
                 if count == limit or weight[n] <= 0:
                     break
