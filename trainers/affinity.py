@@ -248,8 +248,8 @@ class AffinityVideo(Options):
         folders: labelled sequences, or folders of them, in any layout that tsuiseki train association takes.
         frames: first and last frame to learn from, 1-based and both included.
         detections: ``given`` takes det/det.txt of each sequence; ``simulated`` draws faulty ones from the labels.
-        detector: exported detector, or the name of a shipped one, to use in place of both.
-        appearance: exported appearance network, likewise; without one the appearance counts as unknown.
+        detector: exported detector, or the name of a shipped one, to use instead of --detections.
+        appearance: exported appearance network, or a shipped one; without one the appearance is unknown.
         actions: exported action streams, for features with actions; by default the shipped ones.
         skips: also learn from every n-th frame only, for other frame rates; 1 is the video itself.
     """
@@ -331,8 +331,8 @@ def fit_affinity(
 ) -> Path:
     """Fit the transition and observation costs of the flow to labelled video, and export them to one ONNX file.
 
-    A network that was trained on the same frames does better there than in other video, and the costs would
-    learn to trust it too much. One that says so of itself is refused.
+    Networks must not have been trained on these frames: the costs would trust them too much. Those that name them as
+    their training data are refused.
 
     Args:
         output.out: file to write.

@@ -22,7 +22,7 @@ class AnimalSettings:
     """Settings of the tracker of animals.
 
     Attributes:
-        smallest: share of the usual animal's core from which a region holds one, in (0, 1).
+        smallest: least size of a region that is an animal, as a share of the usual animal's core, in (0, 1).
     """
 
     smallest: Annotated[float, Field(gt=0, lt=1)] = 0.3
@@ -33,9 +33,9 @@ class AnimalChoice(Options):
     """How animals are distinguished from the background, and followed.
 
     Attributes:
-        contrast: how animals differ from the background: bright, dark or any; auto measures it.
+        contrast: how animals differ from the background; auto measures it.
         threshold: difference in grey levels from which a pixel belongs to an animal; by default found in the video.
-        corrections: corrections.jsonl of tsuiseki review, to do again on this result what still applies.
+        corrections: corrections.jsonl of tsuiseki review, to apply to this result where they still hold.
         scale: millimetres of a pixel; adds a_mm,b_mm,length_mm,width_mm,speed_mm_s.
         animals: settings of the tracker.
     """

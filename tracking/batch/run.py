@@ -253,12 +253,12 @@ BATCH.command(status)
 
 @BATCH.default
 def on_many(*words: Words, how: BatchOptions) -> int:
-    """Do a command on many videos: `tsuiseki batch track people VIDEO… --out DIR`, with options of the command.
+    """Run a command on many videos: `tsuiseki batch track people VIDEO… --out DIR`, with options of the command.
 
-    After batch stand `track` or `evaluate` and what, or `count`, and what the command is given, once for each video. A
-    VIDEO is a file, a folder of such, a glob, an address that fsspec reads (s3://, gs://, https://), or a manifest: CSV
-    or YAML with a row a video, its source, name, and options of its own. In an option, {name} stands for the name of
-    the video, such as in `batch evaluate people TRUTH… --results results/{name}/tracks.txt`.
+    The command is one of `track` or `evaluate`, or `count`; it runs once for each video. A VIDEO is a file, a folder of
+    files, a glob, an address that fsspec reads (s3://, gs://, https://), or a manifest: CSV or YAML with a row a video,
+    its source, name, and options of its own. In an option, {name} stands for the name of the video, such as in `batch
+    evaluate people TRUTH… --results results/{name}/tracks.txt`.
     """
     group, what = {"track": 2, "evaluate": 2, "count": 1}, words[0] if words else "nothing"
     if what not in group:

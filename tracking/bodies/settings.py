@@ -66,7 +66,7 @@ class BodyChoice(Options):
             together (the default), conditional also expects a bent body to turn, paper keeps equation (14) as printed,
             independent leaves out the correlation, velocity keeps the velocity in the image, walk keeps the place.
             Without --motion: wide, a random walk of 30 pixels and 45 degrees a frame, which needs some 3000 particles.
-        widen: times the learnt deviations; with few particles wider noise, such as 1.6, loses fewer bodies.
+        widen: factor of the learnt deviations; with few particles a factor such as 1.6 loses fewer bodies.
         init: state of a body in the first frame, a,b,theta,phi in pixels and radians (for the ball a,b,theta,squash);
             once for each body. By default the bodies are found.
         colour: any, bright or dark: what stands out so from the background behind the bodies, learnt from the video of

@@ -154,7 +154,7 @@ def points(
     output: CameraFile = CAMERA_FILE,
     intrinsics: Commas[list[Path] | None] = None,
 ) -> None:
-    """Cameras from six or more known points each, written as cameras.yaml.
+    """Calibrate cameras from six or more known points each, and write cameras.yaml.
 
     Args:
         file: CSV with the columns x, y, z (metres, z up), u, v (pixels, the first pixel's centre at 0.5) and, for
@@ -234,7 +234,7 @@ def checkerboard(
     coefficients: Coefficients = 5,
     every: PositiveInt = 1,
 ) -> None:
-    """A camera's focal length and lens from pictures of a checkerboard, for `calibrate points --intrinsics`.
+    """Measure focal length and lens from pictures of a checkerboard, for `calibrate points --intrinsics`.
 
     Args:
         source: a folder of pictures or a video of one camera, the board in different places and tilts.
@@ -284,7 +284,7 @@ def convert(
     output: OutputFile,
     sizes: LensSizes = SIZES,
 ) -> None:
-    """The calibration of a fisheye lens in the format of another program, and how far that puts pixels off.
+    """Convert a fisheye lens's calibration to another program's format, and print the error in pixels.
 
     Args:
         file: calib_results.txt of OCamCalib, JSON of py-OCamCalib, camchain YAML of Kalibr (omni with radtan, or
@@ -336,7 +336,7 @@ def pose(
     stand: Commas[tuple[float, float] | None] = None,
     person_height: PositiveFloat = 1.7,
 ) -> None:
-    """Where a camera of known lens hangs over the floor, written as cameras.yaml.
+    """Find where a camera of known lens hangs over the floor, and write cameras.yaml.
 
     Either --height, or --points on the floor. Several cameras go into one file by joining their lists.
 

@@ -117,7 +117,7 @@ class Labels(ScoredFrames):
             labels of hidden people, so that results on them are wrong.
         size: width and height of the frames that were tracked, to which labels of Okutama-Action are scaled, given in
             pixels of 3840x2160; by default those of the frames that lie with the labels, or else 1280,720. Of other
-            labels, the size of the picture that their shares or percent are of.
+            labels that are shares or percent of the picture, the size of that picture.
     """
 
     protocol: Protocol = "lenient"
@@ -376,7 +376,7 @@ def single(
             it are scored.
         scored.frames: with --of-many, score this segment only, counted from 1 with both ends, such as 301-400.
         by: what the rows of the table are.
-        of_many: tracks of many are scored.
+        of_many: the results hold tracks of many people.
         compared.json: write all scores and curves to this file.
         compared.plot: write the curves to this file (PNG, SVG or PDF).
     """

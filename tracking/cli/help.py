@@ -119,7 +119,7 @@ def _description(entry: HelpEntry) -> str:
         text = f"{', '.join(entry.choices)}: {text}"
     if entry.required and not entry.positional_label:
         return f"{text} (required)"
-    if entry.default in (None, "", "False") or entry.positional_label:
+    if entry.default in (None, "", "()", "[]", "False") or entry.positional_label:
         return text
     if entry.default == "True":
         return f"{text} (on by default; {entry.negative_names[0]} turns it off)"

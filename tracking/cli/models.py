@@ -16,7 +16,7 @@ def list_models() -> int:
 
 
 def get(name: str, *, yes: bool = False) -> int:
-    """Fetch a model of the catalogue into the user's cache; --detector NAME or --appearance NAME takes it then.
+    """Download a model of the catalogue into the user's cache, for --detector NAME or --appearance NAME.
 
     A download that was cut off goes on where it ended.
 

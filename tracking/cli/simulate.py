@@ -113,7 +113,7 @@ def street(
     Args:
         output.out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
         people: about how many are around at a time.
-        motion: walk, dance in step, or sport: they run fast, and turn at once.
+        motion: people walk, dance in step, or as in sport run fast and turn at once.
     """
     from tsuiseki.datamodules.scenes.street_clip import StreetClip, StreetSettings
 
@@ -134,7 +134,7 @@ def blobs(
     Args:
         output.out: folder for the sequence; gets img1/000001.jpg and so on, gt/gt.txt and seqinfo.ini.
         objects: how many appear in all.
-        colour: of the objects: red, orange, yellow, green, cyan, blue or magenta.
+        colour: of the objects.
         clutter: patches of the same colour, smaller than objects, in the background.
     """
     from tsuiseki.datamodules.scenes.blob_clip import BlobClip, BlobSceneSettings

@@ -50,7 +50,7 @@ def people(
 
     Args:
         hide: hide people, heads, or all-but=3,5 in overlay and report.
-        corrections: corrections.jsonl of tsuiseki review, to do again on this result.
+        corrections: corrections.jsonl of tsuiseki review, to apply to this result.
         privacy: YAML of purpose, area, access and days to keep; see tsuiseki forget.
     """
     return track(video, output, finding, linking, live, hide, corrections, watching, privacy=privacy)

@@ -314,17 +314,17 @@ def drone(
             actions along the tracks, links again and repeats.
         finding.detector: detector as ONNX, or the name of a shipped one; by default drone_larger. One of other projects
             is recognised as by track people.
-        actions: exported action streams, separated by commas; by default the four shipped ones. Not used by
-            method flow, which names no actions but along given --tracks.
+        actions: exported action streams, separated by commas; by default the four shipped ones. Method flow
+            uses them with --tracks alone.
         tracks: right tracks (gt.txt, tracks.txt) or Okutama-Action labels; then only actions are named.
         affinity: costs learnt on whole tracks as ONNX (train association with --data.tracker drone); by default those
             of --drone. With --preset printed, costs learnt on pairs (train affinity --features thesis_action).
         preset: printed links as the thesis prints it, by the overlap, appearance and actions of pairs: flow is MCF,
             flow-saf MHT-SAF and flow-maf MHT-MAF.
-        keep_camera_motion: the boxes tell how the camera moves, not the pictures.
+        keep_camera_motion: estimate the camera's motion from the boxes instead of the pictures.
         threshold: an action is named above this probability, 0 to 1.
-        cache: folder that keeps what the networks say; a second run on the same video with other settings of method
-            or --drone takes seconds.
+        cache: folder that keeps the outputs of the networks, so that a second run with another method or --drone takes
+            seconds.
         drone: settings of the flow and of what is reported.
     """
     costs = link_costs(affinity, preset, method, finding.threads)

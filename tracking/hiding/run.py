@@ -305,7 +305,7 @@ def hide_people(
         result: of track people: its folder, or a file tracks.txt.
         video: that was tracked.
         hide: people, heads, or all-but with the ids of tracks that stay as they are, such as all-but=3,5.
-        style: pixelated or filled.
+        style: how they are hidden.
         detector: the second one; by default the shipped one. See track people.
         score_threshold: the second detector keeps boxes of at least this score, from 0 to 1.
         threads: CPU cores of the detector; 0 takes all.

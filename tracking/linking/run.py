@@ -212,7 +212,7 @@ def link_results(
     gallery: Path | None = None,
     remember: Days | None = None,
 ) -> int:
-    """Give the same id to the same person in results of cameras that do not overlap, or of files that follow.
+    """Give a person the same id in cameras that do not overlap, or in files that follow each other.
 
     DIR gets a folder with tracks.txt for each result, joins.csv, and unsure.csv with joins that were not made. With a
     gallery it also gets people.csv, with the name of each id and its probability.
@@ -224,7 +224,7 @@ def link_results(
         margin: least margin of a join that is made, natural logarithm, 0 or more: 2.2 is nine to one.
         fps: frames a second, where a result does not say; one number, or one a result, separated by commas.
         gallery: folder of people to recognise, see tsuiseki gallery; one result is enough with it.
-        remember: days for which people who are nobody of the gallery are kept in it, as unknown-1 and so on.
+        remember: also keep people who are not in the gallery, as unknown-1 and so on, for so many days.
     """
     if remember is not None and gallery is None:
         raise RequestError("`remember`: expected it with `gallery`, whose people it adds to; give both")

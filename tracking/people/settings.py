@@ -83,7 +83,7 @@ class FindingOptions(Detecting):
     Attributes:
         detections: MOTChallenge detections (det.txt) to use instead of a detector.
         detector_options: reading of another project's detector, where its file leaves it open.
-        view: tiles of a frame: 1 is the whole frame alone; across such as 2, or 3x2; tiles, or auto.
+        view: tiles of a frame: 1 is the whole frame; 2 is two across; 3x2, three across and two down; or auto.
         batch_size: frames of one call of the detector.
         threads: CPU cores of the networks; 0 takes all.
     """
@@ -123,7 +123,7 @@ class PeopleFinding(FindingOptions):
         appearance_options: what the file of another project's appearance network does not tell.
         classes: numbers or names, such as person,car; by default people.
         across_classes: one track may go through several of --classes.
-        second_opinion: another detector, as --detector; boxes of both are put together.
+        second_opinion: a second detector; boxes of both that overlap become one.
     """
 
     view: Tiles = "auto"

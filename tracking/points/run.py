@@ -271,7 +271,7 @@ BLOBS = BlobChoice()
 
 
 def blobs(video: Video, *, output: SeededOutput, choice: BlobChoice = BLOBS) -> int:
-    """Track every object of a colour or of a network, or every position or box of a file, each with an id.
+    """Track objects of one colour, the detections of a network, or the measurements of a file, each with an id.
 
     Give one of --colour, --colour-box, --detections and --detector. DIR gets tracks.txt (MOTChallenge text),
     points.csv, report.html with its plots and numbers in report/, run.json and, with --overlay, overlay.webm.

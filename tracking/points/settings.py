@@ -85,8 +85,8 @@ class BlobChoice(Options):
         particles: number of particles of each target.
         size: width and height in pixels, of objects that appear with paper and single, and of points.
         smallest: least side in pixels of an object, and of a patch of colour that may be a new one.
-        confirm: M,N: with calibrated, a new object is confirmed once a patch of the colour was at it in M of its first
-            N frames; 1,1 confirms at once.
+        confirm: M,N: with calibrated, confirm a new object that has its colour in M of its first N frames; 1,1
+            confirms at once.
         detection: for measurements: probability that a target is measured, from 0 to 1.
         clutter: for measurements: expected false ones in a frame.
         score_range: smallest and largest score that the rows of --detections may have.

@@ -62,12 +62,11 @@ def adapt(
         sources: videos, folders of images or sequence folders, all of one camera; 100 frames at least, some minutes
             are better.
         frames: learn from these of each only, counted from 1 with both ends, such as 1-300.
-        detector: exported detector to start from, which is also left where no round is better; by default
-            detector_figures.onnx starts, and detector_people.onnx is left. A bare word, such as street, names a shipped
-            one.
+        detector: exported detector, or the name of a shipped one, to start from and to keep where no round is better;
+            by default it starts from figures, and keeps people.
         teacher: detector of any project for the first round, where the one to start from misses too many.
-        corrections: reviewed result of the only video, or its corrections.jsonl. Who was corrected is certain to be a
-            person, what was deleted to be background.
+        corrections: reviewed result of the only video, or its corrections.jsonl. Corrected boxes teach
+            people, deleted ones background.
         view: tiles of a frame, as in track people.
         detector_options: what the file of the teacher does not tell, where that is another project's.
     """

@@ -31,7 +31,7 @@ def export_trained(
         appearance: file for the Siamese network that was trained with it, for --appearance.
         detector: file for the detector whose heads were trained with it, for --detector.
         training_data: what it was trained on, in words; kept in the file.
-        unfinished: take a training that has not had all its epochs as it is.
+        unfinished: also take a training that has not run all its epochs.
         overwrite: replace an existing file.
 
     Returns:
