@@ -162,7 +162,7 @@ class DelayedFloor:
         open_ = [moment for moment in window if moment.number >= self._decided]
         settled = [moment for moment in open_ if moment.time <= end or moment is open_[0]]
         measured = self._measured(window)
-        solved = solved_people(measured, self._rates, self.ids + 1)
+        solved = solved_people(measured, self._rates, self.ids + 1, goes_on=end < np.inf)
         self._rates = solved.rates
         first = window[0].number
         solved = self._named(measured, solved, settled[-1].number - first)

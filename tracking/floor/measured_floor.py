@@ -20,6 +20,8 @@ from tsuiseki.tracking.video.synchronise import Moment, align, default_tolerance
 
 # Around the plan, in which people are still followed, metres.
 MARGIN = 1.0
+# Share of the places on each side that are beyond the plan, where none is given.
+FARTHEST = 0.005
 # Share of the longest recording for which all cameras must run at one time.
 APART = 0.5
 # Of the visible share of a person, each with a probability of detection.
@@ -268,7 +270,7 @@ def measured_floor(
     moments = align(stamps, slack)
     parts = [_of_camera(feed) for feed in feeds] + [_of_positions(reports) for reports in positions]
     names = [feed.placed.name for feed in feeds] + [str(reports.path) for reports in positions]
-    plan = _spanned([part["places"] for part in parts]) if floor is None else floor
+    plan = around([part["places"] for part in parts], FARTHEST) if floor is None else floor
     measured = on_one_floor(feeds, moments, plan, names, parts)
     for sensor, name in enumerate(names):
         left, count, bounds = measured.outside.get(name, 0), len(parts[sensor]["moment"]), _bounds(plan)
@@ -366,15 +368,14 @@ def _columns(frames: IntArray, rows: IntArray, places: FloatArray, covariances: 
     return {"moment": frames, "row": rows, "places": places, "covariances": covariances, **unknown}
 
 
-def _spanned(places: Sequence[FloatArray]) -> FloatArray:
-    """``(4,)`` about all but the farthest measurements."""
+def around(places: Sequence[FloatArray], left_out: float) -> FloatArray:
+    """``(4,)`` about places ``(N, 2)`` of several, less that share of the farthest on each side, and `MARGIN` more."""
     measured = np.concatenate(list(places))
     measured = measured[np.isfinite(measured).all(axis=1)]
     if not len(measured):
         raise RequestError("expected somebody on the floor, got no detection that lies on it; check the camera file")
-    return np.concatenate(
-        [np.quantile(measured, 0.005, axis=0) - MARGIN, np.quantile(measured, 0.995, axis=0) + MARGIN]
-    )
+    low, high = np.quantile(measured, [left_out, 1 - left_out], axis=0)
+    return np.concatenate([low - MARGIN, high + MARGIN])
 
 
 def _view(camera: AnyCamera | None, measured: BoolArray, part: _Columns) -> SensorView:

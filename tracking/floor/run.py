@@ -22,7 +22,7 @@ from tsuiseki.tracking.fields import Commas, Options
 from tsuiseki.tracking.fisheye.unrolled import ceiling_detector
 from tsuiseki.tracking.floor.delayed_floor import people_later
 from tsuiseki.tracking.floor.live_run import floor_live, open_live_floor
-from tsuiseki.tracking.floor.measured_floor import CameraFeed, MeasuredFloor, measured_floor
+from tsuiseki.tracking.floor.measured_floor import FARTHEST, CameraFeed, MeasuredFloor, around, measured_floor
 from tsuiseki.tracking.floor.online_floor import people_online
 from tsuiseki.tracking.floor.page import FloorPage
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
@@ -42,7 +42,7 @@ from tsuiseki.tracking.runs.rolling import LiveOptions
 from tsuiseki.tracking.runs.run import Run
 from tsuiseki.tracking.sphere.settings import FrameTimes
 from tsuiseki.tracking.stages import StageTimes
-from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types import Detections, FloatArray, Track
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange, parse_frames
 from tsuiseki.tracking.types.measurements import PersonOnFloor
 from tsuiseki.tracking.types.recording import Recording
@@ -62,7 +62,7 @@ class OneFloorSettings(Options):
         tolerance: frames of different cameras within so many seconds count as taken together; by default a quarter of
             the shortest time between frames.
         delay: seconds after which flow decides on a moment; by default at the end, live 3.
-        floor: X1,Y1,X2,Y2 of the plan, metres; by default that of cameras.yaml, or what the measurements span.
+        floor: X1,Y1,X2,Y2 of the plan, metres; by default that of cameras.yaml, or where people are.
     """
 
     method: OneFloorMethod = "flow"
@@ -127,10 +127,14 @@ class FloorRun:
         feeds = [
             CameraFeed(c, s[: len(frames)], frames) for c, s, frames in zip(self.placed, stamps, people, strict=True)
         ]
-        floor = next((placed.floor for placed in self.placed if placed.floor is not None), None)
-        floor = floor if self.settings.floor is None else np.array(self.settings.floor)
         with stages.measure("locate"):
-            return measured_floor(feeds, self._positions_beside(feeds), floor, self.settings.tolerance)
+            return measured_floor(feeds, self._positions_beside(feeds), self.floor, self.settings.tolerance)
+
+    @property
+    def floor(self) -> FloatArray | None:
+        """``(4,)`` of the plan, where settings or cameras have it."""
+        floor = next((placed.floor for placed in self.placed if placed.floor is not None), None)
+        return floor if self.settings.floor is None else np.array(self.settings.floor)
 
     def _positions_beside(self, feeds: Sequence[CameraFeed]) -> list[FloorPositions]:
         """The positions of other sensors; where only some frames are wanted, those of their time."""
@@ -174,6 +178,8 @@ class FloorRun:
                 people = people_later(measured, self.settings.delay)
             else:
                 people = flow_on_one_floor(measured)
+        if self.floor is None and people:
+            measured = replace(measured, floor=around([person.positions for person in people], FARTHEST))
         steps = np.diff(measured.times)
         facts = {
             "people": len(people), "moments": len(measured.moments),

@@ -34,13 +34,16 @@ from tsuiseki.tracking.floor.walking import (
     link_likelihood,
     start,
 )
-from tsuiseki.tracking.types import FloatArray, IntArray, Track
+from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.measurements import PersonOnFloor
 
 # Of grouping and linking.
 ROUNDS = 3
 # Moments that a track has at least.
 SHORTEST = 2
+# Seconds that a track lasts at least on which no two sensors agree, or half of the time that there is; shorter ones are
+# mostly of nobody.
+LONE = 1.5
 # Least probability of detection where somebody was detected: a visible share may be wrong.
 LEAST_CHANCE = 0.05
 # What a certain name brings, nats: more than any other cost of a link.
@@ -78,7 +81,8 @@ IN_VIEW = 0.3
 def flow_on_one_floor(measured: MeasuredFloor) -> list[PersonOnFloor]:
     """Everybody on the floor, by the flow over the whole video.
 
-    Tracks of at least `SHORTEST` nodes, or of a certain name, on the plan; ids in the order of their beginning.
+    Tracks of at least `SHORTEST` nodes that are not `_lone`, or of a certain name, on the plan; ids in the order of
+    their beginning.
     """
     return solved_people(measured).people
 
@@ -98,13 +102,16 @@ class SolvedPeople:
     rates: SensorRates
 
 
-def solved_people(measured: MeasuredFloor, rates: SensorRates | None = None, first_id: int = 1) -> SolvedPeople:
+def solved_people(
+    measured: MeasuredFloor, rates: SensorRates | None = None, first_id: int = 1, goes_on: bool = False
+) -> SolvedPeople:
     """The people on a floor by one flow over all cameras, with how well the sensors detect; see `flow_on_one_floor`.
 
     Args:
         measured: measurements; certain names in them stay ids.
         rates: how well the sensors detect, to begin with.
         first_id: of those who have no certain name.
+        goes_on: whether moments come after these, in which a track that is short may go on.
     """
     rates = measured.rates if rates is None else rates
     owner = np.zeros(len(measured.points), dtype=np.int64)
@@ -114,11 +121,14 @@ def solved_people(measured: MeasuredFloor, rates: SensorRates | None = None, fir
     sensed = np.zeros((len(nodes.moment), len(measured.views)), dtype=np.bool_)
     sensed[nodes.node, measured.points.sensor] = True
     names = nodes.highest(measured.points.names)
-    parts = []
+    times, parts = measured.times, []
+    least = min(LONE, (times[-1] - times[0]) / 2)
+    latest = times[-1] - least if goes_on else np.inf
     for track in np.unique(label[label >= 0]):
         members = np.flatnonzero(label == track)
         name = int(names[members].max())
-        if len(members) >= SHORTEST or name >= 0:
+        short = len(members) < SHORTEST or _lone(times[nodes.moment[members]], sensed[members], least, latest)
+        if name >= 0 or not short:
             parts.append((int(nodes.moment[members].min()), name, members, expected.chosen(expected.track == track)))
     parts.sort(key=lambda part: part[0])
     certain_ids = {name for _, name, *_ in parts if name >= 0}
@@ -140,6 +150,21 @@ def solved_people(measured: MeasuredFloor, rates: SensorRates | None = None, fir
         )  # fmt: skip
         people += [person] if len(person) else []
     return SolvedPeople(people, id_of_node[nodes.node], rates)
+
+
+def _lone(times: FloatArray, sensed: BoolArray, least: float, latest: float) -> bool:
+    """Whether a track is too short for what one of several sensors says alone, so that it is held back.
+
+    Two sensors must agree as often as a track must be detected.
+
+    Args:
+        times: ``(M,)`` seconds of its detections.
+        sensed: ``(M, S)`` by which sensors.
+        least: seconds that it lasts otherwise.
+        latest: seconds; a track that began later may go on.
+    """
+    agreed = (sensed.sum(axis=1) > 1).sum()
+    return bool(sensed.shape[1] > 1 and agreed < SHORTEST and np.ptp(times) < least and times.min() <= latest)
 
 
 def _states(nodes: PersonNodes, members: IntArray, around: Expectations) -> tuple[IntArray, Gaussians]:

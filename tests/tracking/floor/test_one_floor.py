@@ -16,6 +16,7 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
 from tsuiseki.tracking.floor.answers import counts_table, people_table
+from tsuiseki.tracking.floor.delayed_floor import people_later
 from tsuiseki.tracking.floor.foot_points import BOX_NOISE, FLOOR_NOISE, expected_boxes, on_floor
 from tsuiseki.tracking.floor.grouping import ExpectedTracks, MomentPoints, group
 from tsuiseki.tracking.floor.measured_floor import measured_floor
@@ -429,3 +430,42 @@ def test_a_table_of_people_says_how_long_and_how_far():
     counts = counts_table([walker, replace(walker, id=4, scans=np.array([4]))], 0.5 * np.arange(5))
     assert counts == {"time": [0.0, 1.0, 2.0], "people": [1.0, 1.0, 2.0], "most": [1, 1, 2]}
     assert counts_table([], np.empty(0)) == {"time": [], "people": [], "most": []}
+
+
+def with_ghosts(world, count=8, cameras_of_place=4):
+    """The first cameras of a world, each of which detects nobody at some places for .2 to 1.4 s."""
+    rng, feeds = np.random.default_rng(7), [replace(feed, people=[*feed.people]) for feed in world.feeds]
+    for ghost in range(count):
+        feed = feeds[ghost % cameras_of_place]
+        camera, first = feed.placed.camera, int(rng.integers(4, LENGTH - 12))
+        # Far behind the plan, where no other camera looks, at the upper border of the image.
+        x, y = rng.uniform(0.2, 0.8) * camera.width, rng.uniform(0.35, 0.5) * camera.height
+        for moment in range(first, first + int(rng.integers(2, 8))):
+            boxes = feed.people[moment].detections.boxes
+            boxes = np.concatenate([boxes, [[x - 10, y - 40, x + 10, y]]])
+            feed.people[moment] = StandingPeople.of(Detections(boxes, np.ones(len(boxes))))
+    return replace(world, feeds=feeds[:cameras_of_place])
+
+
+@pytest.mark.parametrize("later", [False, pytest.param(True, marks=pytest.mark.slow)], ids=["flow", "delayed"])
+def test_eight_people_before_four_cameras_are_eight_whatever_one_camera_alone_detects_for_a_moment(later):
+    floor = measured(with_ghosts(make_world(1, people=8)), floor=np.array([-30.0, -30.0, 30.0, 30.0]))
+    people = people_later(floor, 3.0) if later else flow_on_one_floor(floor)
+    assert len(people) == pytest.approx(8, abs=1)
+
+
+def test_who_one_camera_alone_detects_for_long_stays():
+    world = make_world(1, people=1, miss=0.0, false=0.0)
+    alone = [replace(feed, people=[StandingPeople.of(Detections.empty())] * LENGTH) for feed in world.feeds[1:]]
+    assert len(flow_on_one_floor(measured(replace(world, feeds=[world.feeds[0], *alone])))) == 1
+
+
+def test_the_plan_is_where_people_are_not_where_one_camera_detects_nobody(tmp_path):
+    world = with_ghosts(make_world(1, people=8))
+    names = written_detections(world, tmp_path)
+    write_cameras(tmp_path / "cameras.yaml", [replace(feed.placed, floor=None) for feed in world.feeds])
+    plan = np.array(track_floor(cameras=tmp_path / "cameras.yaml", detections=names).facts["floor"])
+    truth = world.truth.places
+    np.testing.assert_allclose(plan, [*truth.min(axis=0), *truth.max(axis=0)], atol=2.0)
+    assert (truth >= plan[:2]).all()
+    assert (truth <= plan[2:]).all()
