@@ -142,7 +142,7 @@ def test_a_stream_that_stays_away_is_given_up(servers: list[MotionJpeg]) -> None
         pytest.raises(RunError, match=r"after frame \d\d, and none within 1\.5 s"),
     ):
         list(frames)
-    assert 1.5 < time.monotonic() - begin < 20
+    assert 1.5 < time.monotonic() - begin < 5
     with pytest.raises(RequestError, match=r"expected pictures from .*, got none"):
         open_source(servers[0].address)
 
@@ -165,7 +165,7 @@ def test_a_run_marks_the_gap_and_answers_an_interrupt_while_it_waits(
     threading.Thread(target=interrupt, daemon=True).start()
     words = ["track", "blobs", servers[0].address, "--colour", "red", "--particles", "50", "--out", str(tmp_path / "o")]
     assert main(words) == 0
-    assert time.monotonic() - asked[0] < 10  # the picture would be waited for 20 s
+    assert time.monotonic() - asked[0] < 3
     record = json.loads((tmp_path / "o" / "run.json").read_text())
     (facts,) = record["facts"]["frame_times"].values()
     assert facts["timed_by"] == "arrival"
