@@ -16,7 +16,7 @@ from tsuiseki.tracking.features.exported import Describe, Detect, as_describer, 
 from tsuiseki.tracking.fisheye.unrolled import ceiling_detector
 from tsuiseki.tracking.floor.delayed_floor import DelayedFloor
 from tsuiseki.tracking.floor.live_floor import FloorLoop
-from tsuiseki.tracking.floor.measured_floor import CameraFeed, check_feeds
+from tsuiseki.tracking.floor.measured_floor import CameraFeed, check_feeds, plan_of
 from tsuiseki.tracking.formats.track_tables import covariance_names
 from tsuiseki.tracking.people.settings import NONE, Detecting
 from tsuiseki.tracking.runs.options import Output
@@ -92,8 +92,7 @@ def open_live_floor(
             f"expected one source for each camera, got {len(sources)} and {len(placed)} cameras in {cameras}; give "
             "them in the order of its entries"
         )
-    plan = next((entry.floor for entry in placed if entry.floor is not None), None)
-    plan = plan if floor is None else np.array(floor)
+    plan = plan_of(placed, floor)
     if plan is None:
         raise RequestError("`floor`: expected X1,Y1,X2,Y2 of the plan, or `floor` in cameras.yaml, got neither")
     check_feeds([CameraFeed(entry, np.zeros(1), []) for entry in placed])

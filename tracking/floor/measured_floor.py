@@ -270,7 +270,7 @@ def measured_floor(
     moments = align(stamps, slack)
     parts = [_of_camera(feed) for feed in feeds] + [_of_positions(reports) for reports in positions]
     names = [feed.placed.name for feed in feeds] + [str(reports.path) for reports in positions]
-    plan = around([part["places"] for part in parts], FARTHEST) if floor is None else floor
+    plan = around([part["places"] for part in parts]) if floor is None else floor
     measured = on_one_floor(feeds, moments, plan, names, parts)
     for sensor, name in enumerate(names):
         left, count, bounds = measured.outside.get(name, 0), len(parts[sensor]["moment"]), _bounds(plan)
@@ -368,13 +368,20 @@ def _columns(frames: IntArray, rows: IntArray, places: FloatArray, covariances: 
     return {"moment": frames, "row": rows, "places": places, "covariances": covariances, **unknown}
 
 
-def around(places: Sequence[FloatArray], left_out: float) -> FloatArray:
-    """``(4,)`` about places ``(N, 2)`` of several, less that share of the farthest on each side, and `MARGIN` more."""
+def plan_of(placed: Sequence[CameraOverFloor], chosen: Sequence[float] | None) -> FloatArray | None:
+    """``(4,)`` of the plan that was chosen, or that the cameras have, where there is one."""
+    if chosen is not None:
+        return np.array(chosen)
+    return next((camera.floor for camera in placed if camera.floor is not None), None)
+
+
+def around(places: Sequence[FloatArray]) -> FloatArray:
+    """``(4,)`` about places ``(N, 2)`` of several, without the `FARTHEST` on each side, and `MARGIN` more."""
     measured = np.concatenate(list(places))
     measured = measured[np.isfinite(measured).all(axis=1)]
     if not len(measured):
         raise RequestError("expected somebody on the floor, got no detection that lies on it; check the camera file")
-    low, high = np.quantile(measured, [left_out, 1 - left_out], axis=0)
+    low, high = np.quantile(measured, [FARTHEST, 1 - FARTHEST], axis=0)
     return np.concatenate([low - MARGIN, high + MARGIN])
 
 

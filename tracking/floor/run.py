@@ -22,7 +22,7 @@ from tsuiseki.tracking.fields import Commas, Options
 from tsuiseki.tracking.fisheye.unrolled import ceiling_detector
 from tsuiseki.tracking.floor.delayed_floor import people_later
 from tsuiseki.tracking.floor.live_run import floor_live, open_live_floor
-from tsuiseki.tracking.floor.measured_floor import FARTHEST, CameraFeed, MeasuredFloor, around, measured_floor
+from tsuiseki.tracking.floor.measured_floor import CameraFeed, MeasuredFloor, around, measured_floor, plan_of
 from tsuiseki.tracking.floor.online_floor import people_online
 from tsuiseki.tracking.floor.page import FloorPage
 from tsuiseki.tracking.floor.tracker import flow_on_one_floor, tracks_in
@@ -133,8 +133,7 @@ class FloorRun:
     @property
     def floor(self) -> FloatArray | None:
         """``(4,)`` of the plan, where settings or cameras have it."""
-        floor = next((placed.floor for placed in self.placed if placed.floor is not None), None)
-        return floor if self.settings.floor is None else np.array(self.settings.floor)
+        return plan_of(self.placed, self.settings.floor)
 
     def _positions_beside(self, feeds: Sequence[CameraFeed]) -> list[FloorPositions]:
         """The positions of other sensors; where only some frames are wanted, those of their time."""
@@ -179,7 +178,7 @@ class FloorRun:
             else:
                 people = flow_on_one_floor(measured)
         if self.floor is None and people:
-            measured = replace(measured, floor=around([person.positions for person in people], FARTHEST))
+            measured = replace(measured, floor=around([person.positions for person in people]))
         steps = np.diff(measured.times)
         facts = {
             "people": len(people), "moments": len(measured.moments),
