@@ -27,7 +27,7 @@ from benchmarks.long_training import LongTraining, command, draw_curve, next_tim
 from tsuiseki import configs
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 from tsuiseki.trainers.detector import Detector
-from tsuiseki.trainers.exporting.exported_weights import layout_of
+from tsuiseki.trainers.exporting.exported_weights import calibrate, layout_of
 
 HERE = Path(__file__).parent
 BEST, RECORD = HERE / "detector_everyday.onnx", HERE / "detector_everyday.jsonl"
@@ -96,13 +96,9 @@ def uncalibrated(file: Path) -> Detector:
 
     A calibration left in the weights is what the loss first takes out again; it doubles the loss at the start.
     """
-    module = Detector(start=file)
-    scale, shift = layout_of(file).card.settings.get("score_calibration", (1.0, 0.0))
-    for head in module.network.class_heads:
-        last = head[-1]
-        last.weight.data /= scale
-        last.bias.data /= scale
-        last.bias.data.view(-1, 2)[:, 1] -= shift / scale
+    module, card = Detector(start=file), layout_of(file).card
+    scale, shift = card.settings.get("score_calibration", (1.0, 0.0))
+    calibrate(module.network.state_dict(), 1 / scale, -shift / scale, len(card.class_names))
     return module
 
 

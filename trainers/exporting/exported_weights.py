@@ -112,11 +112,16 @@ def exported_weights(path: Path) -> dict[str, Tensor]:
         else:
             weights[name] = value
     scale, shift = card.settings.get("score_calibration", (1.0, 0.0))
-    for name in [n for n in weights if re.fullmatch(r"class_heads\.\d+\.1\.bias", n)]:
-        weights[name.replace("bias", "weight")] *= scale
-        moved = torch.tensor([0.0] + [shift] * len(card.class_names))
-        weights[name] = (weights[name].view(-1, len(moved)) * scale + moved).flatten()
+    calibrate(weights, scale, shift, len(card.class_names))
     return weights
+
+
+def calibrate(weights: Mapping[str, Tensor], scale: float, shift: float, classes: int) -> None:
+    """Multiply the logits of the classes by ``scale`` and add ``shift``, in place in a detector's state."""
+    for name in [n for n in weights if re.fullmatch(r"class_heads\.\d+\.1\.bias", n)]:
+        weights[name.replace("bias", "weight")].mul_(scale)
+        moved = torch.tensor([0.0] + [shift] * classes)
+        weights[name].copy_((weights[name].view(-1, len(moved)) * scale + moved).flatten())
 
 
 def opened_onnx(path: Path) -> tuple[onnx.ModelProto, ModelCard]:
