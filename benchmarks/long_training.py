@@ -38,7 +38,7 @@ class Step:
     Attributes:
         number: from 0, which is what the training started from.
         kept: whether its files became the best.
-        why: they did not, or empty.
+        why: they did not, or how they were made where no step made them; else empty.
         cpu_hours: that it learnt for.
         date: when it ended, ISO 8601.
         scores: on the fixed sets.
