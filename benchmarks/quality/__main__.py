@@ -26,7 +26,7 @@ from sklearn.model_selection import GroupKFold, cross_val_predict
 from benchmarks.papers import association
 from benchmarks.quality.streets import detected_street
 from tsuiseki.tracking.association.solved_network import SolvedNetwork
-from tsuiseki.tracking.errors import InputWarning, RunError
+from tsuiseki.tracking.errors import InputWarning, RequestError, RunError
 from tsuiseki.tracking.evaluation.multi import PeopleScores, evaluate_sequence, restrict
 from tsuiseki.tracking.evaluation.quality import FEWEST, SCORES, estimated, scaled_score, sign_row, variant_of
 from tsuiseki.tracking.evaluation.quality_signs import NETWORK_SIGNS, network_signs, track_signs
@@ -110,7 +110,10 @@ def street_cases(seeds: Sequence[int], path: Path) -> list[Case]:
     done = {int(case.name) for case in cases}
     with path.open("a") as file:
         for seed in (seed for seed in seeds if seed not in done):
-            street = detected_street(seed)
+            try:
+                street = detected_street(seed)
+            except RequestError:  # No camera shows so many people as large as they were drawn.
+                continue
             tracker = street_tracker(np.random.default_rng([seed, 67]), street.rate, street.size)
             case = tracked_case(str(seed), tracker, street.detections, street.truth, street.rate, street.size)
             if case is not None:
@@ -290,3 +293,7 @@ def labelled_cases(data: Path) -> Iterable[Case]:
 
 def _as_probabilities(detections: Detections, scale: float) -> Detections:
     return Detections(detections.boxes, 1 / (1 + np.exp(-scale * detections.scores)))
+
+
+if __name__ == "__main__":
+    main()

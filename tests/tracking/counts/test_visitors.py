@@ -15,6 +15,7 @@ from tsuiseki.tracking.counts.scene import Scene, SceneLine
 from tsuiseki.tracking.counts.visitors import count_visitors
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.report.overlay import Overlay
+from tsuiseki.tracking.report.track_bars import followed
 from tsuiseki.tracking.result import PageContent, Result
 from tsuiseki.tracking.types import Frame, Track
 
@@ -99,6 +100,7 @@ def test_a_short_track_that_scores_little_over_a_person_is_marked_everywhere():
     assert support[2] == "observed"
     assert support.get(9, "doubtful") == "doubtful"
     assert found.tables["people"]["nobody"][-1] > 0.5
+    assert followed(ghost, doubtful=True)[0] == "person 9?"
     blank = np.zeros((480, 640, 3), dtype=np.uint8)
     drawn = Overlay.of_people(tracks, 10.0, SIZE, 100)(Frame(52, 5.2, blank))
     assert (drawn != Overlay(tracks, 10.0).draw(Frame(52, 5.2, blank))).any()

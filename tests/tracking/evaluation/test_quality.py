@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy
 
+from benchmarks.quality import __main__ as benchmark
 from benchmarks.quality.streets import detected_street
 from tests.tracking.review.conftest import FRAMES, PEOPLE, SIZE, walkers
 from tsuiseki.tracking.association.network_flow import FlowGraph
@@ -157,6 +158,22 @@ def test_intervals_hold_the_scores_of_streets_that_no_fit_has_seen():
             held.append(low - 1e-3 <= getattr(true, name) <= high + 1e-3)
     assert len(held) >= 6 * 8
     assert np.mean(held) >= 0.8
+
+
+def test_the_fit_goes_on_where_it_ended_without_streets_that_no_camera_shows(tmp_path, monkeypatch):
+    drawn = []
+
+    def street_of(seed):
+        drawn.append(seed)
+        if seed == 1:
+            raise RequestError("expected a person_height that cameras can show")
+        return detected_street(seed)
+
+    monkeypatch.setattr(benchmark, "detected_street", street_of)
+    cases, again = (benchmark.street_cases(range(2), tmp_path / "streets.jsonl") for _ in range(2))
+    assert cases == again
+    assert [case.name for case in cases] == ["0"]
+    assert drawn == [0, 1, 1]
 
 
 # ---- What is not known

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import jsonschema
@@ -74,6 +75,19 @@ def test_a_walk_through_a_line_and_a_zone_is_told_step_by_step() -> None:
     assert (stayed.data["zone"], stayed.data["stay"]) == ("shop", 2.0)
     assert stayed.data["seconds"] == 6.0
     assert (lost.data["frame"], lost.data["seconds"]) == (100, 9.9)
+
+
+def test_66_5_an_event_says_what_no_detection_supports_and_who_is_rather_nobody() -> None:
+    person = walk(1, 4.0 * np.arange(60))
+    hidden = replace(person, observed=(person.frames < 22) | (person.frames > 32))
+    ghost = walk(2, 4.0 * np.arange(24, 30), first=24)
+    support = {
+        (event.type, event.data["person"]): event.data.get("support")
+        for event in events_of(frames_of([hidden, ghost], 70), SCENE)
+        if event.type in ("appeared", "crossed", "entered")
+    }
+    assert support == {("appeared", 1): None, ("crossed", 1): "filled", ("appeared", 2): "doubtful",
+                       ("crossed", 2): "doubtful", ("entered", 1): None}  # fmt: skip
 
 
 def test_moves_come_at_the_rate_and_while_somebody_moves() -> None:

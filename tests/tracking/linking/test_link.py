@@ -147,6 +147,18 @@ def test_results_get_common_ids_and_the_command_writes_them(tmp_path, capsys):
     assert (tmp_path / "out" / "unsure.csv").read_text().startswith("id,result")
 
 
+def test_cameras_that_share_nobody_are_said_and_starts_are_asked_for(tmp_path, capsys):
+    for k, result in enumerate(results()):
+        replace(result, tracks=result.tracks[: 1 + 2 * k]).save(tmp_path / f"view{k}")
+    words = ["link", str(tmp_path / "view0"), str(tmp_path / "view1"), "--appearance", "none", "--overwrite"]
+    for more, asked in (([], True), (["--starts", "0,5000"], False)):
+        assert main([*words, *more, "--out", str(tmp_path / "out")]) == 0
+        said = capsys.readouterr().out
+        assert "4 people, 0 joins, " in said
+        assert "these cameras share nobody, or few" in said
+        assert ("give --starts" in said) == asked
+
+
 def test_files_of_tracks_take_their_frames_a_second_from_the_user(tmp_path):
     for k, result in enumerate(results()):
         tsuiseki.write_tracks(tmp_path / f"{k}.txt", result.tracks)
