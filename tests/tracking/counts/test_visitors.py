@@ -11,7 +11,8 @@ from tests.tracking.counts.walkers import walker
 from tsuiseki.tracking.association.doubtful_tracks import doubtful_tracks
 from tsuiseki.tracking.counts.counting import count
 from tsuiseki.tracking.counts.handovers import AROUND, Handovers, handovers_of
-from tsuiseki.tracking.counts.scene import Scene, SceneLine
+from tsuiseki.tracking.counts.page import summary, with_page
+from tsuiseki.tracking.counts.scene import Scene, SceneLine, SceneZone
 from tsuiseki.tracking.counts.visitors import count_visitors
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.report.overlay import Overlay
@@ -61,19 +62,39 @@ def test_other_targets_than_people_and_no_frame_rate_are_refused():
         count_visitors([across(200, 1)])
 
 
-def test_two_who_cross_may_be_exchanged_and_two_far_apart_are_not():
+def met(turned):
+    """Feet of two who cross, or who turn back where they meet."""
     frames = np.arange(100)
-    there, back = 20 + 6.0 * frames, 614 - 6.0 * frames
-    feet = [np.column_stack([x, np.full(100, 300.0 + 2 * k)]) for k, x in enumerate((there, back))]
-    # What is in doubt is who went on and who turned back.
-    turned = [np.where((frames < 50)[:, None], feet[k], feet[1 - k]) for k in (0, 1)]
+    ways = [
+        np.column_stack([x, np.full(100, 300.0 + 2 * k)]) for k, x in enumerate((20 + 6.0 * frames, 614 - 6.0 * frames))
+    ]
+    return [np.where((frames < 50)[:, None], ways[k], ways[1 - k]) for k in (0, 1)] if turned else ways
+
+
+def test_two_who_cross_may_be_exchanged_and_two_far_apart_are_not():
     likely, unlikely = (
-        handovers_of([walker(way, k + 1) for k, way in enumerate(ways)], 10.0) for ways in (turned, feet)
+        handovers_of([walker(way, k) for k, way in enumerate(met(turned), 1)], 10.0) for turned in (True, False)
     )
     assert sorted(likely.track) == [0, 1]
     assert likely.probability.max() > 2 * unlikely.probability.max(initial=0.0)
     assert abs(likely.first[0] - 48) < 5
     assert not len(handovers_of([across(100, 1), across(400, 2)], 10.0))
+
+
+def test_66_2_the_headline_is_a_count_with_an_interval_and_stays_carry_the_chance_of_a_change(tmp_path):
+    turned = [walker(way, k) for k, way in enumerate(met(turned=True), 1)]
+    result = result_of(*turned, across(100, 3))
+    everywhere = SceneZone("all", np.array([[0.0, 0], [640, 0], [640, 480], [0, 480]]))
+    found = count(result, Scene((), [everywhere], SIZE))
+    (people,), (tracks,) = found.tables["visitors"]["people"], found.tables["visitors"]["tracks"]
+    assert tracks == 3
+    assert found.tables["visitors"]["low"][0] <= people <= found.tables["visitors"]["high"][0]
+    assert summary(found)[0] == f"about {found.visitors} different people, in 3 tracks"
+    for table in ("people", "stays"):
+        chance = dict(zip(found.tables[table]["id"], found.tables[table]["changed"], strict=True))
+        assert min(chance[1], chance[2]) > chance[3] == 0
+    page = (with_page(result).save(tmp_path / "o") / "report.html").read_text()
+    assert f"About {count_visitors(result)} different people, in 3 tracks," in page
 
 
 def test_the_chance_of_several_places_in_closed_form():
