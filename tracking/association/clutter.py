@@ -32,6 +32,7 @@ from tsuiseki.tracking.features.view_choice import inner_detector
 from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
+from tsuiseki.tracking.types.inference_frames import EVERY_FRAME, InferenceFrames
 from tsuiseki.tracking.video.source import Source
 
 # Number of thresholds that are tried.
@@ -221,13 +222,20 @@ class ScoreChoice:
         self.floor: float | None = None
         self.moving = False
 
-    def choose(self, source: Source, batch_size: int, workers: int, times: StageTimes) -> dict[int, Detections]:
+    def choose(
+        self,
+        source: Source,
+        batch_size: int,
+        workers: int,
+        times: StageTimes,
+        inferred: InferenceFrames = EVERY_FRAME,
+    ) -> dict[int, Detections]:
         """Detections by frame number at the beginning of the video, at the threshold that is taken from then on."""
         usual, self._network.score_threshold = self._network.score_threshold, LOWEST
         last = source.frames_wanted.first + round(SECONDS * source.frame_rate)
         beginning: dict[int, Detections] = {}
         frames, camera = source.frames(), StandingCamera()
-        for frame, detections in stream(frames, self._detect, None, batch_size, times, workers):
+        for frame, detections in stream(frames, self._detect, None, batch_size, times, workers, inferred):
             if frame.index >= last:
                 break
             beginning[frame.index] = detections

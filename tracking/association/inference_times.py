@@ -16,6 +16,7 @@ import numpy as np
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.types import BoolArray, FloatArray, IntArray
+from tsuiseki.tracking.types.inference_frames import InferenceFrames
 
 # Inferences that show a pattern, twice as many where it is not exact.
 FEWEST = 5
@@ -69,8 +70,8 @@ def inferred_frames(counts: IntArray) -> BoolArray | None:
     return inferred
 
 
-def named_frames(frames: Iterable[int], length: int) -> BoolArray:
-    """``(F,)`` the frames that are named.
+def named_frames(frames: Iterable[int], length: int) -> InferenceFrames:
+    """The frames that are named, of a video of ``length``.
 
     Raises:
         RequestError: they are no 0-based numbers of frames, or there is none.
@@ -82,7 +83,7 @@ def named_frames(frames: Iterable[int], length: int) -> BoolArray:
         )
     inferred = np.zeros(max(length, int(numbers.max()) + 1), dtype=np.bool_)
     inferred[numbers] = True
-    return inferred
+    return InferenceFrames(stride_of(inferred), named=inferred)
 
 
 def usual(intervals: Sequence[float] | FloatArray | IntArray) -> float:

@@ -187,7 +187,7 @@ def cut(source: Source, finding: PeopleFinding, linking: Linking, seconds: float
     opened = open_people(source, replace(finding, threads=1), linking, 0)
     inputs = opened.inputs
     seekable = SeekableVideo.of(source) if inputs.needs_images else None
-    if seekable is None:
+    if seekable is None or inputs.inferred.stride > 1:
         return None
     frame_range, detected = seekable.frame_range, dict[int, Detections]()
     assert frame_range.last is not None

@@ -15,7 +15,8 @@ from typing import TypeAlias
 
 from tsuiseki.tracking.features.exported import ChoosingDetect, Describe, Detect
 from tsuiseki.tracking.stages import StageTimes
-from tsuiseki.tracking.types import Detections, Frame
+from tsuiseki.tracking.types import Detections, Frame, ImageArray
+from tsuiseki.tracking.types.inference_frames import EVERY_FRAME, InferenceFrames
 
 _Rows: TypeAlias = list[tuple[Frame, Detections]]
 
@@ -27,6 +28,7 @@ def stream(
     batch_size: int = 4,
     times: StageTimes | None = None,
     workers: int = 1,
+    inferred: InferenceFrames = EVERY_FRAME,
 ) -> Iterator[tuple[Frame, Detections]]:
     """Frames with the people detected in them, in order.
 
@@ -39,18 +41,20 @@ def stream(
         workers: batches that are worked on at a time; with more than one, ``detect`` and ``describe`` are called from
             several threads, and as many batches are decoded ahead: at most ``2 * workers * batch_size`` frames are
             held.
+        inferred: frames that ``detect`` runs on, the others come without detections.
     """
     times = times or StageTimes()
     batches = _batches(frames, batch_size, times)
     if workers == 1:
         for batch in batches:
-            yield from _detected(batch, _ready(detect, batch, times), describe, times)
+            yield from _detected(batch, _ready(detect, batch, times, 1, inferred), describe, times, inferred)
         return
     waiting: deque[Future[_Rows]] = deque()
     with ThreadPoolExecutor(workers, "tsuiseki") as pool:
         try:
             for batch in batches:
-                waiting.append(pool.submit(_detected, batch, _ready(detect, batch, times, workers), describe, times))
+                ready = _ready(detect, batch, times, workers, inferred)
+                waiting.append(pool.submit(_detected, batch, ready, describe, times, inferred))
                 # What is finished, such as the first batch, is not kept waiting for what is behind it.
                 while waiting and (len(waiting) >= 2 * workers or waiting[0].done()):
                     yield from waiting.popleft().result()
@@ -72,23 +76,39 @@ def _batches(frames: Iterable[Frame], size: int, times: StageTimes) -> Iterator[
 
 
 def _ready(
-    detect: Detect | Sequence[Detections], batch: list[Frame], times: StageTimes, workers: int = 1
+    detect: Detect | Sequence[Detections],
+    batch: list[Frame],
+    times: StageTimes,
+    workers: int,
+    inferred: InferenceFrames,
 ) -> Detect | Sequence[Detections]:
     """The detector for ``batch``; one that chooses its tiles does so here, in the order of the frames."""
-    if not isinstance(detect, ChoosingDetect):
+    images = _images(batch, inferred)
+    if not isinstance(detect, ChoosingDetect) or not images:
         return detect
     with times.measure("detect"):
-        return detect.prepared([frame.image for frame in batch], workers)
+        return detect.prepared(images, workers)
+
+
+def _images(batch: list[Frame], inferred: InferenceFrames) -> list[ImageArray]:
+    """Those that a detector runs on."""
+    return [frame.image for frame in batch if inferred.at(frame.index)]
 
 
 def _detected(
-    batch: list[Frame], detect: Detect | Sequence[Detections], describe: Describe | None, times: StageTimes
+    batch: list[Frame],
+    detect: Detect | Sequence[Detections],
+    describe: Describe | None,
+    times: StageTimes,
+    inferred: InferenceFrames,
 ) -> _Rows:
     with times.measure("detect"):
         if isinstance(detect, Sequence):
             detections = [detect[f.index] if f.index < len(detect) else Detections.empty() for f in batch]
         else:
-            detections = detect.detect([frame.image for frame in batch])
+            images = _images(batch, inferred)
+            answers = iter(detect.detect(images) if images else ())
+            detections = [next(answers) if inferred.at(f.index) else Detections.empty() for f in batch]
     if describe is not None:
         with times.measure("describe"):
             pairs = zip(batch, detections, strict=True)

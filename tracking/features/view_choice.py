@@ -145,6 +145,7 @@ class ViewHistory:
         frames: so far.
         due: frame of the next trial; None where none is needed any more.
         enlarge: see `choose_view`.
+        stride: frames of the video from one image to the next.
     """
 
     frame_rate: float
@@ -154,6 +155,7 @@ class ViewHistory:
     frames: int = 0
     due: float | None = 0.0
     enlarge: bool = True
+    stride: float = 1.0
     _wait: float = _FIRST_WAIT
     _visible: deque[tuple[BoolArray, FloatArray]] = field(default_factory=lambda: deque(maxlen=_LATELY))
     _of: TileView | None = None
@@ -166,7 +168,7 @@ class ViewHistory:
             tried = images if self.choice is None else images[:1]
             self._add(choose_view(tried, detector, workers, self.enlarge))
         assert self.choice is not None
-        self.frames += len(images)
+        self.frames += round(self.stride * len(images))
         return self.choice
 
     def busy(self, images: Sequence[ImageArray], detector: TiledDetector) -> TiledDetector:
@@ -176,7 +178,7 @@ class ViewHistory:
             images: those that were taken last.
             detector: on all tiles of the choice.
         """
-        view, now = detector.view, self.frames - len(images)
+        view, now = detector.view, self.frames - round(self.stride * len(images))
         if view is not self._of:
             self._visible.clear()
             self._of, self._all_due = view, now
@@ -222,6 +224,7 @@ class ViewedDetector:
         enlarge: see `choose_view`. One that has learnt its camera knows people as large as they are there, and never
             sees them larger.
         sparing: pass over tiles without people of their own; for consecutive frames of a video.
+        stride: frames of the video from one image to the next.
 
     Attributes:
         enlarge: as given, but never for such a one.
@@ -235,8 +238,10 @@ class ViewedDetector:
         frame_rate: float = 25.0,
         enlarge: bool = True,
         sparing: bool = False,
+        stride: float = 1.0,
     ) -> None:
         self.enlarge, self.sparing = enlarge and not scores_are_probabilities(detector), sparing
+        self.stride = stride
         self.detector, self.tiles, self.frame_rate = detector, tiles, frame_rate
         self.histories: dict[tuple[int, ...], ViewHistory] = {}
 
@@ -254,7 +259,7 @@ class ViewedDetector:
         """The view for ``images``, the next ones of a video, which are counted; see `prepared`."""
         size = images[0].shape[:2]
         if size not in self.histories:
-            self.histories[size] = ViewHistory(self.frame_rate, enlarge=self.enlarge)
+            self.histories[size] = ViewHistory(self.frame_rate, enlarge=self.enlarge, stride=self.stride)
             if self.tiles is not None:
                 choice = self._fixed_view(self.tiles, images[0])
                 self.histories[size] = ViewHistory(self.frame_rate, choice, changes=[(0, choice)], due=None)

@@ -90,8 +90,8 @@ def track_people(
         frames: only these frames, such as ``"301-400"``, counted from 1 with both ends as on the command line; all
             other numbers of frames in Python count from 0.
         frame_rate: frames a second, where the source does not say it, as images do not, or is wrong.
-        inference_frames: numbers, counted from 0, of the frames with inference of ``detections``, such as
-            ``range(0, 300, 10)``; by default the stride of the detections. No person is missed in other frames.
+        inference_frames: numbers, counted from 0, of the frames that a detector runs on, such as
+            ``range(0, 300, 10)``; by default all, or the stride of ``detections``. Nobody is missed in others.
         moving_camera: estimate how the camera moves and link people as if it stood still; ``flow`` needs it rarely.
         threads: CPU cores of the networks; 0 takes all.
         device: what the networks run on: ``"cpu"``, ``"cuda"``, or ``"auto"``.
@@ -176,8 +176,8 @@ def follow_people(
         frames: only these frames, such as ``"301-400"``, counted from 1 with both ends as on the command line; all
             other numbers of frames in Python count from 0.
         frame_rate: frames a second, where the source does not say it, as images do not, or is wrong.
-        inference_frames: numbers, counted from 0, of the frames with inference of ``detections``, such as
-            ``range(0, 300, 10)``; by default the stride of the detections. No person is missed in other frames.
+        inference_frames: numbers, counted from 0, of the frames that a detector runs on, such as
+            ``range(0, 300, 10)``; by default all, or the stride of ``detections``. Nobody is missed in others.
         moving_camera: estimate how the camera moves and link people as if it stood still; ``flow`` needs it rarely.
         threads: CPU cores of the networks; 0 takes all.
         device: what the networks run on: ``"cpu"``, ``"cuda"``, or ``"auto"``.

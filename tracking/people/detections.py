@@ -39,7 +39,8 @@ from tsuiseki.tracking.onnx import cores_of
 from tsuiseki.tracking.people.given_detections import GivenRows, given_detections
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground, PeopleFinding
 from tsuiseki.tracking.stages import StageTimes
-from tsuiseki.tracking.types import BoolArray, Detections, Frame
+from tsuiseki.tracking.types import Detections, Frame
+from tsuiseki.tracking.types.inference_frames import EVERY_FRAME, InferenceFrames
 from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
@@ -60,7 +61,7 @@ class PeopleInputs:
         threads: cores that networks may use; 0 for all. Functions of other people are called one at a time, and live
             sources are never read ahead.
         ground: weighs the detections, in the order of the video.
-        inferred: ``(F,)`` by frame number, where a detector was run; None for everywhere.
+        inferred: frames that a detector runs on.
         choice: of the threshold of a network whose scores are not known; None where it is given.
         scale: turns scores that are no probabilities, those of a list beforehand; None where the method takes any.
     """
@@ -72,7 +73,7 @@ class PeopleInputs:
     camera: CameraPath | StandingCamera | None = None
     threads: int = 1
     ground: GroundPlane | None = None
-    inferred: BoolArray | None = None
+    inferred: InferenceFrames = EVERY_FRAME
     choice: ScoreChoice | None = None
     scale: ScoreScale | None = None
 
@@ -150,11 +151,12 @@ class PeopleInputs:
         self._check_all_used(last)
 
     def _streamed(self, images: Iterable[Frame], times: StageTimes) -> Iterator[tuple[Frame, Detections]]:
-        how = (self.describe, self.batch_size, times, self.workers)
+        how = (self.describe, self.batch_size, times, self.workers, self.inferred)
         if self.choice is None:
             yield from stream(images, self.detect, *how)
             return
-        detected, frames = self.choice.choose(self.source, self.batch_size, self.workers, times), iter(images)
+        detected = self.choice.choose(self.source, self.batch_size, self.workers, times, self.inferred)
+        frames = iter(images)
         first = [detected.get(number, Detections.empty()) for number in range(max(detected, default=-1) + 1)]
         yield from stream(itertools.islice(frames, len(detected)), first, *how)
         yield from stream(frames, self.detect, *how)
@@ -191,7 +193,7 @@ def threads_of_a_call(source: Source, threads: int) -> int:
 
 
 def people_detect(
-    source: Source, finding: FindingOptions, default: str, threads: int | None = None
+    source: Source, finding: FindingOptions, default: str, threads: int | None = None, stride: float = 1.0
 ) -> Detect | list[Detections]:
     """The given detections, or what detects people.
 
@@ -201,6 +203,7 @@ def people_detect(
             `as_detector` take.
         default: name of the shipped detector to take where neither is given.
         threads: CPU threads of one call of a detector that is read from a file; by default those of ``finding``.
+        stride: frames from one inference to the next.
 
     Returns:
         Networks take large frames in tiles; see `choose_view`.
@@ -221,17 +224,17 @@ def people_detect(
     detect = as_detector(detector, finding.score_threshold, threads, options, finding.device, classes=chosen)
     if view == (1, None) or not isinstance(detect, Detector | ForeignDetector):
         return detect
-    return ViewedDetector(detect, view, frame_rate=source.frame_rate, sparing=True)
+    return ViewedDetector(detect, view, frame_rate=source.frame_rate, sparing=True, stride=stride)
 
 
-def second_detect(source: Source, finding: PeopleFinding, threads: int) -> Detect:
+def second_detect(source: Source, finding: PeopleFinding, threads: int, stride: float) -> Detect:
     """What gives a second opinion: the detector of that name or file, as `people_detect` would take it alone.
 
     Raises:
         RequestError: see `as_detector`.
     """
     alone = replace(finding, detector=finding.second_opinion, second_opinion=None, detector_options=DetectorOptions())
-    second = people_detect(source, alone, PEOPLE_DETECTOR, threads)
+    second = people_detect(source, alone, PEOPLE_DETECTOR, threads, stride)
     assert not isinstance(second, list)
     return second
 

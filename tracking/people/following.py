@@ -14,7 +14,8 @@ from tsuiseki.tracking.people.contract import PeopleTracker, skipped
 from tsuiseki.tracking.people.detections import PeopleInputs
 from tsuiseki.tracking.people.motion_compensated import inner_tracker
 from tsuiseki.tracking.people.opening import OpenedPeople
-from tsuiseki.tracking.types import BoolArray, Detections, Frame, Targets
+from tsuiseki.tracking.types import Detections, Frame, Targets
+from tsuiseki.tracking.types.inference_frames import EVERY_FRAME, InferenceFrames
 from tsuiseki.tracking.types.tracks import targets_at
 
 
@@ -43,12 +44,14 @@ class Following:
 
     Args:
         tracker: a fresh one.
-        inferred: ``(F,)`` by frame number, where a detector was run; None for everywhere.
+        inferred: frames that a detector runs on.
         longest: frames that are missing between two count as frames without inference, where they are fewer than this;
             or else as empty ones, over which nobody is linked. By default frames are taken to follow each other.
     """
 
-    def __init__(self, tracker: PeopleTracker, inferred: BoolArray | None = None, longest: int | None = None) -> None:
+    def __init__(
+        self, tracker: PeopleTracker, inferred: InferenceFrames = EVERY_FRAME, longest: int | None = None
+    ) -> None:
         self.tracker, self._inferred, self._longest = tracker, inferred, longest
         self._forget = getattr(inner_tracker(tracker), "forget", None)
         self._waiting: deque[Frame] = deque()
@@ -63,7 +66,7 @@ class Following:
                 yield from self._answered(self.tracker.update(Detections.empty()) if empty else skipped(self.tracker))
         self._first = frame.index - self._count
         self._waiting.append(frame)
-        detects = self._inferred is None or self._inferred[frame.index : frame.index + 1].any()
+        detects = self._inferred.at(frame.index)
         yield from self._answered(self.tracker.update(detections) if detects else skipped(self.tracker))
         if self._forget is not None:
             self._forget()

@@ -12,12 +12,12 @@ import numpy as np
 
 from tsuiseki.tracking.association.inference_times import inferred_frames, named_frames, stride_of
 from tsuiseki.tracking.errors import InputWarning, RequestError
-from tsuiseki.tracking.features.exported import Detect
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
-from tsuiseki.tracking.types import BoolArray, Detections
+from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.class_choice import ClassChoice
+from tsuiseki.tracking.types.inference_frames import EVERY_FRAME, InferenceFrames
 from tsuiseki.tracking.video.source import Source
 
 GivenDetections: TypeAlias = str | Path | Iterable[DetectionsLike]
@@ -97,33 +97,30 @@ def _checked_entries(entries: Iterable[DetectionsLike], length: int | None) -> G
 
 
 def frames_with_inference(
-    detect: Detect | Sequence[Detections], source: Source, numbers: Iterable[int] | None = None
-) -> BoolArray | None:
-    """``(F,)`` the frames with inference of given detections; None for all. A pattern is reported.
+    detections: Sequence[Detections], source: Source, numbers: Iterable[int] | None = None
+) -> InferenceFrames:
+    """The frames with inference of given detections. A pattern is reported.
 
     Args:
-        detect: a detector runs on all frames.
+        detections: of each frame.
         source: the video.
         numbers: from 0 of the frames with inference; by default see `inferred_frames`.
 
     Raises:
-        RequestError: see `named_frames`; or there is a detector.
+        RequestError: see `named_frames`.
     """
-    if not isinstance(detect, Sequence):
-        if numbers is not None:
-            raise RequestError("expected `inference_frames` with `detections`, got it with a detector")
-        return None
-    length = max(source.length or 0, len(detect))
+    length = max(source.length or 0, len(detections))
     if numbers is not None:
         return named_frames(numbers, length)
-    inferred = inferred_frames(np.array([*map(len, detect), *[0] * (length - len(detect))], dtype=np.int64))
-    if inferred is not None:
-        stride = stride_of(inferred)
-        ordinal = f"{stride:g}th" if stride == round(stride) else f"{stride:.3g}th, on average,"
-        warnings.warn(
-            f"there are detections in {inferred.sum()} of {len(inferred)} frames, every {ordinal} one; the others "
-            "count as frames without inference, and no person counts as missed in them",
-            InputWarning,
-            stacklevel=2,
-        )
-    return inferred
+    inferred = inferred_frames(np.array([*map(len, detections), *[0] * (length - len(detections))], dtype=np.int64))
+    if inferred is None:
+        return EVERY_FRAME
+    stride = stride_of(inferred)
+    ordinal = f"{stride:g}th" if stride == round(stride) else f"{stride:.3g}th, on average,"
+    warnings.warn(
+        f"there are detections in {inferred.sum()} of {len(inferred)} frames, every {ordinal} one; the others "
+        "count as frames without inference, and no person counts as missed in them",
+        InputWarning,
+        stacklevel=2,
+    )
+    return InferenceFrames(stride, named=inferred)

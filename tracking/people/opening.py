@@ -10,11 +10,11 @@ from functools import partial
 from typing import Any
 
 from tsuiseki.tracking.association.clutter import above_floor, score_choice
-from tsuiseki.tracking.association.inference_times import stride_of
+from tsuiseki.tracking.association.inference_times import named_frames
 from tsuiseki.tracking.association.learnt_costs import Affinity
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.features.camera_path import CameraPath
-from tsuiseki.tracking.features.exported import Describe
+from tsuiseki.tracking.features.exported import Describe, Detect
 from tsuiseki.tracking.features.second_opinion import SecondOpinion
 from tsuiseki.tracking.features.standing_camera import StandingCamera
 from tsuiseki.tracking.features.view_choice import inner_detector, knows_scores
@@ -44,6 +44,8 @@ from tsuiseki.tracking.people.tracker_choice import (
     score_scale,
     straddles,
 )
+from tsuiseki.tracking.types import Detections
+from tsuiseki.tracking.types.inference_frames import InferenceFrames
 from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR
 
@@ -75,7 +77,8 @@ def open_people(
         finding: the options; in Python also what `track_people` takes instead of files.
         linking: likewise; its method may be a tracker.
         seed: of the tracker's random numbers.
-        inferred: numbers from 0 of the frames with inference of given detections; by default measured.
+        inferred: numbers from 0 of the frames with inference; by default those of ``finding``, and the pattern of given
+            detections.
 
     Raises:
         RequestError: something cannot be used; the message says what and why.
@@ -84,9 +87,7 @@ def open_people(
         raise RequestError(f"{source.name} has no images to tell how the camera moves; leave `moving_camera` out")
     threads = threads_of_a_call(source, finding.threads)
     floor: float | None = None
-    detect, chosen = people_detect(source, finding, PEOPLE_DETECTOR, threads), finding.chosen
-    if finding.second_opinion is not None and not isinstance(detect, list):
-        detect = SecondOpinion(detect, second_detect(source, finding, threads))
+    (detect, inferences), chosen = _detecting(source, finding, threads, inferred), finding.chosen
     bad = getattr(inner_detector(detect), "bad", None)
     if isinstance(detect, list) and linking.method == "flow" and finding.score_range is None and chosen is None:
         detect, floor = above_floor(detect, source.frame_rate)
@@ -102,7 +103,6 @@ def open_people(
     # The flow sees for itself where the camera stands still.
     camera = CameraPath() if linking.moving_camera else StandingCamera() if method == "flow" else None
     ground = ground_of(detect, finding.ground, source)
-    inferences = frames_with_inference(detect, source, inferred)
     unknown = finding.score_threshold is None and not source.live
     choice = score_choice(detect, ground) if unknown else None
     inputs = PeopleInputs(
@@ -124,6 +124,23 @@ def open_people(
         fresh = partial(_own_tracker, inputs, linking, apart)
     tracker = ByClass(fresh, chosen.plain) if chosen is not None and apart else fresh()
     return OpenedPeople(inputs, tracker, floor, bad)
+
+
+def _detecting(
+    source: Source, finding: PeopleFinding, threads: int, numbers: Iterable[int] | None
+) -> tuple[Detect | list[Detections], InferenceFrames]:
+    """What detects people, or given detections, and the frames with inference; see `open_people`."""
+    if finding.detections is not None:
+        rows = people_detect(source, finding, PEOPLE_DETECTOR, threads)
+        assert isinstance(rows, list)
+        return rows, frames_with_inference(rows, source, numbers)
+    inferred = InferenceFrames(finding.detect_every, source.frames_wanted.first)
+    if numbers is not None:
+        inferred = named_frames(numbers, source.length or 0)
+    detect = people_detect(source, finding, PEOPLE_DETECTOR, threads, inferred.stride)
+    if finding.second_opinion is not None and not isinstance(detect, list):
+        detect = SecondOpinion(detect, second_detect(source, finding, threads, inferred.stride))
+    return detect, inferred
 
 
 def compares_appearance(method: str | PeopleTracker) -> bool:
@@ -164,7 +181,15 @@ def _fresh_tracker(inputs: PeopleInputs, linking: Linking, learnt: LearntCosts |
         flow = PrintedFlow(learnt)
         return MotionCompensated(flow, inputs.camera) if isinstance(inputs.camera, CameraPath) else flow
     scores, drop = cost_of_scores(inputs.detect), straddles(inputs.detect)
-    stride = 1.0 if inputs.inferred is None else stride_of(inputs.inferred)
     return people_tracker(
-        linking.method, linking, learnt, seed, inputs.source, inputs.camera, linking.delay, scores, drop, stride
+        linking.method,
+        linking,
+        learnt,
+        seed,
+        inputs.source,
+        inputs.camera,
+        linking.delay,
+        scores,
+        drop,
+        inputs.inferred.stride,
     )

@@ -14,7 +14,8 @@ from tsuiseki.tracking.people.contract import PeopleTracker, shifted, skipped
 from tsuiseki.tracking.result import people_in
 from tsuiseki.tracking.runs.steps import reported_to
 from tsuiseki.tracking.stages import StageTimes
-from tsuiseki.tracking.types import BoolArray, Detections, FloatArray, Targets, Track
+from tsuiseki.tracking.types import Detections, FloatArray, Targets, Track
+from tsuiseki.tracking.types.inference_frames import EVERY_FRAME, InferenceFrames
 
 # Detections that are kept for the report.
 KEPT = 2000
@@ -120,7 +121,7 @@ def run_trackers(
     frames: Iterable[tuple[int, Detections]],
     trackers: Mapping[str, PeopleTracker],
     times: StageTimes,
-    inferred: BoolArray | None = None,
+    inferred: InferenceFrames = EVERY_FRAME,
     observe: Callable[[Targets], object] | None = None,
 ) -> tuple[dict[str, list[Track]], FrameLog]:
     """Feed the same detections to every tracker.
@@ -129,7 +130,7 @@ def run_trackers(
         frames: consecutive 0-based frame numbers, from any on, and the detections there.
         trackers: fresh ones, by name.
         times: gets the seconds of each tracker under its name.
-        inferred: ``(F,)`` by frame number, where a detector was run; None for everywhere.
+        inferred: frames that a detector runs on.
         observe: gets what the trackers answer while they run, numbered as the frames are.
 
     Returns:
@@ -137,7 +138,7 @@ def run_trackers(
     """
     log = FrameLog()
     for index, detections in frames:
-        detects = inferred is None or inferred[index : index + 1].any()
+        detects = inferred.at(index)
         with reported_to(frames):
             for name, tracker in trackers.items():
                 with times.measure(name):

@@ -118,6 +118,7 @@ class PeopleFinding(FindingOptions):
     Attributes:
         detector: ONNX file, or the name of a shipped or downloaded one (models list).
         view: tiles: auto by trials, 3 across, 3x2, or 1 for none.
+        detect_every: run the detector on every N-th frame; boxes between are filled in.
         ground: auto lowers scores of boxes that fit nobody.
         appearance: ONNX file or name of an appearance network; none does without.
         appearance_options: what the file of another project's appearance network does not tell.
@@ -127,6 +128,7 @@ class PeopleFinding(FindingOptions):
     """
 
     view: Tiles = "auto"
+    detect_every: PositiveInt = 1
     ground: Ground = "auto"
     second_opinion: FileLike = None
     appearance_options: Annotated[AppearanceOptions, HIDDEN] = field(default_factory=AppearanceOptions)
@@ -137,6 +139,8 @@ class PeopleFinding(FindingOptions):
         super().__post_init__()
         if self.across_classes and self.classes is None:
             raise RequestError("expected `across_classes` with `classes`, got it alone")
+        if self.detect_every > 1 and self.detections is not None:
+            raise RequestError("expected `detect_every` with a detector, got it with `detections`; leave one out")
         for name in ("detections", "classes"):
             if self.second_opinion is not None and getattr(self, name) is not None:
                 raise RequestError(f"expected `second_opinion` without `{name}`, got both; leave one out")

@@ -92,6 +92,8 @@ def detected(inputs: Sequence[PeopleInputs], frames: Sequence[Frame]) -> list[De
     result: list[Detections] = [Detections.empty()] * len(frames)
     groups: dict[int, list[int]] = {}
     for row, one in enumerate(inputs):
+        if not one.inferred.at(frames[row].index):
+            continue
         groups.setdefault(id(one.detect) if isinstance(one.detect, Detector) else -1 - row, []).append(row)
     for rows in groups.values():
         first = inputs[rows[0]]

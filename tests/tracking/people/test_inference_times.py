@@ -16,8 +16,14 @@ from tsuiseki.tracking.filters.kalman import BoxMotion, per_longer_frame, predic
 from tsuiseki.tracking.formats.mot_sequence import write_sequence_info
 from tsuiseki.tracking.people.api import follow_people, track_people
 from tsuiseki.tracking.people.flow import FlowSettings, FlowTracker
+from tsuiseki.tracking.people.opening import open_people
+from tsuiseki.tracking.people.people_result import people_result
+from tsuiseki.tracking.people.settings import Linking, PeopleFinding
 from tsuiseki.tracking.people.sort import Sort
+from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Track
+from tsuiseki.tracking.types.frame_range import parse_frames
+from tsuiseki.tracking.video.source import open_source
 
 CLASSES = [*LIFECYCLE.values()]
 METHODS = ["flow", *LIFECYCLE]
@@ -195,6 +201,43 @@ def test_all_frames_are_followed(tmp_path: Path, method: str) -> None:
         answers = [*follow_people(tmp_path, method, detections=found, **options)]  # type: ignore[arg-type]
     assert [frame.index for frame, _ in answers] == [here.frame for _, here in answers] == [*range(60)]
     assert len(answers[42][1]) == len(answers[45][1]) == 3
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+@pytest.mark.parametrize("method", METHODS)
+def test_a_detector_on_every_fifth_frame_gives_what_its_detections_give(method: str, workers: int) -> None:
+    pictures = [np.full((480, 640, 3), t, dtype=np.uint8) for t in range(60)]
+    searched = list[int]()
+
+    def detect(picture: np.ndarray) -> Detections:
+        searched.append(int(picture[0, 0, 0]))
+        return at(searched[-1] / 25)
+
+    looks = {"appearance": "none"} if method in ("flow", "deepsort") else {}
+    common = {"method": method, "frames": "4-60", "frame_rate": 25.0, "threads": workers, **looks}
+    tracked = track_people(pictures, detector=detect, inference_frames=range(3, 60, 5), **common)  # type: ignore[call-overload,arg-type]
+    assert searched == [*range(3, 60, 5)]
+    rows = [at(t / 25) if t in searched else Detections.empty() for t in range(60)]
+    given = track_people(pictures, detections=rows, inference_frames=range(3, 60, 5), **common)  # type: ignore[call-overload,arg-type]
+    source = open_source(pictures, parse_frames("4-60"), 25.0)
+    every = PeopleFinding(detector=detect, detect_every=5, threads=workers, **looks)  # type: ignore[arg-type]
+    opened = open_people(source, every, Linking(method=method), 0)  # type: ignore[arg-type]
+    searched.clear()
+    result, _ = people_result(opened, opened.inputs.detections(), StageTimes(), {"method": method})
+    assert searched == [*range(3, 60, 5)]
+    assert len(tracked) == len(given) == len(result) == 3
+    for track, other, third in zip(tracked, given, result, strict=True):
+        assert np.array_equal(track.frames, other.frames)
+        assert np.array_equal(track.frames, third.frames)
+        np.testing.assert_array_equal(track.boxes, other.boxes)
+        np.testing.assert_array_equal(track.boxes, third.boxes)
+
+
+def test_every_nth_frame_is_of_a_detector() -> None:
+    with pytest.raises(ValueError, match="`detect_every` with a detector, got it with `detections`"):
+        PeopleFinding(detect_every=2, detections="det.txt")
+    with pytest.raises(ValueError, match="greater than 0"):
+        PeopleFinding(detect_every=0)
 
 
 def test_two_predictions_are_one_over_both_times() -> None:
