@@ -10,8 +10,9 @@ from __future__ import annotations
 import hashlib
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -85,10 +86,11 @@ def own_detections(source: str, options: Mapping[str, Any]) -> Path | None:
     return sequence.detections_path if not sequence.images and sequence.detections_path.is_file() else None
 
 
-def options_of(words: Sequence[str]) -> list[str]:
+@cache
+def options_of(words: tuple[str, ...]) -> list[str]:
     """Names of the options of a command, that of the source first; raises RequestError where there is none."""
     chain, command = command_of(words)
-    if command.default_command is None or chain != tuple(words):
+    if command.default_command is None or chain != words:
         raise RequestError(f"expected a command such as `track people` for a batch, got `{' '.join(words)}`")
     options = command.assemble_argument_collection(parse_docstring=False).filter_by(show=True)
     return [option.name[2:].replace("-", "_") for option in sorted(options, key=lambda option: option.index != 0)]
