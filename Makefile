@@ -1,6 +1,8 @@
 # Two commands for a newcomer: `make demo` and `make test`.
 PYTHON ?= python3
 VENV ?= .venv
+# Thousands of short runs would compile everything anew.
+unexport PYTHONDONTWRITEBYTECODE
 BIN := $(VENV)/bin
 PIP := $(BIN)/python -m pip install --quiet --disable-pip-version-check
 LOWEST := $(VENV)/lowest

@@ -1,11 +1,11 @@
 """One table of a release: CPU time of our methods beside their peers, in the same run.
 
-    python -m benchmarks.all [--json] [--small] [--repeat 3]
+    python -m benchmarks.all [--json] [--small] [--repeat 3] [--record]
 
 A peer that is not installed is named as absent; ``pip install ortools trackers supervision stonesoup arcsort
 opencv-contrib-python-headless`` brings all of them. Ours and the peer take turns on the same input, and the best turn
-of each counts, in seconds of the processor. ``--small`` takes inputs of a second or two. Use one thread:
-``OMP_NUM_THREADS=1``. Nothing is asserted.
+of each counts, in seconds of the processor. ``--small`` takes inputs of a second or two. ``--record`` writes the table
+into docs/results/speed.md. Use one thread: ``OMP_NUM_THREADS=1``. Nothing is asserted.
 """
 
 from __future__ import annotations
@@ -17,12 +17,16 @@ import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
 
 from benchmarks.machine import machine, peak_memory
+from benchmarks.papers import records
+from benchmarks.papers.tables import Table
 from benchmarks.walkers import walking_people
 from tsuiseki.tracking.association.flow_window import FlowWindow
 from tsuiseki.tracking.association.inference_times import InferenceTimes
@@ -31,13 +35,15 @@ from tsuiseki.tracking.association.sliding_flow import solve_in_windows
 from tsuiseki.tracking.features.optical_flow import tv_l1
 from tsuiseki.tracking.filters.resampling import systematic
 from tsuiseki.tracking.geometry import suppress
+from tsuiseki.tracking.people.api import track_people
 from tsuiseki.tracking.people.bytetrack import ByteTrack
 from tsuiseki.tracking.people.contract import run_tracker
 from tsuiseki.tracking.people.flow import FlowTracker
 from tsuiseki.tracking.people.flow_input import FlowInput, FlowSettings
 from tsuiseki.tracking.people.ocsort import OcSort
 from tsuiseki.tracking.people.sort import Sort
-from tsuiseki.tracking.types import Detections, FloatArray, ImageArray
+from tsuiseki.tracking.report.overlay import Overlay, write_drawn
+from tsuiseki.tracking.types import Detections, FloatArray, Frame, ImageArray
 
 PACKAGES = ("numpy", "scipy", "ortools", "trackers", "supervision", "stonesoup", "arcsort", "opencv-python-headless")
 FRAME_RATE = 30.0
@@ -77,11 +83,15 @@ def main() -> None:
     parser.add_argument("--json", action="store_true")
     parser.add_argument("--small", action="store_true")
     parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--record", action="store_true")
     settings = parser.parse_args()
     warnings.filterwarnings("ignore")
     cv2.setNumThreads(1)
     rows = [measured(pair, settings.repeat) for pair in pairs(settings.small)]
     about = machine(*PACKAGES)
+    if settings.record:
+        (records.RECORDS / "speed.json").write_text(recorded(rows, settings.repeat, about), encoding="utf-8")
+        records.refresh_pages()
     if settings.json:
         print(json.dumps({"machine": about, "memory": peak_memory(), "rows": [vars(row) for row in rows]}, indent=1))
     else:
@@ -92,6 +102,7 @@ def pairs(small: bool) -> Iterator[Pair]:
     """The tasks of the table, one input at a time in memory."""
     yield from _of_walkers(small)
     yield from _of_arrays(small)
+    yield _of_pictures(20 if small else 200)
 
 
 def _of_walkers(small: bool) -> Iterator[Pair]:
@@ -151,6 +162,22 @@ def _of_arrays(small: bool) -> Iterator[Pair]:
     )
 
 
+def _of_pictures(count: int) -> Pair:
+    """Drawing people into a video, beside detecting and tracking whom it shows."""
+    rng, size = np.random.default_rng(0), (360, 480, 3)
+    still = cv2.GaussianBlur(rng.integers(0, 256, size).astype(np.uint8), (0, 0), 5)
+    pictures = [np.asarray(cv2.add(still, rng.integers(0, 6, size).astype(np.uint8)), np.uint8) for _ in range(count)]
+    frames = [Frame(number, number / FRAME_RATE, picture) for number, picture in enumerate(pictures)]
+    overlay = Overlay(run_tracker(walking_people(count, 8), Sort()), FRAME_RATE)
+
+    def drawn() -> None:
+        with TemporaryDirectory() as folder:
+            write_drawn(Path(folder) / "overlay.webm", frames, FRAME_RATE, overlay.draw)
+
+    track = partial(track_people, pictures, frame_rate=FRAME_RATE, threads=1)
+    return Pair(f"overlay, {count} frames of 480x360", drawn, "track_people on them", lambda: track)
+
+
 def measured(pair: Pair, repeat: int) -> Row:
     """The best of several turns of both."""
     try:
@@ -171,6 +198,22 @@ def table(rows: list[Row]) -> str:
         theirs = f"{'absent':>10s}" if row.theirs is None else f"{row.theirs:10.3f}{row.theirs / row.ours:8.2f}"
         lines.append(f"{row.task:52s}{row.ours:10.3f}  {row.peer:26s}{theirs}")
     return "\n".join(lines)
+
+
+def recorded(rows: list[Row], repeat: int, about: str) -> str:
+    """The data file of the page."""
+    cells = [
+        (row.task, f"{row.ours:.2g}", row.peer, "absent" if row.theirs is None else f"{row.theirs / row.ours:.2g}")
+        for row in rows
+    ]
+    heads = ("task", "CPU [s]", "peer", "its time, of ours")
+    return records.record(
+        ["--repeat", str(repeat), "--record"],
+        {"repeat": repeat},
+        [Table("Speed", heads, cells)],
+        [about],
+        "benchmarks.all",
+    )
 
 
 def _seconds(turn: Turn) -> float:

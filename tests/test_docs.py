@@ -122,7 +122,7 @@ def test_equations_are_numbered(page: Path) -> None:
 
 @pytest.mark.parametrize("page", RESULTS, ids=name_of)
 def test_a_results_page_names_command_and_versions(page: Path) -> None:
-    assert re.search(r"^ {4}(tsuiseki|python -m benchmarks.papers) ", text_of(page), re.MULTILINE)
+    assert re.search(r"^ {4}(tsuiseki|python -m benchmarks.(papers|all)) ", text_of(page), re.MULTILINE)
     assert "(index.md#how-to-read-them)" in text_of(page)
 
 

@@ -27,7 +27,13 @@ RECORDS = DOCS / "results" / "tables"
 MARK = re.compile(r"^<!-- table ([\w-]+): ([^\n]+) -->\n(.*?)^<!-- end of table -->$", re.MULTILINE | re.DOTALL)
 
 
-def record(words: Sequence[str], options: Mapping[str, Any], tables: Sequence[Table], notes: Sequence[str]) -> str:
+def record(
+    words: Sequence[str],
+    options: Mapping[str, Any],
+    tables: Sequence[Table],
+    notes: Sequence[str],
+    module: str = "benchmarks.papers",
+) -> str:
     """The data file of a run: its command, all options with their values, versions, and its tables by title.
 
     Args:
@@ -35,11 +41,12 @@ def record(words: Sequence[str], options: Mapping[str, Any], tables: Sequence[Ta
         options: by name, defaults included.
         tables: that it wrote.
         notes: that stand below them.
+        module: of the command.
     """
     # Where the peers are installed makes no difference.
     places = {options["peer"]: "PYTHON"} if options.get("peer") else {}
     content = {
-        "command": shlex.join(["python", "-m", "benchmarks.papers", *(places.get(word, word) for word in words)]),
+        "command": shlex.join(["python", "-m", module, *(places.get(word, word) for word in words)]),
         "options": {name: places.get(str(value), value) for name, value in options.items()},
         "versions": versions(),
         "tables": {

@@ -44,9 +44,9 @@ def people(
 ) -> int:
     """Track the people in a video: each gets a number that stays.
 
-    Without further options the people are detected, described and linked by the models that ship with the toolkit.
-    DIR gets tracks.txt (MOTChallenge text), report.html with its plots and numbers in report/, run.json, with --method
-    flow flow.npz (what tsuiseki review asks about) and, with --overlay, overlay.webm.
+    The models that ship with the toolkit detect, describe and link people. DIR gets tracks.txt (MOTChallenge text),
+    report.html with its plots and numbers in report/, run.json, with --method flow flow.npz (what tsuiseki review asks
+    about) and, with --overlay, overlay.webm.
 
     Args:
         hide: hide people, heads, or all-but=3,5 in overlay and report.

@@ -118,7 +118,7 @@ class PeopleFinding(FindingOptions):
     Attributes:
         detector: ONNX file, or the name of a shipped or downloaded one (models list).
         view: tiles: auto by trials, 3 across, 3x2, or 1 for none.
-        detect_every: run the detector on every N-th frame; boxes between are filled in.
+        detect_every: detect in every N-th frame only.
         ground: auto lowers scores of boxes that fit nobody.
         appearance: ONNX file or name of an appearance network; none does without.
         appearance_options: what the file of another project's appearance network does not tell.

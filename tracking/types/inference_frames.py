@@ -28,4 +28,5 @@ class InferenceFrames:
         return (frame - self.first) % self.stride == 0
 
 
+# Of a detector that passes over none.
 EVERY_FRAME = InferenceFrames(stride=1.0)
