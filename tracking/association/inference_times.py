@@ -70,20 +70,21 @@ def inferred_frames(counts: IntArray) -> BoolArray | None:
     return inferred
 
 
-def named_frames(frames: Iterable[int], length: int) -> InferenceFrames:
-    """The frames that are named, of a video of ``length``.
+def named_frames(frames: Iterable[int]) -> InferenceFrames:
+    """The frames that are named; a range may go on beyond the end of any video.
 
     Raises:
         RequestError: they are no 0-based numbers of frames, or there is none.
     """
+    if isinstance(frames, range) and len(frames) > 1 and 0 <= frames.start < frames.stop:
+        return InferenceFrames(frames, float(frames.step))
     numbers = np.asarray(list(frames) if isinstance(frames, Iterable) and not isinstance(frames, str) else frames)
     if numbers.ndim != 1 or not len(numbers) or numbers.dtype.kind not in "iu" or numbers.min() < 0:
         raise RequestError(
             f"`inference_frames`: expected numbers of frames from 0, such as range(0, 300, 10), got {frames!r:.80}"
         )
-    inferred = np.zeros(max(length, int(numbers.max()) + 1), dtype=np.bool_)
-    inferred[numbers] = True
-    return InferenceFrames(stride_of(inferred), named=inferred)
+    gaps = np.diff(numbers := np.unique(numbers))
+    return InferenceFrames(frozenset(numbers.tolist()), usual(gaps) if len(gaps) else 1.0)
 
 
 def usual(intervals: Sequence[float] | FloatArray | IntArray) -> float:

@@ -111,7 +111,7 @@ def frames_with_inference(
     """
     length = max(source.length or 0, len(detections))
     if numbers is not None:
-        return named_frames(numbers, length)
+        return named_frames(numbers)
     inferred = inferred_frames(np.array([*map(len, detections), *[0] * (length - len(detections))], dtype=np.int64))
     if inferred is None:
         return EVERY_FRAME
@@ -123,4 +123,4 @@ def frames_with_inference(
         InputWarning,
         stacklevel=2,
     )
-    return InferenceFrames(stride, named=inferred)
+    return InferenceFrames(frozenset(np.flatnonzero(inferred).tolist()), stride)

@@ -134,9 +134,9 @@ def _detecting(
         rows = people_detect(source, finding, PEOPLE_DETECTOR, threads)
         assert isinstance(rows, list)
         return rows, frames_with_inference(rows, source, numbers)
-    inferred = InferenceFrames(finding.detect_every, source.frames_wanted.first)
+    inferred = InferenceFrames.every(finding.detect_every, source.frames_wanted.first)
     if numbers is not None:
-        inferred = named_frames(numbers, source.length or 0)
+        inferred = named_frames(numbers)
     detect = people_detect(source, finding, PEOPLE_DETECTOR, threads, inferred.stride)
     if finding.second_opinion is not None and not isinstance(detect, list):
         detect = SecondOpinion(detect, second_detect(source, finding, threads, inferred.stride))

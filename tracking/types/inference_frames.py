@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Container
 from dataclasses import dataclass
-
-from tsuiseki.tracking.types import BoolArray
 
 
 @dataclass(frozen=True)
@@ -12,21 +12,23 @@ class InferenceFrames:
     """The frames of a video on which a detector runs.
 
     Attributes:
+        numbers: of the frames, from 0.
         stride: usual number of frames from one to the next.
-        first: frame number of the first.
-        named: ``(F,)`` by frame number; by default every ``stride``-th frame.
     """
 
+    numbers: Container[int]
     stride: float
-    first: int = 0
-    named: BoolArray | None = None
+
+    @classmethod
+    def every(cls, stride: int, first: int = 0) -> InferenceFrames:
+        """Every ``stride``-th frame from the ``first`` on, however long the video."""
+        return cls(range(first, sys.maxsize, stride), stride)
 
     def at(self, frame: int) -> bool:
         """Whether the detector runs on the frame of this number."""
-        if self.named is not None:
-            return bool(self.named[frame : frame + 1].any())
-        return (frame - self.first) % self.stride == 0
+        # A range looks an int up at once, and other numbers one by one.
+        return int(frame) in self.numbers
 
 
 # Of a detector that passes over none.
-EVERY_FRAME = InferenceFrames(stride=1.0)
+EVERY_FRAME = InferenceFrames.every(1)

@@ -82,7 +82,13 @@ def test_a_crowd_is_not_missed_as_a_whole() -> None:
 @pytest.mark.parametrize("given", [10, "every", [], [-1, 3], [0.5], [[1, 2]], None])
 def test_looks_are_numbers_of_frames(given: object) -> None:
     with pytest.raises(RequestError, match="inference_frames"):
-        named_frames(given, 20)  # type: ignore[arg-type]
+        named_frames(given)  # type: ignore[arg-type]
+
+
+def test_a_range_may_be_longer_than_memory() -> None:
+    without_end = named_frames(range(3, 10**15, 5))
+    assert [n for n in range(20) if without_end.at(n)] == [3, 8, 13, 18]
+    assert without_end.stride == named_frames([18, 3, 8, 13, 8]).stride == 5
 
 
 @pytest.mark.parametrize("method", METHODS)
