@@ -8,7 +8,7 @@ from tsuiseki.tracking.errors import RequestError
 
 
 def list_models() -> int:
-    """List all networks: size, licence, time, average precision, and what each learnt from."""
+    """List all networks: size, licence, time, average precision."""
     from tsuiseki.tracking.weights.listing import table
 
     print(table())
@@ -18,19 +18,23 @@ def list_models() -> int:
 def get(name: str, *, yes: bool = False) -> int:
     """Download a model of the catalogue into the user's cache, for --detector NAME or --appearance NAME.
 
-    A download that was cut off goes on where it ended.
+    What the model learnt from is printed first. A download that was cut off goes on where it ended.
 
     Args:
         name: of the model, as tsuiseki models list has it.
         yes: do not ask.
     """
+    from tsuiseki.tracking.onnx import card_of
     from tsuiseki.tracking.runs.progress import progress
-    from tsuiseki.tracking.weights import shipped_names
+    from tsuiseki.tracking.weights import shipped, shipped_names
     from tsuiseki.tracking.weights.catalogue import OPTIONS, find_model, model_named
     from tsuiseki.tracking.weights.download import download
 
-    if find_model(name) is None and any(name in (whole, whole.partition("_")[2]) for whole in shipped_names()):
+    ships = [whole for whole in shipped_names() if name in (whole, whole.partition("_")[2])]
+    if find_model(name) is None and ships:
         print(f"{name} ships with tsuiseki; take it by its name")
+        for file in (file for file in map(shipped, ships) if file.suffix == ".onnx"):
+            print(f"{file.stem} learnt from: {card_of(file).training_data}")
         return 0
     entry = model_named(name)
     print(entry)

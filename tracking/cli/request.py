@@ -271,7 +271,7 @@ def worded(error: CycloptsError) -> str:
 
 # Options of ultralytics and of other trackers, and what they are called here.
 ELSEWHERE = {
-    "--conf": "--score-threshold", "--imgsz": "--view", "--iou": "--sort.min-iou", "--model": "--detector",
+    "--conf": "--score-threshold", "--imgsz": "--view", "--model": "--detector",
     "--tracker": "--method", "--weights": "--detector", "--save": "--overlay",
 }  # fmt: skip
 
@@ -281,5 +281,9 @@ def unknown(name: str, options: Iterable[str]) -> str:
     typed, options = "--" + name.lstrip("-").replace("_", "-"), list(options)
     if (ours := ELSEWHERE.get(typed)) in options:
         return f"unknown option {typed}; here it is {ours}"
+    if typed == "--iou" and "--detector" in options:
+        from tsuiseki.tracking.features.foreign_detector import SAME
+
+        return f"unknown option --iou; of boxes with an IoU above {SAME} the best score stays, and no option changes it"
     hint = hint_at(typed, [option for option in options if option.startswith("--")])
     return f"unknown option {typed}; {hint if hint.startswith('did') else '--help lists them'}"

@@ -373,8 +373,9 @@ def summary(answers: Answers) -> Sequence[str]:
     return [
         *head,
         *(
-            f"{zone}: {people:g} people on average ({low:g}-{high:g}), {peak} at most, "
-            f"{stay:g} s ({least:g}-{longest:g})"
-            for zone, people, low, high, peak, stay, least, longest in zip(*(zones[n] for n in names), strict=True)
+            f"{zone}: {people} people on average ({low}-{high}), {peak} at most, {stay} s ({least}-{longest})"
+            for zone, people, low, high, peak, stay, least, longest in zip(
+                *(map(cell_text, zones[name]) for name in names), strict=True
+            )
         ),
     ]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,12 +12,12 @@ from tsuiseki.tracking.weights.catalogue import CATALOGUE, CatalogueModel
 
 # Of the toolkit, and of the networks that ship with it where their own card says nothing.
 LICENCE = "Apache-2.0"
-HEAD = ("name", "kind", "MB", "licence", "time", "PETS", "MOT17-02", "MOT17-13", "learnt from")
+HEAD = ("name", "kind", "MB", "licence", "time", "PETS", "MOT-02", "MOT-13")
 NOTE = """\
-time: of a picture of 640x480 on one thread, multiples of that of the detector people. PETS,
-MOT17-02, MOT17-13: AP50 of frames 301-400 of PETS09-S2L1, four stills and the video, with --view auto; - where it was
-not measured. The first ones ship with tsuiseki. `tsuiseki models get NAME` shows all about one of the others, asks, and
-fetches it."""
+time: of a picture of 640x480 on one thread, multiples of that of the detector people. PETS, MOT-02,
+MOT-13: AP50 of frames 301-400 of PETS09-S2L1, four stills of MOT17-02 and the video of MOT17-13,
+with --view auto; - where it was not measured. The first ones ship with tsuiseki. `tsuiseki models
+get NAME` shows what one learnt from, and asks before it fetches one of the others."""
 # Names of shipped networks begin with their kinds, which --detector and --appearance leave out.
 SHORTENED = ("detector_", "appearance_")
 
@@ -66,14 +67,15 @@ def _shipped_row(name: str) -> Sequence[str]:
     file = shipped(name)
     size = f"{file.stat().st_size / 1e6:.1f}"
     if file.suffix != ".onnx":
-        return (name, "objectness", size, LICENCE, *_measured(name), "generated pictures")
+        return (name, "objectness", size, LICENCE, *_measured(name))
     card = card_of(file)
-    return (_short(name), card.kind, size, card.licence or LICENCE, *_measured(name), card.training_data)
+    return (_short(name), card.kind, size, card.licence or LICENCE, *_measured(name))
 
 
 def _row(entry: CatalogueModel) -> Sequence[str]:
     size = f"{entry.size / 1e6:.1f}" if entry.size else "-"
-    return (entry.name, entry.kind, size, entry.licence, *_measured(entry.name), entry.data.partition(":")[0])
+    licence = re.sub(r" \(.*?\)", "", entry.licence)
+    return (entry.name, entry.kind, size, licence, *_measured(entry.name))
 
 
 def _measured(name: str) -> Sequence[str]:

@@ -47,6 +47,7 @@ def test_a_tracked_folder_knows_its_rate_and_length(tmp_path, inputs, scene, cap
     assert main(["count", str(tmp_path / "run"), "--scene", str(scene), "--out", str(tmp_path / "out")]) == 0
     printed = capsys.readouterr().out
     assert re.search(r"shop: 1 people on average \(\S+\), 1 at most", printed)
+    assert not re.search(r"[1-9]\.\d\d", printed.partition("shop:")[2].partition("\n")[0])
     assert printed.endswith(f"open {tmp_path / 'out/report.html'}\n")
     times = (tmp_path / "out/occupancy.csv").read_text().splitlines()
     assert len(times) == 1 + 3

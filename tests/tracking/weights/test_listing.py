@@ -15,12 +15,14 @@ from tsuiseki.tracking.weights.catalogue import CATALOGUE
 from tsuiseki.tracking.weights.listing import HEAD, MEASURED, table
 
 
-def test_every_network_is_a_line_with_licence_and_provenance(capsys):
+def test_every_network_is_a_line_with_its_licence_in_100_columns(capsys):
     assert main(["models", "list"]) == 0
-    head, *rows = (re.split(r"  +", line) for line in capsys.readouterr().out.partition("\n\n")[0].split("\n"))
+    printed = capsys.readouterr().out
+    assert max(map(len, printed.split("\n"))) <= 100
+    head, *rows = (re.split(r"  +", line) for line in printed.partition("\n\n")[0].split("\n"))
     assert tuple(head) == HEAD
     assert len(rows) == len(shipped_names()) + len(CATALOGUE)
-    assert all(len(row) == len(HEAD) and row[3] and row[-1] for row in rows)
+    assert all(len(row) == len(HEAD) and row[3] for row in rows)
     assert {row[3] for row in rows[: len(shipped_names())]} == {"Apache-2.0"}
     people = next(row for row in rows if row[:2] == ["people", "detector"])
     assert people[4] == "1.00"
@@ -33,10 +35,12 @@ def test_what_was_measured_is_of_networks_that_there_are():
     assert "nanodet-g" in table()
 
 
-def test_a_shipped_network_need_not_be_fetched(capsys):
+def test_a_shipped_network_need_not_be_fetched_and_says_what_it_learnt_from(capsys):
     for name in ("people", "detector_people"):
         assert main(["models", "get", name]) == 0
-        assert capsys.readouterr().out == f"{name} ships with tsuiseki; take it by its name\n"
+        printed = capsys.readouterr().out
+        assert printed.startswith(f"{name} ships with tsuiseki; take it by its name\n")
+        assert "detector_people learnt from: rendered people\n" in printed
 
 
 def test_a_card_keeps_a_licence_and_older_ones_have_none():
