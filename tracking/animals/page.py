@@ -151,7 +151,9 @@ class AnimalMotion:
         return nearest, contact
 
     def sections(self) -> list[str]:
-        """HTML of speed, heading and distance over time, and of each pair."""
+        """HTML of speed, heading and distance over time, and of each pair; nothing without animals."""
+        if not self.tracks:
+            return []
         seconds = 1.0 / (self.frame_rate or 1.0)
         heads = ["Animals", f"mean distance, {self.unit}", f"least, {self.unit}", "in contact, s"]
         pairs = [

@@ -204,7 +204,7 @@ def animals(
         if choice.corrections is not None:
             result = result.corrected(choice.corrections)
         run.save(result, lambda: video.draw(run, source, result))
-        hint = "; nothing stands out, give `threshold` or another `contrast`"
+        hint = "; nothing stands out, give --threshold or another --contrast"
         if skeleton.points is not None:
             hint = f"; the points in {skeleton.points} make none: an animal takes two in a frame, in several frames"
         hint = "" if result else hint

@@ -87,7 +87,10 @@ def test_answers_bring_their_tables_and_text_stays_text(tmp_path, video):
 
 def test_nobody_is_a_page_too(tmp_path):
     out = with_page(Result([], "v", 10.0, SIZE, frames={"frame": [0, 1]})).save(tmp_path / "o")
-    assert "No people were followed." in (out / "report.html").read_text()
+    text = (out / "report.html").read_text()
+    assert "No people were followed." in text
+    assert "<svg" not in text
+    assert images_in(text) == []
 
 
 @pytest.mark.slow
