@@ -12,6 +12,7 @@ import re
 import subprocess
 import sys
 import textwrap
+import types
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -410,6 +411,28 @@ def test_the_python_lines_run(
     assert len(names["tracks"]) > 0
     assert isinstance(names["people"], Targets)
     assert "tracking" in capsys.readouterr().out
+
+
+SENSOR = """
+sensor: {deviation: 2}
+clutter: 1
+region: [[0, 320], [0, 240]]
+births: {rate: 0.1, speed: 5}
+"""
+
+
+@pytest.mark.slow
+def test_the_lines_for_users_of_other_trackers_run(clips: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(clips)
+    monkeypatch.setitem(sys.modules, "supervision", types.SimpleNamespace(Detections=dict))
+    Path("det.txt").write_text("".join(f"{t},-1,{100 + 4 * t},80,40,100,0.9\n" for t in range(1, 13)))
+    Path("points.csv").write_text("time,x,y\n" + "".join(f"{t},{50 + 3 * t},60\n" for t in range(12)))
+    Path("sensor.yaml").write_text(SENSOR)
+    [(_, block)] = FENCE.findall(text_of(DOCS / "how-to" / "which-tracker.md"))
+    names: dict[str, Any] = {"model": lambda *_, **__: [[[100, 80, 140, 180, 0.9]]]}
+    exec(compile(block, "which-tracker.md", "exec"), names)
+    assert len(names["tracks"]) == len(names["targets"]) == 1
+    assert len(names["frames"]) == 12
 
 
 @pytest.mark.parametrize("name", ["README.md", "docs/how-to/python.md"])
