@@ -78,6 +78,18 @@ def test_files(tmp_path):
         read_placed_truth(path)
 
 
+def test_a_part_that_was_tracked_is_scored_on_its_labels(tmp_path, capsys):
+    rows = [f"{t},{i},{x},{y}" for t, i, (x, y) in zip(TIMES, IDS, PLACES, strict=True)]
+    (tmp_path / "truth.csv").write_text("\n".join(["time,id,x,y", *rows]))
+    (tmp_path / "part").mkdir()
+    (tmp_path / "part/world.csv").write_text("\n".join(["time,id,x,y", *rows[:8]]))
+    (tmp_path / "part/run.json").write_text(json.dumps({"frames": {"time": [0, 1, 2, 3]}}))
+    words = [str(tmp_path / name) for name in ("truth.csv", "part", "scores.json")]
+    assert main(["evaluate", "floor", *words[:2], "--json", words[2]]) == 0
+    assert json.loads((tmp_path / "scores.json").read_text())["part"]["mota"] == pytest.approx(1.0)
+    assert "6 labelled moments are left out, for it was tracked from 0 to 3 s" in capsys.readouterr().err
+
+
 def test_a_page_is_no_table_of_places(tmp_path):
     page = tmp_path / "x.html"
     page.write_text("<!doctype html>\n<p>a, b, c, d</p>\n")
