@@ -68,7 +68,7 @@ class Action(NetworkModule):
         fused: one loss on the mean of the streams' probabilities trains them jointly; otherwise each has its own.
         rare_weight: exponent of the weight of rare actions, see `positive_weights`; 0 is eq. 5.1 as it stands.
         learning_rate: at the end of the warm-up; the thesis has 0.0001.
-        optimisation: how weights are moved.
+        optimisation: optimiser and schedule.
         network: any `ActionClassifier`, that of the stream ``rgb_local`` or of the one in ``streams``, or several by
             the names of their streams. They decide trunk, dropout, actions and size.
 

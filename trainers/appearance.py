@@ -53,7 +53,7 @@ class Appearance(NetworkModule):
             ``contrastive`` compare the hardest ones.
         margin: of ``triplet`` and ``contrastive``; the temperature of ``softmax``.
         learning_rate: at the end of the warm-up.
-        optimisation: how weights are moved.
+        optimisation: optimiser and schedule.
         network: any `AppearanceTrunk`, which decides trunk, feature length, dropout and size.
 
     Raises:

@@ -147,7 +147,7 @@ class Association(NetworkModule):
         appearance: how appearance learns with the costs.
         detector: how a detector learns with the costs.
         learning_rate: at the end of the warm-up.
-        optimisation: how weights are moved; they decay towards the tracker's own costs.
+        optimisation: optimiser and schedule; they decay towards the tracker's own costs.
         seed: of the perturbations.
         network: any `LinkCosts`, which changes the costs of links in place of a linear map.
 

@@ -117,7 +117,7 @@ class Detector(NetworkModule):
             to be the overlap).
         teacher: another detector, from whose scores and boxes the network learns beside the labels.
         learning_rate: at the end of the warm-up.
-        optimisation: how weights are moved.
+        optimisation: optimiser and schedule.
         network: any `DetectorNetwork`, which decides all else but ``learning_rate`` and ``optimisation``.
 
     Raises:

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import importlib
 import json
+import re
 import sys
 import time
+from argparse import Action
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import lightning
-from jsonargparse import Namespace
+from jsonargparse import DefaultHelpFormatter, Namespace
 from lightning.pytorch.callbacks import Callback, LearningRateMonitor, ModelCheckpoint
 from lightning.pytorch.cli import LightningArgumentParser, LightningCLI
 from lightning.pytorch.loggers import CSVLogger, TensorBoardLogger
@@ -54,8 +56,18 @@ ASSOCIATION = Task(
     "association", "trainers.association:Association", "trainers.flow.windows:AssociationData", "val/agreement"
 )
 TRACKER = Task("tracker", "trainers.tracker:Tracker", "datamodules.tracker:TrackerData", "val/overlap")
+# Of the help of ``fit``, which is the default.
+DESCRIPTION = """Train by the options of Lightning's CLI. `tsuiseki train {name} --config NAME --out DIR` takes a file
+of configs/; for all but tracker, `--data FOLDER --out DIR` fine-tunes on labelled video."""
 # Packages of Lightning's loggers whose own errors end a training.
 LOGGING = ("wandb", "mlflow", "comet_ml", "neptune")
+
+
+class ShortHelp(DefaultHelpFormatter):
+    """Help without the long lists of subclasses: those of ``nn.Module`` are all of torchvision."""
+
+    def _get_help_string(self, action: Action) -> str:
+        return re.sub(r", known subclasses: (?:[^,]*,){12}.*$", ")", str(super()._get_help_string(action)))
 
 
 class TaskCLI(LightningCLI):
@@ -74,7 +86,13 @@ class TaskCLI(LightningCLI):
             task.module_class,
             _class(task.data),
             seed_everything_default=0,
-            parser_kwargs={"exit_on_error": False, "prog": f"tsuiseki train {task.name}", "description": None},
+            parser_kwargs={
+                "exit_on_error": False,
+                "prog": f"tsuiseki train {task.name}",
+                "description": None,
+                "formatter_class": ShortHelp,
+                "fit": {"description": DESCRIPTION.format(name=task.name)},
+            },
             save_config_kwargs={"overwrite": True},
             args=list(arguments),
             run=run,

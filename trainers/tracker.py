@@ -44,7 +44,7 @@ class Tracker(NetworkModule):
         trunk: of the network; by default ``mobilenet_v3_small``.
         channels: of what is compared; by default 64.
         learning_rate: at the end of the warm-up.
-        optimisation: how weights are moved.
+        optimisation: optimiser and schedule.
 
     Raises:
         RequestError: an argument contradicts the ``start``, or there is no such trunk or file.

@@ -142,3 +142,12 @@ def test_the_image_of_the_cases_is_named(data_folder: Path, tmp_path: Path, case
     assert len(labelled_images(place / "ok" / "coco.json")) == 6
     with pytest.raises(RequestError, match=r"images/0003\.jpg: expected an image"):
         fit_detector(arguments(place / case, tmp_path / "out"))
+
+
+@pytest.mark.slow
+def test_the_help_lists_no_class_of_torchvision(capsys):
+    with pytest.raises(SystemExit):
+        fit_detector(["--help"])
+    printed = capsys.readouterr().out
+    assert "fine-tunes on labelled video" in printed
+    assert "torchvision.models" not in printed
