@@ -142,8 +142,8 @@ def quality_table(results: Mapping[str, Quality]) -> Table:
 
 
 def quality_cells(quality: Quality) -> dict[str, str]:
-    """The texts of estimated scores, by their headings."""
-    intervals = {heading: (getattr(quality, field), form or ".0f") for heading, field, form in COLUMNS
+    """The texts of estimated scores, by their headings; two digits, for intervals are wider."""
+    intervals = {heading: (getattr(quality, field), ".2f" if form else ".0f") for heading, field, form in COLUMNS
                  if hasattr(quality, field)}  # fmt: skip
     return {
         heading: f"{score.value:{form}} ({score.low:{form}} to {score.high:{form}})"

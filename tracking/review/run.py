@@ -30,6 +30,7 @@ def review(result: Path, *, video: Path | None = None) -> int:
     from tsuiseki.tracking.report.local_page import HOST, port_of, token_of
     from tsuiseki.tracking.review.reviewed import Reviewed
     from tsuiseki.tracking.review.server import JpegFrames, application
+    from tsuiseki.tracking.runs.following import count
 
     size = sum(file.stat().st_size for file in result.glob("*") if file.name in (NETWORK_FILE, "tracks.txt"))
     if size > LARGE:
@@ -50,5 +51,5 @@ def review(result: Path, *, video: Path | None = None) -> int:
             raise RunError("the server of the page ended by itself; start the command again")
     finally:
         session.close()
-    print(f"{session.answered} answers: {result}")
+    print(f"{count(session.answered, 'answer', 'answers')}; the tracks are in {result}")
     return 0

@@ -24,4 +24,4 @@ def test_the_command_shows_a_page_and_ends_by_an_interrupt(
     monkeypatch.setattr("tsuiseki.tracking.report.drawing.show_page", show)
     assert main(["review", str(reviewable)]) == 0
     assert shown[0].startswith("http://127.0.0.1:2")
-    assert capsys.readouterr().out == f"0 answers: {reviewable}\n"
+    assert capsys.readouterr().out == f"0 answers; the tracks are in {reviewable}\n"
