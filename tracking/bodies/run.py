@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +27,12 @@ from tsuiseki.tracking.errors import RequestError, a_path
 from tsuiseki.tracking.features.background_difference import StandingOut, video_background
 from tsuiseki.tracking.features.colour_region import parse_colour
 from tsuiseki.tracking.fields import refused
+from tsuiseki.tracking.filters.maximum_likelihood import FittedSetting, Range, fit_settings, fitted_text
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.following import Video, open_checked
 from tsuiseki.tracking.runs.options import SeededOutput
+from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.runs.steps import reported_to
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray, as_numbers
@@ -36,6 +40,8 @@ from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import Source, SourceLike, named
 
 DEFORMABLE = DeformableSettings()
+# A fitted setting is sought up to so many times from where it starts, both ways.
+FARTHEST = 30.0
 
 
 def track_deformable(
@@ -142,8 +148,10 @@ def body_pixels(choice: BodyChoice, source: Source) -> BodyPixels:
     return StandingOut(video_background(source, CONTRASTS[choice.colour]), choice.deformable.smooth)
 
 
-def body_tracker(choice: BodyChoice, source: Source, seed: int = 0) -> DeformableTracker:
-    """A fresh tracker for the bodies in a video.
+def body_tracker(
+    choice: BodyChoice, source: Source, seed: int = 0, pixels: BodyPixels | None = None
+) -> DeformableTracker:
+    """A fresh tracker for the bodies in a video, which ``pixels`` distinguish, by default those of `body_pixels`.
 
     Raises:
         RequestError: something of this cannot be used; the message says what and why.
@@ -151,7 +159,36 @@ def body_tracker(choice: BodyChoice, source: Source, seed: int = 0) -> Deformabl
     body = parse_body(choice.body)
     moves = chosen_motion(body, choice.motion, choice.preset, source.frame_rate, choice.widen)
     states = starting_states(choice.init, body, source)
-    return DeformableTracker(body, moves, body_pixels(choice, source), choice.deformable, states, seed)
+    return DeformableTracker(body, moves, pixels or body_pixels(choice, source), choice.deformable, states, seed)
+
+
+def fit_noise(
+    choice: BodyChoice, source: Source, seed: int = 0, begins: Callable[[], object] = lambda: None
+) -> tuple[BodyChoice, dict[str, FittedSetting]]:
+    """The choice with the most likely ``widen`` and ``spread`` for a video, and intervals of 95 % of both.
+
+    They maximise the tracker's log evidence, with one seed; ``begins`` is called before each of some hundred runs.
+
+    Raises:
+        RequestError: the source is live and cannot be played again.
+    """
+    if source.live:
+        raise RequestError(f"`fit`: expected a video that can be played again, got the live source {source.name}")
+    pixels, start = body_pixels(choice, source), {"widen": choice.widen, "deformable.spread": choice.deformable.spread}
+
+    def chosen(settings: Mapping[str, float]) -> BodyChoice:
+        spread = replace(choice.deformable, spread=settings["deformable.spread"])
+        return replace(choice, widen=settings["widen"], deformable=spread)
+
+    def log_evidence(settings: Mapping[str, float]) -> float:
+        begins()
+        tracker = body_tracker(chosen(settings), source, seed, pixels)
+        for frame in source.frames():
+            tracker.update(frame)
+        return tracker.log_evidence
+
+    fitted = fit_settings(log_evidence, {name: Range(v, v / FARTHEST, v * FARTHEST) for name, v in start.items()}, seed)
+    return chosen({name: setting.value for name, setting in fitted.items()}), fitted
 
 
 def body_result(
@@ -205,7 +242,7 @@ def columns_of(tracks: Sequence[BodyTrack], frames: Sequence[int]) -> dict[str, 
 CHOICE = BodyChoice()
 
 
-def deformable(video: Video, *, output: SeededOutput, choice: BodyChoice = CHOICE) -> int:
+def deformable(video: Video, *, output: SeededOutput, choice: BodyChoice = CHOICE, fit: bool = False) -> int:
     """Track bodies that bend, such as fish seen from above: place, heading and bend of each in every frame.
 
     DIR gets states.csv (frame, id, the body's state, score, status), states.png (the states over time), run.json and,
@@ -213,15 +250,26 @@ def deformable(video: Video, *, output: SeededOutput, choice: BodyChoice = CHOIC
 
     Args:
         output.seed: of the particles.
+        fit: first fit --widen and --deformable.spread to the video by maximum likelihood, with intervals; DIR also gets
+            fitted.yaml for --config. It takes as long as some hundred runs.
     """
     from tsuiseki.tracking.runs.following import count
 
     source = video.open(images=True)
+    fitted = dict[str, FittedSetting]()
+    if fit:
+        tries = progress(itertools.count(), "fitting")
+        choice, fitted = fit_noise(choice, source, output.seed, lambda: next(tries))
+        tries.close()
     tracker = body_tracker(choice, source, output.seed)
     with output.run() as run:
         steps = run.steps(run.frames(source, record=video.overlay))
         result = body_result(source, tracker, steps, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))
+        if fitted:
+            run.facts["fitted"] = {name: asdict(setting) for name, setting in fitted.items()}
+            options = {"widen": choice.widen, "deformable": {"spread": choice.deformable.spread}}
+            run.write("fitted.yaml", lambda path: path.write_text(fitted_text(fitted, options), encoding="utf-8"))
         tracked = sum(int(track.tracking.sum()) for track in result)
         bodies, place = count(len(result), "body", "bodies"), output.out / "states.csv"
         share = f"seen {100 * tracked / max(sum(map(len, result)), 1):.0f} %"

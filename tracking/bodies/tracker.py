@@ -73,6 +73,10 @@ class DeformableTracker:
         settings: see `DeformableSettings`.
         starts: ``(K, D)`` states in the first frame; None finds the bodies there.
         seed: of the particles.
+
+    Attributes:
+        log_evidence: of all frames with edges so far, equation (11) of the finite-sets paper. (7) counts as a density
+            of the image that a body of ``D`` numbers makes, so over the square root of ``spread ** D``.
     """
 
     def __init__(
@@ -88,6 +92,7 @@ class DeformableTracker:
         self.settings = settings or DeformableSettings()
         self.rng = np.random.default_rng(seed)
         self.targets: list[BodyTarget] = []
+        self.log_evidence = 0.0
         self._starts = starts
         self._columns = len(body.fields)
         # Of each body: frame, state, score and status.
@@ -172,7 +177,9 @@ class DeformableTracker:
         others = [contour for number, contour in expected.items() if number != target.id]
         view = BodyView(edges, near_mask(edges.size, expected[target.id], others))
         _, (hidden,) = view.visible_distance(expected[target.id][None])
-        particles, _ = self._filter.step(target.particles, replace(view, hidden=float(hidden)), self.rng)
+        particles, info = self._filter.step(target.particles, replace(view, hidden=float(hidden)), self.rng)
+        if edges.has_edges:
+            self.log_evidence += info.log_evidence - 0.5 * self._columns * float(np.log(self.settings.spread))
         moved = replace(
             target,
             particles=particles,

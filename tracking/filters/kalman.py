@@ -67,6 +67,14 @@ def update(state: Gaussians, measured: FloatArray, observation: FloatArray, nois
     return Gaussians(state.mean + (gain @ residual[..., None])[..., 0], covariance)
 
 
+def log_likelihood(state: Gaussians, measured: FloatArray, observation: FloatArray, noise: FloatArray) -> FloatArray:
+    """``(N,)`` logarithm of the density of each measurement; arguments are those of `update`."""
+    residual = measured - (observation @ state.mean[..., None])[..., 0]
+    spread = observation @ state.covariance @ np.swapaxes(observation, -1, -2) + noise
+    square = (residual * np.linalg.solve(spread, residual[..., None])[..., 0]).sum(axis=-1)
+    return np.asarray(-0.5 * (square + np.linalg.slogdet(2 * np.pi * spread)[1]))
+
+
 @pydantic_dataclass(frozen=True, config=SETTINGS)
 class BoxMotion:
     """Noise of boxes that move with constant velocity, in heights of the person.

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from typing import TypeAlias
 
 import numpy as np
+import yaml
 from scipy.optimize import minimize
 from scipy.special import expit, logit
 
@@ -112,6 +113,12 @@ class _Surface:
     def deviation(self) -> FloatArray:
         """``(P,)`` half the width, over `NORMAL_95`, in which the profile of each setting is above its cut-off."""
         return np.asarray(np.sqrt(0.5 * np.diag(np.linalg.inv(self.curvature)) + self.roughness**2))
+
+
+def fitted_text(fitted: Mapping[str, FittedSetting], options: Mapping[str, object]) -> str:
+    """Options as YAML for ``--config``, or a model, beneath what was fitted and its intervals as comments."""
+    heads = [f"# {name}: {s.value:.4g}, 95 % from {s.low:.4g} to {s.high:.4g}\n" for name, s in fitted.items()]
+    return "".join(heads) + yaml.safe_dump(dict(options), sort_keys=False, default_flow_style=None)
 
 
 def fit_settings(log_evidence: LogEvidence, ranges: Mapping[str, Range], seed: int = 0) -> dict[str, FittedSetting]:

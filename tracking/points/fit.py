@@ -9,9 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 
-import yaml
-
-from tsuiseki.tracking.filters.maximum_likelihood import FittedSetting, Range, fit_settings
+from tsuiseki.tracking.filters.maximum_likelihood import FittedSetting, Range, fit_settings, fitted_text
 from tsuiseki.tracking.points.observed import births_a_second
 from tsuiseki.tracking.points.settings import SetMethod
 from tsuiseki.tracking.points.tracker import MeasurementTracker
@@ -97,13 +95,12 @@ def with_settings(model: SensingModel, settings: Mapping[str, float]) -> Sensing
 
 def model_text(model: SensingModel, fitted: Mapping[str, FittedSetting]) -> str:
     """The model as YAML for ``--model``, beneath what was fitted and its intervals as comments."""
-    heads = [f"# {name}: {s.value:.4g}, 95 % from {s.low:.4g} to {s.high:.4g}\n" for name, s in fitted.items()]
-    # Lists, since YAML knows no tuples.
-    content = _plain({("motion" if name == "motions" else name): value for name, value in asdict(model).items()})
-    return "".join(heads) + yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
+    content = {("motion" if name == "motions" else name): _plain(value) for name, value in asdict(model).items()}
+    return fitted_text(fitted, content)
 
 
 def _plain(value: object) -> object:
+    """With lists, since YAML knows no tuples."""
     if isinstance(value, Mapping):
         return {name: _plain(of_name) for name, of_name in value.items()}
     return [_plain(of_row) for of_row in value] if isinstance(value, tuple | list) else value

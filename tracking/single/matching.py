@@ -6,6 +6,7 @@ the likelihood falls with the squared Bhattacharyya distance between the histogr
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal
 
 import cv2
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tsuiseki.tracking.filters.base import bootstrap
-from tsuiseki.tracking.filters.kalman import Gaussians, predict, update
+from tsuiseki.tracking.filters.kalman import Gaussians, log_likelihood, predict, update
 from tsuiseki.tracking.filters.particle_filter import ParticleFilter
 from tsuiseki.tracking.filters.point_motion import PlaneVelocity, PlaneWalk
 from tsuiseki.tracking.filters.resampling import probabilities
@@ -74,18 +75,33 @@ class RegionSearch:
         return self._centre + self._scale * shift, float(likeness[row, column])
 
 
+@dataclass(frozen=True)
+class PlaceNoise:
+    """Of a target of constant velocity and its measured place, standard deviations in mean sides of the target.
+
+    Attributes:
+        velocity: of the change of velocity in a frame; the place changes by half as much besides.
+        measurement: of a measured place.
+    """
+
+    velocity: float = 0.1
+    measurement: float = 0.05
+
+
 class TemplateMatching(RegionSearch):
     """The best match of the first frame's template; the score is its likeness.
 
     Attributes:
         measure: of likeness.
-        smoothed: a Kalman filter of constant velocity, equations (2.7)-(2.8), says where the window stands and takes
-            the best match as its measurement.
+        noise: of a Kalman filter of constant velocity, equations (2.7)-(2.8), which says where the window stands and
+            takes the best match as its measurement; None does without.
+        log_evidence: of all matches so far by that filter, equation (11) of the finite-sets paper, in pixels.
     """
 
-    def __init__(self, measure: Measure = "ncc", smoothed: bool = False) -> None:
+    def __init__(self, measure: Measure = "ncc", noise: PlaceNoise | None = None) -> None:
         self.measure = measure
-        self.smoothed = smoothed
+        self.noise = noise
+        self.log_evidence = 0.0
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
         self._template = cv2.cvtColor(self._learn(image, box), cv2.COLOR_RGB2GRAY)
@@ -95,17 +111,18 @@ class TemplateMatching(RegionSearch):
         )
 
     def follow(self, image: ImageArray) -> TargetState:
-        if self.smoothed:
-            # Velocities wander by a tenth of a side a frame.
-            square = float(self._size.mean() ** 2)
-            self._motion = predict(self._motion, *PlaneVelocity(0.0025 * square, 0.01 * square).linear(1.0))
+        side = float(self._size.mean())
+        if self.noise is not None:
+            variance = (self.noise.velocity * side) ** 2
+            self._motion = predict(self._motion, *PlaneVelocity(variance / 4, variance).linear(1.0))
         # Nothing is to be found outside the image, and nothing would stop the box there.
         self._centre = np.clip(self._motion.mean[0, :2], 0, [image.shape[1], image.shape[0]])
         area = cv2.cvtColor(self._area(image), cv2.COLOR_RGB2GRAY)
         place, score = self._best(match(np.asarray(area), np.asarray(self._template), self.measure))
-        if self.smoothed:
-            certainty = np.eye(2) * (0.05 * self._size.mean()) ** 2
-            self._motion = update(self._motion, place[None], np.eye(2, 4), certainty)
+        if self.noise is not None:
+            measured = place[None], np.eye(2, 4), np.eye(2) * (self.noise.measurement * side) ** 2
+            self.log_evidence += float(log_likelihood(self._motion, *measured)[0])
+            self._motion = update(self._motion, *measured)
         else:
             self._motion = Gaussians(np.concatenate([place, np.zeros(2)])[None], self._motion.covariance)
         box = box_about(self._motion.mean[0, :2], self._size)

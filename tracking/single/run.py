@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.fields import refused
+from tsuiseki.tracking.filters.maximum_likelihood import FittedSetting, Range, fit_settings, fitted_text
 from tsuiseki.tracking.formats.mot_sequence import list_images
 from tsuiseki.tracking.formats.single import find_single_sequences, has_labels, write_boxes
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
@@ -21,7 +23,9 @@ from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.result import PageContent, Result, Writer
 from tsuiseki.tracking.runs.following import Video
 from tsuiseki.tracking.runs.options import SeededOutput
+from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.runs.run import Run
+from tsuiseki.tracking.single.matching import PlaceNoise, TemplateMatching
 from tsuiseki.tracking.single.settings import SingleChoice, SingleMethod, SinglePreset, warn_if_not_asked
 from tsuiseki.tracking.single.tracker import SingleTracker, as_box, follow_target
 from tsuiseki.tracking.stages import StageTimes
@@ -33,6 +37,8 @@ from tsuiseki.tracking.video.source import Source, SourceLike, named, open_sourc
 TRAIL = 49
 # Frames that are followed back from a correction at most; so many pictures are held.
 BACK = 300
+# A fitted noise is sought up to so many times from where it starts, both ways.
+FARTHEST = 30.0
 # Overlap (IoU) from which the way forward and the way back are at one place.
 AGREED = 0.5
 
@@ -214,6 +220,7 @@ def single(
     select: bool = False,
     plot: bool = False,
     corrections: Path | None = None,
+    fit: bool = False,
 ) -> int:
     """Follow one target through a video, and say in every frame how sure the box is.
 
@@ -223,13 +230,19 @@ def single(
 
     Args:
         box: X,Y,W,H of the target in the first frame, pixels; or as labelled.
-        select: draw the box with the mouse, on a page in the browser whose address is printed.
+        select: draw the box with the mouse, on a page whose address is printed.
         plot: also plot the scores, peaks.png.
         corrections: corrections.jsonl of a reviewed result; from each box in it the target is followed on, and back.
+        fit: first fit --noise by maximum likelihood; see fitted.yaml.
     """
     source, labelled = open_single(video.source, video.frames) if Path(video.source).is_dir() else (None, None)
     source = video.open(images=True) if source is None or labelled is None else source
     first_box = _first_box(source, box, select, labelled)
+    fitted = dict[str, FittedSetting]()
+    if fit:
+        tries = progress(itertools.count(), "fitting")
+        choice, fitted = fit_noise(choice, source, first_box, output.seed, lambda: next(tries))
+        tries.close()
     tracker = choice.tracker(output.seed)
     tracker_settings = getattr(tracker, "settings", None)
     constants = {} if tracker_settings is None else asdict(tracker_settings)
@@ -243,8 +256,42 @@ def single(
         result = single_result(source, steps, run.times, output.settings, constants, plot)
         warn_if_not_asked(tracker)
         run.save(result, lambda: video.draw(run, source, result))
+        if fitted:
+            run.facts["fitted"] = {name: asdict(setting) for name, setting in fitted.items()}
+            options = {"method": choice.method, "noise": [setting.value for setting in fitted.values()]}
+            run.write("fitted.yaml", lambda path: path.write_text(fitted_text(fitted, options), encoding="utf-8"))
         run.done(f"{summary_of(result.frames['status'])}: {output.out / 'boxes.txt'}")
     return run.status
+
+
+def fit_noise(
+    choice: SingleChoice,
+    source: Source,
+    box: FloatArray | None,
+    seed: int = 0,
+    begins: Callable[[], object] = lambda: None,
+) -> tuple[SingleChoice, dict[str, FittedSetting]]:
+    """The choice with the most likely noise of ``kalman`` for a video, and intervals of 95 %, by `PlaceNoise`'s names.
+
+    It maximises the filter's log evidence; ``begins`` is called before each of some hundred runs.
+
+    Raises:
+        RequestError: another method, no first ``box``, or a source that cannot be played again.
+    """
+    if choice.method != "kalman" or box is None or source.live:
+        got = "a live source" if source.live else "no `box`" if box is None else choice.method
+        raise RequestError(f"`fit`: expected `method` kalman, a video and the `box` of its first frame, got {got}")
+
+    def log_evidence(settings: Mapping[str, float]) -> float:
+        begins()
+        tracker = TemplateMatching(noise=PlaceNoise(**settings))
+        for _ in follow_target(source.frames(), box, tracker, StageTimes()):
+            pass
+        return tracker.log_evidence
+
+    start = asdict(PlaceNoise() if choice.noise is None else PlaceNoise(*choice.noise))
+    fitted = fit_settings(log_evidence, {name: Range(v, v / FARTHEST, v * FARTHEST) for name, v in start.items()}, seed)
+    return replace(choice, noise=(fitted["velocity"].value, fitted["measurement"].value)), fitted
 
 
 def _drawn(run: Run, image: ImageArray) -> FloatArray:

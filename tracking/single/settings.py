@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Literal, get_args
 
+from pydantic import PositiveFloat
 from pydantic.dataclasses import dataclass
 
 from tsuiseki.tracking.bounds import SETTINGS
@@ -18,7 +19,7 @@ from tsuiseki.tracking.fields import Commas, Options
 from tsuiseki.tracking.single import kcf, kcf_particle
 from tsuiseki.tracking.single.combined import Combined, CombinedSettings
 from tsuiseki.tracking.single.gradient import MeanShift, MedianFlow, Mil
-from tsuiseki.tracking.single.matching import ColourParticle, HistogramMatching, TemplateMatching
+from tsuiseki.tracking.single.matching import ColourParticle, HistogramMatching, PlaceNoise, TemplateMatching
 from tsuiseki.tracking.single.mosse import Mosse
 from tsuiseki.tracking.single.regularised import RegularisedSettings, RegularisedTracker
 from tsuiseki.tracking.single.response_particles import ResponseParticles
@@ -58,7 +59,7 @@ PLAIN: dict[SingleMethod, Callable[[int], SingleTracker]] = {
     "template-ssd": lambda _: TemplateMatching("ssd"),
     "template-sad": lambda _: TemplateMatching("sad"),
     "histogram": lambda _: HistogramMatching(),
-    "kalman": lambda _: TemplateMatching(smoothed=True),
+    "kalman": lambda _: TemplateMatching(noise=PlaceNoise()),
     "meanshift": lambda _: MeanShift(),
     "camshift": lambda _: MeanShift(adapts_size=True),
     "medianflow": lambda _: MedianFlow(),
@@ -84,9 +85,10 @@ class SingleChoice(Options):
             (kcf-particle only: the thesis to the letter) are the published ones.
         scale: whether combined, regularised, kcf and kcf-particle also try other sizes; by default the first two
             do, and the others as the preset says.
-        recognise: also report lost where the shipped appearance network finds the target, a person, unlike the first
-            frame; combined does so by itself. It runs only where the first box is as upright as a person.
-        objectness: model for kcf-particle from `tsuiseki train objectness`; by default the shipped one.
+        recognise: also report lost where the shipped appearance network finds an upright person unlike the first frame;
+            combined does so by itself.
+        objectness: model for kcf-particle from `tsuiseki train objectness`.
+        noise: of kalman, of velocity and place, in sides; by default 0.1,0.05.
     """
 
     method: SingleMethod = "combined"
@@ -95,6 +97,7 @@ class SingleChoice(Options):
     scale: bool | None = None
     recognise: bool = False
     objectness: Path | None = None
+    noise: Commas[tuple[PositiveFloat, PositiveFloat] | None] = None
 
     def __post_init__(self) -> None:
         method, preset = self.method, self.preset
@@ -109,6 +112,8 @@ class SingleChoice(Options):
             raise RequestError("`scale`: expected without `network`, which gives the size itself, got both")
         if self.objectness is not None and method != "kcf-particle":
             raise RequestError(f"`objectness`: expected with `method` kcf-particle only, got {method}")
+        if self.noise is not None and method != "kalman":
+            raise RequestError(f"`noise`: expected with `method` kalman only, got {method}")
         if self.scale is not None and method not in SIZED:
             raise RequestError(f"`scale`: expected with `method` {', '.join(SIZED[:-1])} or {SIZED[-1]}, got {method}")
 
@@ -135,6 +140,8 @@ class SingleChoice(Options):
             settings = PARTICLE_PRESETS[self.preset]
             model = None if self.objectness is None else read_objectness(self.objectness)
             return kcf_particle.KcfParticle(replace(settings, kcf=self._sized(settings.kcf)), seed, model)
+        if self.noise is not None:
+            return TemplateMatching(noise=PlaceNoise(*self.noise))
         return PLAIN[self.method](seed)
 
     def _sized(self, settings: kcf.KcfSettings) -> kcf.KcfSettings:

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 
 import numpy as np
 import pytest
 
 from benchmarks.papers.__main__ import main
 from benchmarks.papers.finite_sets import (
+    KINDS,
     METHODS,
+    OURS,
     REQUIRED,
+    our_rows,
     read_scenario,
     run_filter,
     run_scenario,
+    run_sensed,
     start_filter,
 )
 from tsuiseki.tracking.errors import RequestError
@@ -60,6 +65,13 @@ def test_the_linear_scenario_meets_its_bar(data_folder, method):
     bars = {"phd": (15.0, 22.0), "labelled": (12.0, 15.0)}[method]
     assert mean_score(path, method, "ospa1") <= bars[0]
     assert mean_score(path, method, "ospa2") <= bars[1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("false", "bar"), [(10, 11.0), (30, 12.0), (60, 13.0)])
+def test_the_default_meets_its_bar_on_standard_targets_of_another_seed(false, bar):
+    follow = partial(our_rows, *OURS["labelled"], 1000)
+    assert run_sensed(KINDS[f"standard targets, {false} false"], follow, 830)["ospa1"] <= bar
 
 
 @pytest.mark.slow
