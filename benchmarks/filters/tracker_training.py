@@ -56,7 +56,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("run", "compare", "plot"))
     parser.add_argument("--until", type=next_time, default="23:59", help="no step begins after the next time HH:MM")
-    parser.add_argument("--options", nargs=argparse.REMAINDER, default=[], help="of `tsuiseki train tracker`; comes last")
+    parser.add_argument("--options", nargs=argparse.REMAINDER, default=[], help="of `tsuiseki train tracker`; last")
     parser.add_argument("--photographs", type=Path, help="of configs/tracker_generated.yaml")
     parser.add_argument("--files", type=Path, nargs=2, default=BEST, help="exported, to compare")
     parser.add_argument("--data", type=Path, default=Path("../shared/data"))
