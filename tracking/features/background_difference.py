@@ -174,7 +174,8 @@ def learn_background(
         masks = [_difference(image, back, contrast) > core for image in images]
         area = usual_area(masks)
         # One that moves a little shows only what it uncovers; painted over, it shows what the others look like.
-        resting = _resting(back, surroundings, contrast, core, area)
+        whole = _whole_area(images, masks, surroundings, contrast, core)
+        resting = _resting(back, surroundings, contrast, core, whole)
         # Levels are of the background that is kept, also where the last round found somebody.
         if done == ROUNDS or not resting.any():
             break
@@ -193,6 +194,26 @@ def usual_area(masks: Sequence[NDArray[np.bool_]]) -> float:
         return 0.0
     sizes = np.sort(np.concatenate(areas)).astype(np.float64)
     return float(sizes[np.searchsorted(np.cumsum(sizes), sizes.sum() / 2)])
+
+
+def _whole_area(
+    images: Sequence[ImageArray],
+    masks: Sequence[NDArray[np.bool_]],
+    surroundings: ImageArray,
+    contrast: Contrast,
+    core: float,
+) -> float:
+    """Area of the region, against the surroundings, in which a pixel of ``masks`` usually lies; 0 without any.
+
+    An animal that shifts a little stands out from the background by a sliver, from the surroundings as a whole.
+    """
+    areas = []
+    for image, mask in zip(images, masks, strict=True):
+        whole = mask | (_difference(image, surroundings, contrast) > core)
+        _, labels, stats, _ = cv2.connectedComponentsWithStats(whole.astype(np.uint8))
+        areas.append(stats[np.asarray(labels)[mask], cv2.CC_STAT_AREA])
+    sizes = np.concatenate(areas)
+    return float(np.median(sizes)) if len(sizes) else 0.0
 
 
 def _quantile(ordered: NDArray[np.uint8], contrast: Contrast) -> ImageArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import cv2
 import numpy as np
 import pytest
@@ -10,9 +12,11 @@ from pydantic import ValidationError
 from tsuiseki.tracking.animals.linking import contacts, exchanged_after_contacts, link_animals
 from tsuiseki.tracking.animals.page import AnimalMotion, touching
 from tsuiseki.tracking.animals.pose import AnimalPose, ExpectedAnimal, pose_of
+from tsuiseki.tracking.animals.run import track_animals
 from tsuiseki.tracking.animals.settings import AnimalSettings
 from tsuiseki.tracking.animals.tracker import AnimalTracker, find_animals
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
+from tsuiseki.tracking.evaluation.states import read_poses
 from tsuiseki.tracking.features import background_difference
 from tsuiseki.tracking.features.background_difference import learn_background
 from tsuiseki.tracking.types import Frame
@@ -179,6 +183,26 @@ def test_a_large_one_that_rests_is_seen_beside_a_small_one_that_shifts_a_little(
     background = learn_background([scene(row, seed=t) for t, row in enumerate(rows)][::2])
     assert background.image[65:95, 35:85].max() < 60
     assert background.image[50:70, 150:195].max() < 60
+
+
+def test_what_shifts_by_a_sliver_is_as_large_as_the_whole_of_it() -> None:
+    rows = [[(60, 80, 0, 46, 18), (170 + t // 16, 80, 0, 46, 18)] for t in range(48)]
+    background = learn_background([scene(row, seed=t) for t, row in enumerate(rows)][::2])
+    assert background.image[60:100].max() < 60
+    assert 200 < background.area < 800
+
+
+@pytest.mark.slow
+def test_65_flies_that_hardly_move_in_a_short_clip_are_within_5_pixels(data_folder: Path) -> None:
+    folder = data_folder / "animals" / "flies-first"
+    truth = read_poses(folder / "states.csv")
+    with pytest.warns(InputWarning, match="which end is the head is a guess"):
+        result = track_animals(folder / "video.webm", frames="76-105")
+    assert [len(track) for track in result.tracks] == [30, 30]
+    places = np.stack([track.states[:, :2] for track in result.tracks])
+    for fly in (1, 2):
+        labels = truth.points[truth.ids == fly][result.tracks[0].frames]
+        assert (np.linalg.norm(places - labels, axis=2).min(axis=0) <= 5).mean() >= 0.95
 
 
 def test_levels_are_of_the_background_that_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
