@@ -75,8 +75,8 @@ class DeformableTracker:
         seed: of the particles.
 
     Attributes:
-        log_evidence: of all frames with edges so far, equation (11) of the finite-sets paper. (7) counts as a density
-            of the image that a body of ``D`` numbers makes, so over the square root of ``spread ** D``.
+        log_evidence: of all frames with edges so far, as in `maximum_likelihood`. (7) counts as a density of the image
+            that a body of ``D`` numbers makes, so over the square root of ``spread ** D``.
     """
 
     def __init__(
