@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -30,9 +30,9 @@ from tsuiseki.tracking.fields import refused
 from tsuiseki.tracking.filters.maximum_likelihood import FittedSetting, Range, fit_settings, fitted_text
 from tsuiseki.tracking.formats.body_states import write_states
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.runs.fitting import fitted_first, write_fitted
 from tsuiseki.tracking.runs.following import Video, open_checked
 from tsuiseki.tracking.runs.options import SeededOutput
-from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.runs.steps import reported_to
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Frame, ImageArray, as_numbers
@@ -40,8 +40,6 @@ from tsuiseki.tracking.types.tracks import BodyTrack
 from tsuiseki.tracking.video.source import Source, SourceLike, named
 
 DEFORMABLE = DeformableSettings()
-# A fitted setting is sought up to so many times from where it starts, both ways.
-FARTHEST = 30.0
 
 
 def track_deformable(
@@ -187,7 +185,7 @@ def fit_noise(
             tracker.update(frame)
         return tracker.log_evidence
 
-    fitted = fit_settings(log_evidence, {name: Range(v, v / FARTHEST, v * FARTHEST) for name, v in start.items()}, seed)
+    fitted = fit_settings(log_evidence, {name: Range.about(value) for name, value in start.items()}, seed)
     return chosen({name: setting.value for name, setting in fitted.items()}), fitted
 
 
@@ -258,18 +256,14 @@ def deformable(video: Video, *, output: SeededOutput, choice: BodyChoice = CHOIC
     source = video.open(images=True)
     fitted = dict[str, FittedSetting]()
     if fit:
-        tries = progress(itertools.count(), "fitting")
-        choice, fitted = fit_noise(choice, source, output.seed, lambda: next(tries))
-        tries.close()
+        choice, fitted = fitted_first(partial(fit_noise, choice, source, output.seed))
     tracker = body_tracker(choice, source, output.seed)
     with output.run() as run:
         steps = run.steps(run.frames(source, record=video.overlay))
         result = body_result(source, tracker, steps, run.times, output.settings)
         run.save(result, lambda: video.draw(run, source, result))
-        if fitted:
-            run.facts["fitted"] = {name: asdict(setting) for name, setting in fitted.items()}
-            options = {"widen": choice.widen, "deformable": {"spread": choice.deformable.spread}}
-            run.write("fitted.yaml", lambda path: path.write_text(fitted_text(fitted, options), encoding="utf-8"))
+        options = {"widen": choice.widen, "deformable": {"spread": choice.deformable.spread}}
+        write_fitted(run, fitted, "fitted.yaml", fitted_text(fitted, options))
         tracked = sum(int(track.tracking.sum()) for track in result)
         bodies, place = count(len(result), "body", "bodies"), output.out / "states.csv"
         share = f"seen {100 * tracked / max(sum(map(len, result)), 1):.0f} %"

@@ -56,23 +56,29 @@ def update(state: Gaussians, measured: FloatArray, observation: FloatArray, nois
         observation: maps a state to its measurement, ``(M, D)`` or ``(N, M, D)``.
         noise: covariance of the measurement, ``(M, M)`` or ``(N, M, M)``, positive definite.
     """
-    residual = measured - (observation @ state.mean[..., None])[..., 0]
-    cross = state.covariance @ np.swapaxes(observation, -1, -2)
-    gain = np.swapaxes(np.linalg.solve(observation @ cross + noise, np.swapaxes(cross, -1, -2)), -1, -2)
+    innovation, cross, spread = _innovation(state, measured, observation, noise)
+    gain = np.swapaxes(np.linalg.solve(spread, np.swapaxes(cross, -1, -2)), -1, -2)
     # Joseph's form: symmetric and positive semi-definite whatever the rounding.
     remainder = np.eye(state.mean.shape[-1]) - gain @ observation
     covariance = remainder @ state.covariance @ np.swapaxes(remainder, -1, -2) + gain @ noise @ np.swapaxes(
         gain, -1, -2
     )
-    return Gaussians(state.mean + (gain @ residual[..., None])[..., 0], covariance)
+    return Gaussians(state.mean + (gain @ innovation[..., None])[..., 0], covariance)
 
 
 def log_likelihood(state: Gaussians, measured: FloatArray, observation: FloatArray, noise: FloatArray) -> FloatArray:
     """``(N,)`` logarithm of the density of each measurement; arguments are those of `update`."""
-    residual = measured - (observation @ state.mean[..., None])[..., 0]
-    spread = observation @ state.covariance @ np.swapaxes(observation, -1, -2) + noise
-    square = (residual * np.linalg.solve(spread, residual[..., None])[..., 0]).sum(axis=-1)
+    innovation, _, spread = _innovation(state, measured, observation, noise)
+    square = (innovation * np.linalg.solve(spread, innovation[..., None])[..., 0]).sum(axis=-1)
     return np.asarray(-0.5 * (square + np.linalg.slogdet(2 * np.pi * spread)[1]))
+
+
+def _innovation(
+    state: Gaussians, measured: FloatArray, observation: FloatArray, noise: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """``(N, M)`` how far the measurements are off, ``(N, D, M)`` covariance with the states, ``(N, M, M)`` its own."""
+    cross = state.covariance @ np.swapaxes(observation, -1, -2)
+    return measured - (observation @ state.mean[..., None])[..., 0], cross, observation @ cross + noise
 
 
 @pydantic_dataclass(frozen=True, config=SETTINGS)

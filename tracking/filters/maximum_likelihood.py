@@ -48,6 +48,8 @@ NORMAL_95 = 1.96
 CUT = 1.92
 # Widest step along one setting, in logarithms.
 WIDEST = 1.0
+# A setting is sought up to so many times from where it starts, both ways, where its finder says nothing else.
+FARTHEST = 30.0
 # Least curvature along one setting, in units of its width.
 FLAT = 1e-6
 # Least curvature along any direction, in curvatures of the settings.
@@ -70,6 +72,11 @@ class Range:
     low: float
     high: float
     probability: bool = False
+
+    @classmethod
+    def about(cls, start: float, times: float = FARTHEST) -> Range:
+        """Up to so many ``times`` from ``start``, both ways."""
+        return cls(start, start / times, start * times)
 
     def scaled(self, value: float) -> float:
         """The value on the scale of the search."""

@@ -46,7 +46,7 @@ def fit_model(
     values = _values(model)
     if any(scan.covariances is not None for scan in scans):
         del values["sensor.deviation"]
-    ranges = {name: Range(value, value / FARTHEST, FARTHEST * value) for name, value in values.items() if value > 0}
+    ranges = {name: Range.about(value, FARTHEST) for name, value in values.items() if value > 0}
     low, high = DETECTION
     ranges["detection"] = Range(min(max(model.detection, 2 * low), 0.99), low, high, probability=True)
 

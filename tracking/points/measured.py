@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 import warnings
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +31,7 @@ from tsuiseki.tracking.points.settings import Lag, SetMethod
 from tsuiseki.tracking.points.tracker import MeasurementTracker
 from tsuiseki.tracking.report.plots import COLOURS
 from tsuiseki.tracking.result import Result
+from tsuiseki.tracking.runs.fitting import fitted_first, write_fitted
 from tsuiseki.tracking.runs.following import count
 from tsuiseki.tracking.runs.options import SeededOutput
 from tsuiseki.tracking.runs.progress import progress
@@ -242,16 +243,12 @@ def points(
         chosen, scans = detected_scans(file, chosen, detector)
     chosen, fitted = with_region(chosen, scans), dict[str, FittedSetting]()
     if fit:
-        tries = progress(itertools.count(), "fitting")
-        chosen, fitted = fit_model(chosen, scans, method, particles, output.seed, lambda: next(tries))
-        tries.close()
+        chosen, fitted = fitted_first(partial(fit_model, chosen, scans, method, particles, output.seed))
     tracker = MeasurementTracker(chosen, method, particles, output.seed, lag)
     with output.run() as run:
         steps = run.steps(scans, total=len(scans))
         result = sensed_result(tracker, steps, shortest, run.times, output.settings)
-        run.facts |= {"fitted": {name: asdict(setting) for name, setting in fitted.items()}} if fitted else {}
+        write_fitted(run, fitted, "model.yaml", model_text(chosen, fitted))
         run.save(result)
-        if fitted:
-            run.write("model.yaml", lambda path: path.write_text(model_text(chosen, fitted), encoding="utf-8"))
         run.done(f"{count(len(result), 'target', 'targets')} in {run.count} scans: {output.out / 'tracks.csv'}")
     return run.status

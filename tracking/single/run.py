@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, replace
@@ -21,9 +20,9 @@ from tsuiseki.tracking.formats.single import find_single_sequences, has_labels, 
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_matrix
 from tsuiseki.tracking.report.overlay import Overlay
 from tsuiseki.tracking.result import PageContent, Result, Writer
+from tsuiseki.tracking.runs.fitting import fitted_first, write_fitted
 from tsuiseki.tracking.runs.following import Video
 from tsuiseki.tracking.runs.options import SeededOutput
-from tsuiseki.tracking.runs.progress import progress
 from tsuiseki.tracking.runs.run import Run
 from tsuiseki.tracking.single.matching import PlaceNoise, TemplateMatching
 from tsuiseki.tracking.single.settings import SingleChoice, SingleMethod, SinglePreset, warn_if_not_asked
@@ -37,8 +36,6 @@ from tsuiseki.tracking.video.source import Source, SourceLike, named, open_sourc
 TRAIL = 49
 # Frames that are followed back from a correction at most; so many pictures are held.
 BACK = 300
-# A fitted noise is sought up to so many times from where it starts, both ways.
-FARTHEST = 30.0
 # Overlap (IoU) from which the way forward and the way back are at one place.
 AGREED = 0.5
 
@@ -240,9 +237,7 @@ def single(
     first_box = _first_box(source, box, select, labelled)
     fitted = dict[str, FittedSetting]()
     if fit:
-        tries = progress(itertools.count(), "fitting")
-        choice, fitted = fit_noise(choice, source, first_box, output.seed, lambda: next(tries))
-        tries.close()
+        choice, fitted = fitted_first(partial(fit_noise, choice, source, first_box, output.seed))
     tracker = choice.tracker(output.seed)
     tracker_settings = getattr(tracker, "settings", None)
     constants = {} if tracker_settings is None else asdict(tracker_settings)
@@ -256,10 +251,8 @@ def single(
         result = single_result(source, steps, run.times, output.settings, constants, plot)
         warn_if_not_asked(tracker)
         run.save(result, lambda: video.draw(run, source, result))
-        if fitted:
-            run.facts["fitted"] = {name: asdict(setting) for name, setting in fitted.items()}
-            options = {"method": choice.method, "noise": [setting.value for setting in fitted.values()]}
-            run.write("fitted.yaml", lambda path: path.write_text(fitted_text(fitted, options), encoding="utf-8"))
+        options = {"method": choice.method, "noise": [setting.value for setting in fitted.values()]}
+        write_fitted(run, fitted, "fitted.yaml", fitted_text(fitted, options))
         run.done(f"{summary_of(result.frames['status'])}: {output.out / 'boxes.txt'}")
     return run.status
 
@@ -290,7 +283,7 @@ def fit_noise(
         return tracker.log_evidence
 
     start = asdict(PlaceNoise() if choice.noise is None else PlaceNoise(*choice.noise))
-    fitted = fit_settings(log_evidence, {name: Range(v, v / FARTHEST, v * FARTHEST) for name, v in start.items()}, seed)
+    fitted = fit_settings(log_evidence, {name: Range.about(value) for name, value in start.items()}, seed)
     return replace(choice, noise=(fitted["velocity"].value, fitted["measurement"].value)), fitted
 
 
