@@ -167,6 +167,7 @@ def learn_background(
         contrast = _estimated_contrast(ordered)
     back = _quantile(ordered, contrast)
     surroundings = _surroundings(back)
+    apart = [_difference(image, surroundings, contrast) for image in images]
     for done in range(ROUNDS + 1):
         least, peak = _noise_and_peak(images, back, surroundings, contrast)
         level = max(least, SHARE * peak) if threshold is None else threshold
@@ -174,8 +175,7 @@ def learn_background(
         masks = [_difference(image, back, contrast) > core for image in images]
         area = usual_area(masks)
         # One that moves a little shows only what it uncovers; painted over, it shows what the others look like.
-        whole = _whole_area(images, masks, surroundings, contrast, core)
-        resting = _resting(back, surroundings, contrast, core, whole)
+        resting = _resting(back, surroundings, contrast, core, _whole_area(masks, [part > core for part in apart]))
         # Levels are of the background that is kept, also where the last round found somebody.
         if done == ROUNDS or not resting.any():
             break
@@ -196,21 +196,15 @@ def usual_area(masks: Sequence[NDArray[np.bool_]]) -> float:
     return float(sizes[np.searchsorted(np.cumsum(sizes), sizes.sum() / 2)])
 
 
-def _whole_area(
-    images: Sequence[ImageArray],
-    masks: Sequence[NDArray[np.bool_]],
-    surroundings: ImageArray,
-    contrast: Contrast,
-    core: float,
-) -> float:
-    """Area of the region, against the surroundings, in which a pixel of ``masks`` usually lies; 0 without any.
+def _whole_area(masks: Sequence[NDArray[np.bool_]], apart: Sequence[NDArray[np.bool_]]) -> float:
+    """Area of the region, with what is ``apart`` from the surroundings, in which a pixel of ``masks`` usually lies.
 
-    An animal that shifts a little stands out from the background by a sliver, from the surroundings as a whole.
+    Each ``(H, W)``; 0 without any. An animal that shifts a little stands out from the background by a sliver, from the
+    surroundings as a whole.
     """
     areas = []
-    for image, mask in zip(images, masks, strict=True):
-        whole = mask | (_difference(image, surroundings, contrast) > core)
-        _, labels, stats, _ = cv2.connectedComponentsWithStats(whole.astype(np.uint8))
+    for mask, from_surroundings in zip(masks, apart, strict=True):
+        _, labels, stats, _ = cv2.connectedComponentsWithStats((mask | from_surroundings).astype(np.uint8))
         areas.append(stats[np.asarray(labels)[mask], cv2.CC_STAT_AREA])
     sizes = np.concatenate(areas)
     return float(np.median(sizes)) if len(sizes) else 0.0
