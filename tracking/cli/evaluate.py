@@ -11,7 +11,6 @@ from dataclasses import KW_ONLY, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-import numpy as np
 from pydantic import PositiveFloat, PositiveInt, field_validator
 from pydantic.dataclasses import dataclass
 
@@ -20,14 +19,11 @@ from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.result_files import result_names
 from tsuiseki.tracking.fields import ClassNames, Commas, Options
 from tsuiseki.tracking.formats.okutama import Protocol
-from tsuiseki.tracking.output import RUN_FILE
 from tsuiseki.tracking.runs.options import Files
 from tsuiseki.tracking.types.frame_range import FrameRange, parse_frames
 
 if TYPE_CHECKING:
     from rich.table import Table
-
-    from tsuiseki.tracking.cameras.multicamera import PlacedTruth
 
 
 @dataclass(frozen=True, config=SETTINGS)
@@ -248,33 +244,14 @@ def floor(compared: Comparison, *, distance: PositiveFloat = 1.0) -> None:
         distance: metres within which a track is on a person, for IDF1, MOTA, HOTA and GOSPA.
     """
     from tsuiseki.tracking.cameras.multicamera import read_placed_truth
-    from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor
+    from tsuiseki.tracking.evaluation.on_floor import evaluate_on_floor, while_tracked
     from tsuiseki.tracking.evaluation.tables import FLOOR_COLUMNS, value_table
 
     labels, scores = read_placed_truth(compared.truth), {}
     for name, path in compared.named().items():
         reported = read_placed_truth(path / "world.csv" if path.is_dir() else path, empty=True)
-        scores[name] = evaluate_on_floor(_while_tracked(labels, path), reported, distance)
+        scores[name] = evaluate_on_floor(while_tracked(labels, path), reported, distance)
     compared.report(value_table(scores, FLOOR_COLUMNS), scores, {name: score.recall for name, score in scores.items()})
-
-
-def _while_tracked(labels: PlacedTruth, result: Path) -> PlacedTruth:
-    """The labels from the first to the last moment that a run tracked, by its ``run.json``; all without one."""
-    from tsuiseki.tracking.cameras.multicamera import PlacedTruth
-    from tsuiseki.tracking.openers.json_files import read_json
-
-    record = read_json(result / RUN_FILE, "JSON of a run") if (result / RUN_FILE).is_file() else {}
-    times = record.get("frames", {}).get("time", ())
-    if len(times) < 2:
-        return labels
-    half = (times[-1] - times[0]) / (len(times) - 1) / 2
-    inside = (labels.times >= times[0] - half) & (labels.times <= times[-1] + half)
-    if inside.all() or not inside.any():
-        return labels
-    left = len(np.unique(labels.times[~inside]))
-    said = f"{result}: {left} labelled moments are left out, for it was tracked from {times[0]:g} to {times[-1]:g} s"
-    warnings.warn(said, InputWarning, stacklevel=2)
-    return PlacedTruth(labels.times[inside], labels.ids[inside], labels.places[inside])
 
 
 def people(

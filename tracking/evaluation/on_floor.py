@@ -11,17 +11,20 @@ Only labelled moments count; of the results between them, the nearest in time wi
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 from scipy.spatial.distance import cdist
 
 from tsuiseki.tracking.cameras.multicamera import PlacedTruth
-from tsuiseki.tracking.errors import RequestError
+from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.evaluation.identity_metrics import LabelledSequence, clear, hota, identity
 from tsuiseki.tracking.evaluation.point_distances import gospa
+from tsuiseki.tracking.evaluation.result_files import tracked_times
 from tsuiseki.tracking.types import FloatArray, IntArray
 
 
@@ -52,6 +55,21 @@ class OnFloorScores:
     precision: float
     gospa: float
     labelled: int
+
+
+def while_tracked(labels: PlacedTruth, result: Path) -> PlacedTruth:
+    """The labels from the first to the last moment that the run in a folder tracked; all where nothing says so."""
+    times = tracked_times(result)
+    if len(times) < 2:
+        return labels
+    half = (times[-1] - times[0]) / (len(times) - 1) / 2
+    inside = (labels.times >= times[0] - half) & (labels.times <= times[-1] + half)
+    if inside.all() or not inside.any():
+        return labels
+    left = len(np.unique(labels.times[~inside]))
+    said = f"{result}: {left} labelled moments are left out, for it was tracked from {times[0]:g} to {times[-1]:g} s"
+    warnings.warn(said, InputWarning, stacklevel=2)
+    return PlacedTruth(labels.times[inside], labels.ids[inside], labels.places[inside])
 
 
 def evaluate_on_floor(

@@ -34,7 +34,7 @@ from tsuiseki.tracking.formats.okutama import Protocol
 from tsuiseki.tracking.formats.result_folder import recorded
 from tsuiseki.tracking.openers.json_files import read_json
 from tsuiseki.tracking.output import RUN_FILE, is_partial
-from tsuiseki.tracking.types import Detections, IntArray, Track
+from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
 from tsuiseki.tracking.types.class_choice import PERSON_NAMES
 from tsuiseki.tracking.types.frame_range import EVERY_FRAME, FrameRange
 from tsuiseki.tracking.types.labels import GroundTruth
@@ -156,6 +156,15 @@ def tracked_frames(result: Path) -> FrameRange | None:
         return FrameRange(int(numbers[0]) - 1, int(numbers[-1]) - 1)
     except (ValueError, KeyError, IndexError, TypeError):
         return None
+
+
+def tracked_times(folder: Path) -> FloatArray:
+    """``(F,)`` when the frames of the run in a folder were, seconds; none where nothing says so."""
+    record = read_json(folder / RUN_FILE, "the record of a run") if (folder / RUN_FILE).is_file() else {}
+    try:
+        return np.asarray(record["frames"]["time"], dtype=np.float64).reshape(-1)
+    except (ValueError, KeyError, TypeError):
+        return np.empty(0)
 
 
 def warn_of_other_frames(result: Path, first: int, last: int, offset: int = 0) -> None:
