@@ -42,10 +42,11 @@ def main() -> None:
             start = time.process_time()
             result = track_people(video or labels, threads=1, inference_frames=range(0, LONGEST, stride))
             seconds = time.process_time() - start
-            every = every or [*result]
+            tracks = [*result]
+            every = every or tracks
             last = round(words.seconds * result.frame_rate)
-            scores = evaluate_people(labels, [*result])
-            agreement = evaluate_people(every, [*result], frames=f"1-{last}").hota
+            scores = evaluate_people(labels, tracks)
+            agreement = evaluate_people(every, tracks, frames=f"1-{last}").hota
             overlap = mean_overlap(every, stride, last)
             print(
                 f"{labels}: every {stride}: HOTA {scores.hota:.3f} IDF1 {scores.idf1:.3f}, {seconds:.1f} s CPU; the "

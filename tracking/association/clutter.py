@@ -32,7 +32,7 @@ from tsuiseki.tracking.features.view_choice import inner_detector
 from tsuiseki.tracking.geometry import centres, iou_pairs
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, IntArray, Track
-from tsuiseki.tracking.types.inference_frames import EVERY_FRAME, InferenceFrames
+from tsuiseki.tracking.types.inference_frames import ALL_INFERRED, InferenceFrames
 from tsuiseki.tracking.video.source import Source
 
 # Number of thresholds that are tried.
@@ -228,7 +228,7 @@ class ScoreChoice:
         batch_size: int,
         workers: int,
         times: StageTimes,
-        inferred: InferenceFrames = EVERY_FRAME,
+        inferred: InferenceFrames = ALL_INFERRED,
     ) -> dict[int, Detections]:
         """Detections by frame number at the beginning of the video, at the threshold that is taken from then on."""
         usual, self._network.score_threshold = self._network.score_threshold, LOWEST

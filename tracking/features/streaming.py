@@ -16,7 +16,7 @@ from typing import TypeAlias
 from tsuiseki.tracking.features.exported import ChoosingDetect, Describe, Detect
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame, ImageArray
-from tsuiseki.tracking.types.inference_frames import EVERY_FRAME, InferenceFrames
+from tsuiseki.tracking.types.inference_frames import ALL_INFERRED, InferenceFrames
 
 _Rows: TypeAlias = list[tuple[Frame, Detections]]
 
@@ -28,7 +28,7 @@ def stream(
     batch_size: int = 4,
     times: StageTimes | None = None,
     workers: int = 1,
-    inferred: InferenceFrames = EVERY_FRAME,
+    inferred: InferenceFrames = ALL_INFERRED,
 ) -> Iterator[tuple[Frame, Detections]]:
     """Frames with the people detected in them, in order.
 

@@ -40,7 +40,7 @@ from tsuiseki.tracking.people.given_detections import GivenRows, given_detection
 from tsuiseki.tracking.people.settings import NONE, FindingOptions, Ground, PeopleFinding
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, Frame
-from tsuiseki.tracking.types.inference_frames import EVERY_FRAME, InferenceFrames
+from tsuiseki.tracking.types.inference_frames import ALL_INFERRED, InferenceFrames
 from tsuiseki.tracking.video.source import Source
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 
@@ -73,7 +73,7 @@ class PeopleInputs:
     camera: CameraPath | StandingCamera | None = None
     threads: int = 1
     ground: GroundPlane | None = None
-    inferred: InferenceFrames = EVERY_FRAME
+    inferred: InferenceFrames = ALL_INFERRED
     choice: ScoreChoice | None = None
     scale: ScoreScale | None = None
 

@@ -15,7 +15,7 @@ from tsuiseki.tracking.people.detections import PeopleInputs
 from tsuiseki.tracking.people.motion_compensated import inner_tracker
 from tsuiseki.tracking.people.opening import OpenedPeople
 from tsuiseki.tracking.types import Detections, Frame, Targets
-from tsuiseki.tracking.types.inference_frames import EVERY_FRAME, InferenceFrames
+from tsuiseki.tracking.types.inference_frames import ALL_INFERRED, InferenceFrames
 from tsuiseki.tracking.types.tracks import targets_at
 
 
@@ -50,7 +50,7 @@ class Following:
     """
 
     def __init__(
-        self, tracker: PeopleTracker, inferred: InferenceFrames = EVERY_FRAME, longest: int | None = None
+        self, tracker: PeopleTracker, inferred: InferenceFrames = ALL_INFERRED, longest: int | None = None
     ) -> None:
         self.tracker, self._inferred, self._longest = tracker, inferred, longest
         self._forget = getattr(inner_tracker(tracker), "forget", None)

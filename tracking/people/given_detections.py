@@ -10,14 +10,14 @@ from typing import TypeAlias
 
 import numpy as np
 
-from tsuiseki.tracking.association.inference_times import inferred_frames, named_frames, stride_of
+from tsuiseki.tracking.association.inference_times import inferred_frames, named_frames
 from tsuiseki.tracking.errors import InputWarning, RequestError
 from tsuiseki.tracking.formats.label_checks import compare_with_picture
 from tsuiseki.tracking.formats.mot import read_detections
 from tsuiseki.tracking.interchange import BadBoxes, DetectionsLike, as_detections
 from tsuiseki.tracking.types import Detections
 from tsuiseki.tracking.types.class_choice import ClassChoice
-from tsuiseki.tracking.types.inference_frames import EVERY_FRAME, InferenceFrames
+from tsuiseki.tracking.types.inference_frames import ALL_INFERRED, InferenceFrames
 from tsuiseki.tracking.video.source import Source
 
 GivenDetections: TypeAlias = str | Path | Iterable[DetectionsLike]
@@ -96,26 +96,19 @@ def _checked_entries(entries: Iterable[DetectionsLike], length: int | None) -> G
     return rows
 
 
-def frames_with_inference(
-    detections: Sequence[Detections], source: Source, numbers: Iterable[int] | None = None
-) -> InferenceFrames:
-    """The frames with inference of given detections. A pattern is reported.
+def frames_with_inference(detections: Sequence[Detections], source: Source) -> InferenceFrames:
+    """The frames with inference of given detections, see `inferred_frames`. A pattern is reported.
 
     Args:
         detections: of each frame.
         source: the video.
-        numbers: from 0 of the frames with inference; by default see `inferred_frames`.
-
-    Raises:
-        RequestError: see `named_frames`.
     """
     length = max(source.length or 0, len(detections))
-    if numbers is not None:
-        return named_frames(numbers)
     inferred = inferred_frames(np.array([*map(len, detections), *[0] * (length - len(detections))], dtype=np.int64))
     if inferred is None:
-        return EVERY_FRAME
-    stride = stride_of(inferred)
+        return ALL_INFERRED
+    frames = named_frames(np.flatnonzero(inferred))
+    stride = frames.stride
     ordinal = f"{stride:g}th" if stride == round(stride) else f"{stride:.3g}th, on average,"
     warnings.warn(
         f"there are detections in {inferred.sum()} of {len(inferred)} frames, every {ordinal} one; the others "
@@ -123,4 +116,4 @@ def frames_with_inference(
         InputWarning,
         stacklevel=2,
     )
-    return InferenceFrames(frozenset(np.flatnonzero(inferred).tolist()), stride)
+    return frames

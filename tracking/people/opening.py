@@ -103,6 +103,8 @@ def open_people(
     # The flow sees for itself where the camera stands still.
     camera = CameraPath() if linking.moving_camera else StandingCamera() if method == "flow" else None
     ground = ground_of(detect, finding.ground, source)
+    if isinstance(detect, list) and inferred is None:
+        inferences = frames_with_inference(detect, source)
     unknown = finding.score_threshold is None and not source.live
     choice = score_choice(detect, ground) if unknown else None
     inputs = PeopleInputs(
@@ -129,11 +131,7 @@ def open_people(
 def _detecting(
     source: Source, finding: PeopleFinding, threads: int, numbers: Iterable[int] | None
 ) -> tuple[Detect | list[Detections], InferenceFrames]:
-    """What detects people, or given detections, and the frames with inference; see `open_people`."""
-    if finding.detections is not None:
-        rows = people_detect(source, finding, PEOPLE_DETECTOR, threads)
-        assert isinstance(rows, list)
-        return rows, frames_with_inference(rows, source, numbers)
+    """What detects people, or given detections, and the frames that a detector runs on; see `open_people`."""
     inferred = InferenceFrames.every(finding.detect_every, source.frames_wanted.first)
     if numbers is not None:
         inferred = named_frames(numbers)

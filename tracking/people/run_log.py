@@ -15,7 +15,7 @@ from tsuiseki.tracking.result import people_in
 from tsuiseki.tracking.runs.steps import reported_to
 from tsuiseki.tracking.stages import StageTimes
 from tsuiseki.tracking.types import Detections, FloatArray, Targets, Track
-from tsuiseki.tracking.types.inference_frames import EVERY_FRAME, InferenceFrames
+from tsuiseki.tracking.types.inference_frames import ALL_INFERRED, InferenceFrames
 
 # Detections that are kept for the report.
 KEPT = 2000
@@ -121,7 +121,7 @@ def run_trackers(
     frames: Iterable[tuple[int, Detections]],
     trackers: Mapping[str, PeopleTracker],
     times: StageTimes,
-    inferred: InferenceFrames = EVERY_FRAME,
+    inferred: InferenceFrames = ALL_INFERRED,
     observe: Callable[[Targets], object] | None = None,
 ) -> tuple[dict[str, list[Track]], FrameLog]:
     """Feed the same detections to every tracker.

@@ -31,4 +31,4 @@ class InferenceFrames:
 
 
 # Of a detector that passes over none.
-EVERY_FRAME = InferenceFrames.every(1)
+ALL_INFERRED = InferenceFrames.every(1)
