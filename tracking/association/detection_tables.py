@@ -129,9 +129,9 @@ class DetectionTable(Columns):
             return np.asarray((self.frames[j] - self.frames[i]) * (1 / self.frame_rate), dtype=np.float64)
         return np.asarray(self.measured.times[j] - self.measured.times[i])
 
-    def and_then(self, later: Self) -> Self:
-        """These detections, and after them those of another table."""
-        return replace(super().and_then(later), even=self.even and later.even)
+    def and_then(self, *later: Self) -> Self:
+        """These detections, and after them those of other tables."""
+        return replace(super().and_then(*later), even=all(table.even for table in (self, *later)))
 
 
 def rows_of_numbers(increasing: IntArray, numbers: IntArray) -> IntArray:

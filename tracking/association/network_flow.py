@@ -218,17 +218,13 @@ def predecessors(follower: IntArray) -> IntArray:
 
 def track_labels(solution: FlowSolution) -> IntArray:
     """``(N,)`` 0-based track number of each detection in the order of the first detections, -1 where not used."""
-    follower = solution.follower
-    labels = np.full(len(follower), -1, dtype=np.int64)
-    current = np.flatnonzero(solution.used & (predecessors(follower) < 0))
-    labels[current] = np.arange(len(current))
-    # All tracks advance together: as many steps as the longest track has detections.
-    while len(current):
-        linked = follower[current] >= 0
-        current, following = current[linked], follower[current[linked]]
-        labels[following] = labels[current]
-        current = following
-    return labels
+    before = predecessors(solution.follower)
+    starts = solution.used & (before < 0)
+    first = np.where(before < 0, np.arange(len(before)), before)
+    # Twice as far back each time.
+    while not np.array_equal(further := first[first], first):
+        first = further
+    return np.where(solution.used[first], np.cumsum(starts)[first] - 1, -1)
 
 
 @dataclass(frozen=True)

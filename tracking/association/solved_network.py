@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tsuiseki.tracking.association.network_flow import SCALE, FlowGraph, scaled
 from tsuiseki.tracking.association.sliding_flow import Decision
@@ -118,9 +119,13 @@ ALONE = 20.0
 
 @dataclass
 class NetworkRecord:
-    """Collects the network while its windows are decided."""
+    """Collects the network while its windows are decided, in numbers as the file has them, of 32 bits where they fit.
 
-    parts: list[tuple[IntArray, FloatArray, tuple[IntArray, IntArray, FloatArray]]] = field(default_factory=list)
+    Attributes:
+        parts: of each window numbers of the detections, their ``(3, K)`` costs; tails, heads and costs of the links.
+    """
+
+    parts: list[tuple[NDArray[np.signedinteger], ...]] = field(default_factory=list)
 
     def copy(self) -> NetworkRecord:
         """A copy that can grow by itself."""
@@ -136,9 +141,9 @@ class NetworkRecord:
         """
         done = np.isin(numbers, decision.numbers, assume_unique=True)
         arcs = done[graph.tail]
-        costs = np.column_stack([graph.observation, graph.entry, graph.exit])[done]
-        links = numbers[graph.tail[arcs]], numbers[graph.head[arcs]], graph.transition[arcs]
-        self.parts.append((numbers[done], costs, links))
+        costs = scaled(np.stack([graph.observation, graph.entry, graph.exit])[:, done])
+        links = numbers[graph.tail[arcs]], numbers[graph.head[arcs]], scaled(graph.transition[arcs])
+        self.parts.append(tuple(_small(column) for column in (numbers[done], costs, *links)))
 
     def graph(self, count: int, joins: Sequence[tuple[IntArray, IntArray, FloatArray]]) -> FlowGraph:
         """The whole network of ``count`` detections.
@@ -147,15 +152,20 @@ class NetworkRecord:
             count: N.
             joins: tails, heads and what joining them saves less than ending one track and starting another.
         """
-        costs = np.zeros((count, 3))
-        for numbers, node_costs, _ in self.parts:
-            costs[numbers] = node_costs
-        observation, entry, exit = costs.T.copy()
+        costs = np.zeros((3, count))
+        for numbers, node_costs, *_ in self.parts:
+            costs[:, numbers] = node_costs / SCALE
+        observation, entry, exit = costs
         none = np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0)
         joined = [(i, j, cost + entry[j] + exit[i]) for i, j, cost in joins]
-        parts = [none, *(links for *_, links in self.parts), *joined]
+        parts = [none, *((tails, heads, c / SCALE) for *_, tails, heads, c in self.parts), *joined]
         tail, head, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
         order = np.lexsort((cost, head, tail))
         first = np.append(True, (np.diff(tail[order]) != 0) | (np.diff(head[order]) != 0))[: len(order)]
         needed = order[first & (cost[order] < entry[head[order]] + exit[tail[order]])]
         return FlowGraph(observation, entry, exit, tail[needed], head[needed], cost[needed])
+
+
+def _small(values: IntArray) -> NDArray[np.signedinteger]:
+    small = values.astype(np.int32)
+    return small if np.array_equal(small, values) else values

@@ -192,9 +192,7 @@ class WholeFlow:
         self._tracklets.add(decision.numbers[used], decision.follower[used], features)
 
     def _table(self) -> DetectionTable:
-        for part in self._parts:
-            self._rows = self._rows.and_then(part)
-        self._parts = []
+        self._rows, self._parts = self._rows.and_then(*self._parts), []
         return self._rows
 
     def _finished(self, table: DetectionTable, labels: IntArray) -> list[FinishedTrack]:

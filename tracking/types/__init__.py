@@ -75,17 +75,21 @@ class Columns:
         """The rows at a mask, at indices or in a range."""
         return replace(self, **self._rows(which))  # type: ignore[type-var]
 
-    def and_then(self, following: Self) -> Self:
-        """These rows, and after them those of another table; NaN where only one of the two knows a column."""
+    def and_then(self, *following: Self) -> Self:
+        """These rows, and after them those of other tables; NaN where only some of them know a column."""
         joined: dict[str, Any] = {}
+        tables = (self, *following)
         for name in [column.name for column in fields(self)]:  # type: ignore[arg-type]
-            parts = [getattr(table, name) for table in (self, following)]
+            parts = [getattr(table, name) for table in tables]
             values = next((part for part in parts if part is not None), None)
             if isinstance(values, Columns):
-                joined[name] = values.and_then(parts[1])
+                joined[name] = parts[0].and_then(*parts[1:])
             elif isinstance(values, np.ndarray):
-                nothing = [np.full((len(table), *values.shape[1:]), np.nan) for table in (self, following)]
-                joined[name] = np.concatenate([n if p is None else p for n, p in zip(nothing, parts, strict=True)])
+                known = (
+                    np.full((len(table), *values.shape[1:]), np.nan) if part is None else part
+                    for table, part in zip(tables, parts, strict=True)
+                )
+                joined[name] = np.concatenate([*known])
         return replace(self, **joined)  # type: ignore[type-var]
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -46,3 +48,18 @@ def test_tracks_are_those_of_the_whole(monkeypatch: pytest.MonkeyPatch, describe
     # Rows of who has gone are gone; asking changes nothing.
     assert len(parts._flow._rows) < 0.5 * sum(map(len, found))  # type: ignore[union-attr]
     assert [track.frames.tolist() for track in parts.tracks()] == [track.frames.tolist() for track in got]
+
+
+@pytest.mark.slow
+def test_memory_grows_with_the_boxes_by_few_bytes_each() -> None:
+    tracker, count, kept = FlowTracker(frame_rate=RATE, size=(1000, 500)), 0, []
+    tracemalloc.start()
+    for number, each in enumerate(walkers(2400, described=False), 1):
+        tracker.update(each)
+        count += len(each)
+        # All but the last seconds are decided then.
+        if number % 800 == 0:
+            kept.append((count, tracemalloc.get_traced_memory()[0]))
+    tracemalloc.stop()
+    boxes, memory = np.diff(kept, axis=0).T
+    assert (memory / boxes < 400).all(), memory / boxes
