@@ -36,20 +36,30 @@ def drawn(state: FloatArray) -> ImageArray:
     return image
 
 
-def film(seed: int, frames: int = 25) -> tuple[list[ImageArray], FloatArray]:
-    """Images and true states: a wide random walk of `TRUE`, and images of poses that are as likely as (7) says."""
+def film(seed: int, frames: int = 25) -> tuple[list[ImageArray], FloatArray, FloatArray]:
+    """Images, true states of a wide random walk of `TRUE`, and the distances (7) of the poses drawn from them."""
     rng, noise = np.random.default_rng(seed), wide_noise(FISH).widened(TRUE["widen"])
     states = np.array([160.0, 120.0, rng.uniform(-3, 3), 0.0]) + np.cumsum(noise.draw(frames, rng), axis=0)
     states[:, 3] = np.clip(states[:, 3], -1.2, 1.2)
-    images, scale = [], np.array([5.0, 5.0, 0.2, 0.4])
-    for state in states:
-        shifts = rng.standard_normal((200, 4))
-        poses = state + 1.5 * scale * shifts
-        away = [largest_distance(FISH.contour(state[None])[0], contour) for contour in FINE.contour(poses)]
-        logs = -(np.array(away) ** 2) / TRUE["deformable.spread"] + 0.5 * (shifts**2).sum(axis=1)
-        weights = np.exp(logs - logs.max())
-        images.append(drawn(poses[rng.choice(len(poses), p=weights / weights.sum())]))
-    return images, states
+    poses, away = zip(*(likely_pose(state, rng) for state in states), strict=True)
+    return [drawn(pose) for pose in poses], states, np.array(away)
+
+
+def likely_pose(state: FloatArray, rng: np.random.Generator, steps: int = 300) -> tuple[FloatArray, float]:
+    """A pose as likely as (7) says, and its distance, pixels: the end of an independence Metropolis chain.
+
+    Resampling as many proposals would prefer far poses: about one in eight would count.
+    """
+    shifts = rng.standard_normal((steps, 4))
+    poses = state + np.array([6.0, 6.0, 0.24, 0.48]) * shifts
+    contour = FISH.contour(state[None])[0]
+    away = np.array([largest_distance(contour, edges) for edges in FINE.contour(poses)])
+    logs = -(away**2) / TRUE["deformable.spread"] + 0.5 * (shifts**2).sum(axis=1)
+    now = 0
+    for step, height in enumerate(np.log(rng.random(steps))):
+        if height < logs[step] - logs[now]:
+            now = step
+    return poses[now], float(away[now])
 
 
 def largest_distance(points: NDArray[np.float32], edges: NDArray[np.float32]) -> float:
@@ -64,7 +74,7 @@ def choice(widen: float = 1.0, spread: float = 40.0) -> BodyChoice:
 
 def error(chosen: BodyChoice, seed: int) -> float:
     """Mean distance of a followed body from its true places, pixels."""
-    images, states = film(seed)
+    images, states, _ = film(seed)
     source = open_source(images)
     tracker = run.body_tracker(replace(chosen, init=[states[0].tolist()]), source)
     for frame in source.frames():
@@ -73,13 +83,18 @@ def error(chosen: BodyChoice, seed: int) -> float:
 
 
 @pytest.mark.slow
-def test_the_noise_of_a_drawn_film_lies_in_its_intervals_and_follows_an_unseen_one_better() -> None:
-    images, states = film(2)
-    start = replace(choice(widen=0.3, spread=100.0), init=[states[0].tolist()])
-    best, fitted = fit_noise(start, open_source(images))
-    # In films of seeds 11 to 18 the widening was within its interval in eight, the spread in four.
-    for name, value in TRUE.items():
-        assert fitted[name].low < value < fitted[name].high < 3 * fitted[name].low
+def test_the_noise_of_drawn_films_lies_in_its_intervals_and_follows_an_unseen_one_better() -> None:
+    held, far = [], []
+    for seed in range(11, 15):
+        images, states, away = film(seed)
+        start = replace(choice(widen=0.3, spread=100.0), init=[states[0].tolist()])
+        best, fitted = fit_noise(start, open_source(images))
+        held += [fitted[name].low < value < fitted[name].high < 4 * fitted[name].low for name, value in TRUE.items()]
+        far.append(float(np.mean(away**2)) / TRUE["deformable.spread"])
+    # Were (7) a Gaussian density of four numbers, this were 2. Over 20,000 weighted poses it is 2.2.
+    assert np.mean(far) == pytest.approx(2.2, abs=0.3)
+    # One of eight intervals of 95 % may miss.
+    assert sum(held) >= 7
     assert error(best, 50) < error(choice(), 50)
 
 
