@@ -85,8 +85,10 @@ def test_the_run_and_its_page_have_the_record(kept: Path) -> None:
 
 
 @pytest.mark.slow
-def test_counts_have_the_record_of_the_scene(kept: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("asked", [LINES + RECORD, LINES], ids=["of the scene", "of the result"])
+def test_counts_have_the_record(asked: str, kept: Path, tmp_path: Path) -> None:
     out = tmp_path / "answers"
+    (tmp_path / "scene.yaml").write_text(asked)
     assert main(["count", str(kept), "--scene", str(tmp_path / "scene.yaml"), "--out", str(out)]) == 0
     assert json.loads((out / "run.json").read_text())["facts"]["privacy"]["access"] == "manager"
     assert "door &lt;east&gt;" in (out / "report.html").read_text()

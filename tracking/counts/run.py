@@ -65,8 +65,9 @@ def count(
     if overlay and loaded.settings.get("hide"):
         raise RequestError("expected a result without `hide` for `overlay`, which would show everybody; leave it out")
     with output.run() as run:
-        if privacy is not None:
-            run.facts.setdefault(PRIVACY, privacy.facts(today()))
+        record = loaded.facts.get(PRIVACY) if privacy is None else privacy.facts(today())
+        if record is not None:
+            run.facts.setdefault(PRIVACY, record)
         loaded = replace(loaded, facts={**loaded.facts, **run.facts})
         with run.times.measure("count"):
             answers = counting.count(loaded, str(scene), how, frame_rate=fps)
