@@ -150,6 +150,12 @@ def test_configurations_build_what_they_say(name: str, trunk: int, size: int, tm
     cli.trainer.strategy.connect(cli.model)
     assert (cli.model.rare_weight == 0, cli.datamodule.rarity == 0) == 2 * (name == "action_thesis",)
     assert cli.datamodule.cutting.size == size == cli.model.inputs["rgb_local"].size
+    if name == "action_thesis":
+        steps = cli.model.optimisation
+        # A rate that stays, as 5.4.2 names nothing else.
+        assert (steps.optimiser, steps.weight_decay, steps.warmup_steps, steps.final_share) == ("sgd", 0, 0, 1)
+        assert cli.trainer.gradient_clip_val is None
+        assert cli.datamodule.batch_size * cli.trainer.max_epochs * cli.datamodule.batches == 16 * 5000
     assert cli.datamodule.streams == ("rgb_local", "flow_global")
     assert cli.model.network.streams["rgb_local"].trunk.channels[-1] == trunk
 
