@@ -163,6 +163,7 @@ def real_part(files: Sequence[Path], data: Path, python: str | None) -> None:
         entries = {
             "combined": followed(SingleChoice(network=tuple(files)).tracker(), images, boxes[0]),
             "siamese": followed(SingleChoice("siamese", network=tuple(files)).tracker(), images, boxes[0]),
+            "no network": followed(SingleChoice().tracker(), images, boxes[0]),
         }
         if len(files) == 2 and hasattr(cv2, "TrackerNano_create") and "backbone" in files[0].name:
             entries["OpenCV Nano"] = opencv_nano(files, images, boxes[0])

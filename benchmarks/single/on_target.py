@@ -1,10 +1,12 @@
 """Coefficients of `tsuiseki.tracking.single.on_target`, fitted to generated clips, and how true they are by folds.
 
     python -m benchmarks.single.on_target ../shared/data/peers/nanotrackv2/*.onnx
+    python -m benchmarks.single.on_target benchmarks/filters/tracker_*.onnx
 
 Clips are `benchmarks.single.disappearances` of seeds 0 to 31, and walks of `SingleClip`, among look-alikes and behind
 obstacles, by other seeds than those of results pages. Both classes of frames get a fixed share of the weight. The
-last line is what the module holds, but for the shift of the offset.
+last line is what the module holds, but for the shift of the offset. Which frames a tracker learns from depends on its
+own weights, so the command is repeated until they stay.
 """
 
 from __future__ import annotations
@@ -28,6 +30,8 @@ WALKS = 24
 FOLDS = 4
 # Share of the weight of frames on the target.
 ON_SHARE = 0.8
+# Of a frame.
+SIGNS = 7
 # Inverse strength of the penalty, on standardised signs.
 PENALTY = 0.03
 
@@ -49,7 +53,7 @@ def clips() -> Iterator[tuple[list[ImageArray], FloatArray, FloatArray]]:
 def signs_of(
     network: SiameseNetwork, images: list[ImageArray], boxes: FloatArray, visible: FloatArray
 ) -> tuple[FloatArray, BoolArray]:
-    """Signs ``(T, 10)`` of the frames that are clearly on or off the target, and ``(T,)`` which are on it."""
+    """Signs ``(T, 14)`` of the frames that are clearly on or off the target, and ``(T,)`` which are on it."""
     tracker = ResponseParticles(network)
     tracker.start(images[0], boxes[0])
     rows, seen = [], []
@@ -63,7 +67,7 @@ def signs_of(
 
 
 def fitted(parts: list[tuple[FloatArray, BoolArray]]) -> tuple[FloatArray, float]:
-    """Coefficients ``(10,)`` and offset."""
+    """Coefficients ``(14,)`` and offset."""
     signs, on = (np.concatenate(side) for side in zip(*parts, strict=True))
     weights = np.where(on, ON_SHARE / on.sum(), (1 - ON_SHARE) / (~on).sum()) * len(on)
     mean, deviation = signs.mean(axis=0), signs.std(axis=0) + 1e-9
@@ -89,7 +93,13 @@ def main() -> None:
         f"in {100 * np.concatenate(alarms).mean():.1f} % of those on it"
     )
     coefficients, offset = fitted(parts)
-    print("now", coefficients[:5].round(2).tolist(), "lasting", coefficients[5:].round(2).tolist(), round(offset, 2))
+    print(
+        "now",
+        coefficients[:SIGNS].round(2).tolist(),
+        "lasting",
+        coefficients[SIGNS:].round(2).tolist(),
+        round(offset, 2),
+    )
 
 
 if __name__ == "__main__":

@@ -12,7 +12,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from tsuiseki.tracking.single.siamese import Template
+from tsuiseki.tracking.single.siamese import OwnTracker, SiameseNetwork, Template
 from tsuiseki.tracking.types import FloatArray
 
 # Share of a frame in the running means.
@@ -31,6 +31,8 @@ class Signs:
         spread: mean distance of particles from the box, in sides of the target.
         likeness: greatest cosine with the first look and those of the last certain frames.
         rival: greatest cosine with the looks of what is not the target: its surroundings at first, and distractors.
+        response: of the filter, over its running median.
+        colours: that the filter expects, likewise.
     """
 
     score: float
@@ -38,19 +40,53 @@ class Signs:
     spread: float
     likeness: float
     rival: float
+    response: float
+    colours: float
 
     def row(self) -> FloatArray:
-        """``(5,)`` in the order of the attributes."""
+        """``(7,)`` in the order of the attributes."""
         return np.array(astuple(self))
 
 
-# Weights of the logistic regression for `Signs.row` of a frame, fitted with NanoTrack's response to
-# generated clips (`python -m benchmarks.single.on_target`). No real picture is in them.
-NOW = np.array([0.30, -0.01, 0.19, 5.13, -1.25])
-# Weights for the running means of those rows, fitted likewise.
-LASTING = np.array([0.25, 0.14, -0.17, 3.94, -1.27])
-# Log-odds where all signs are zero. The shift of 0.75 is chosen on real clips, whose targets change more.
-OFFSET = -7.69 + 0.75
+@dataclass(frozen=True)
+class Weights:
+    """Of the logistic regression; a kind of network has its own, for likenesses and scores of another mean another.
+
+    Attributes:
+        now: ``(7,)`` for `Signs.row` of a frame.
+        lasting: ``(7,)`` for the running means of those rows.
+        offset: log-odds where all signs are zero.
+    """
+
+    now: FloatArray
+    lasting: FloatArray
+    offset: float
+
+    def probability(self, now: FloatArray, means: FloatArray) -> float:
+        """How likely a box is on its target, in [0, 1].
+
+        Args:
+            now: ``(7,)`` of `Signs.row`.
+            means: ``(7,)`` their running means.
+        """
+        return 1 / (1 + math.exp(-float(np.clip(self.offset + self.now @ now + self.lasting @ means, -60, 60))))
+
+
+# Fitted to generated clips (`python -m benchmarks.single.on_target FILE FILE`). No real picture is in them.
+OWN = Weights(
+    np.array([1.1, 0.02, 0.18, 0.9, -4.02, 0.27, -2.83]), np.array([1.23, -0.09, 3.92, 1.65, -0.72, 1.16, 2.2]), -0.19
+)
+# With NanoTrack's files. The shift of 0.75 is chosen on real clips, whose targets change more.
+OTHERS = Weights(
+    np.array([0.30, -0.01, 0.19, 5.13, -1.25, 0, 0]),
+    np.array([0.25, 0.14, -0.17, 3.94, -1.27, 0, 0]),
+    -7.69 + 0.75,
+)
+
+
+def weights_of(network: SiameseNetwork) -> Weights:
+    """Those of a network's kind."""
+    return OWN if isinstance(network, OwnTracker) else OTHERS
 
 
 def logit(score: float) -> float:
@@ -69,13 +105,3 @@ def look(template: Template) -> FloatArray:
     middle = template[..., height // 4 : height - height // 4, width // 4 : width - width // 4]
     centred = middle.astype(np.float64).ravel() - middle.mean()
     return np.asarray(centred / max(float(np.linalg.norm(centred)), 1e-9))
-
-
-def probability(now: FloatArray, means: FloatArray) -> float:
-    """How likely a box is on its target, in [0, 1].
-
-    Args:
-        now: ``(5,)`` of `Signs.row`.
-        means: ``(5,)`` their running means.
-    """
-    return 1 / (1 + math.exp(-float(np.clip(OFFSET + NOW @ now + LASTING @ means, -60, 60))))

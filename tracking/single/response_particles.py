@@ -3,7 +3,8 @@
 Each frame has one search square. The network's response there weighs particles, which have a place and a velocity.
 Several groups of them survive where the response has several peaks, as at a distractor, and the motion carries them
 through an occlusion. The map of where particles are expected joins the response; the best cell's box is the target's.
-A recent template beside the first one follows a target that changes; it is renewed where the target is certain.
+Beside a network of this toolkit a correlation filter votes on place and box (`filter_vote`). A recent template beside
+the first one follows a target that changes; it is renewed where the target is certain.
 
 `on_target` says how likely the box is on the target, and the status follows. While the target is not tracked, one more
 square a frame is searched, about the place where it was last certain and further away as time passes, as far as the
@@ -21,7 +22,8 @@ import numpy as np
 
 from tsuiseki.tracking.filters.resampling import systematic
 from tsuiseki.tracking.geometry import centres
-from tsuiseki.tracking.single.on_target import RATE, Signs, logit, look, probability
+from tsuiseki.tracking.single.filter_vote import FilterVote, Opinion
+from tsuiseki.tracking.single.on_target import RATE, Signs, logit, look, weights_of
 from tsuiseki.tracking.single.siamese import Response, SiameseNetwork, Square, Template, size_change, square_side
 from tsuiseki.tracking.single.tracker import TargetState, box_about, box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray, Status
@@ -91,7 +93,8 @@ class Candidate:
         size: ``(2,)`` that the network gives it.
         decisive: score after the penalty for a change of size and shape, in [0, 1].
         template: of this place.
-        signs: ``(5,)`` of `Signs`.
+        signs: ``(7,)`` of `Signs`.
+        opinion: of the filter; None without one.
         rival: ``(2,)`` the best place elsewhere, where its score makes it a distractor.
     """
 
@@ -100,6 +103,7 @@ class Candidate:
     decisive: float
     template: Template
     signs: FloatArray
+    opinion: Opinion | None
     rival: FloatArray | None
 
 
@@ -112,15 +116,17 @@ class ResponseParticles:
 
     Attributes:
         searched_frames: in how many frames a second square was searched.
-        signs: ``(10,)`` of the last frame, and their running means.
+        signs: ``(14,)`` of the last frame, and their running means.
     """
 
     def __init__(self, network: SiameseNetwork, seed: int = 0) -> None:
         self._network, self._rng = network, np.random.default_rng(seed)
+        self._weights = weights_of(network)
 
     def start(self, image: ImageArray, box: FloatArray) -> None:
         self._centre, self._size = box_centre(box), np.asarray(box[2:] - box[:2], dtype=np.float64)
         self._velocity = np.zeros(2)
+        self._filter = FilterVote(image, np.asarray(box, dtype=np.float64)) if self._network.filter_share else None
         self._first = self._recent = self._template(image, self._centre, self._size)
         self._first_look = look(self._first)
         self._looks: deque[FloatArray] = deque(maxlen=LOOKS)
@@ -130,7 +136,7 @@ class ResponseParticles:
         self._particles = self._about(self._centre)
         self._means: FloatArray | None = None
         self._frame = self._doubted = self._tries = self.searched_frames = 0
-        self.signs = np.zeros(10)
+        self.signs = np.zeros(14)
 
     def follow(self, image: ImageArray) -> TargetState:
         self._frame += 1
@@ -138,23 +144,31 @@ class ResponseParticles:
         square = self._network.search_square(self._centre + self._velocity / 2, self._size)
         if _shows_nothing(image, square):
             return self._unseen()
+        if self._filter is not None:
+            self._filter.locate(image)
         candidate = self._located(image, square)
         chance = self._chance(candidate)
         if self._doubted:
             elsewhere = self._searched(image)
-            if elsewhere is not None and (other := probability(elsewhere.signs, elsewhere.signs)) > max(chance, TAKEN):
+            if elsewhere is not None and (other := self._weights.probability(elsewhere.signs, elsewhere.signs)) > max(
+                chance, TAKEN
+            ):
                 candidate, chance = elsewhere, other
                 self._means, self._particles = elsewhere.signs, self._about(elsewhere.centre)
         self._go_on(image, candidate, chance)
         return TargetState(box_about(self._centre, self._size), chance, self._status(chance))
 
     def _located(self, image: ImageArray, square: Square) -> Candidate:
-        """Where particles and response together see the target; particles are weighed and drawn anew."""
+        """Where particles, response and filter together see the target; particles are weighed and drawn anew."""
         response, boxes = self._response(image, square)
         penalised = response.scores * self._penalty(boxes)
         expected = self._expected(square, len(penalised))
-        best = int(np.argmax((1 - EXPECTED) * penalised + EXPECTED * expected))
-        self._weigh(penalised, boxes)
+        joined = penalised
+        if self._filter is not None:
+            vote = self._network.filter_share * self._filter.votes(centres(boxes), self._side)
+            joined = (1 - self._network.filter_share) * penalised + vote
+        best = int(np.argmax((1 - EXPECTED) * joined + EXPECTED * expected))
+        self._weigh(joined, boxes)
         return self._candidate(image, response, penalised, boxes, best)
 
     def _response(self, image: ImageArray, square: Square) -> tuple[Response, FloatArray]:
@@ -200,6 +214,11 @@ class ResponseParticles:
         places = centres(boxes)
         centre = np.clip(box_centre(box), 0, image.shape[1::-1])
         size = np.maximum(box[2:] - box[:2], LEAST_SIDE)
+        opinion = None
+        if self._filter is not None:
+            opinion = self._filter.opinion(image, centre, self._size)
+            if opinion.agrees:
+                centre, size = self._filter.box_between(centre, size)
         apart = (np.abs(places - centre) > 0.6 * self._size).any(axis=-1)
         score = float(penalised.ravel()[cell])
         rate = SIZE_RATE * score
@@ -213,15 +232,17 @@ class ResponseParticles:
             float(np.linalg.norm(self._particles[:, :2] - centre, axis=1).mean()) / self._side,
             max(float(here @ kept) for kept in (self._first_look, *self._looks)),
             max(float(here @ kept) for kept in (*self._surroundings, *self._rivals)),
+            1.0 if opinion is None else opinion.response,
+            1.0 if opinion is None else opinion.colours,
         )
         rival = places.reshape(-1, 2)[second] if elsewhere.ravel()[second] > RIVAL else None
-        return Candidate(centre, size, score, template, signs.row(), rival)
+        return Candidate(centre, size, score, template, signs.row(), opinion, rival)
 
     def _chance(self, candidate: Candidate) -> float:
         """How likely the candidate is the target, after the frames before."""
         means = candidate.signs if self._means is None else self._means + RATE * (candidate.signs - self._means)
         self._means = means
-        return probability(candidate.signs, means)
+        return self._weights.probability(candidate.signs, means)
 
     def _go_on(self, image: ImageArray, candidate: Candidate, chance: float) -> None:
         """Take the candidate for the target, and learn its look where it is certain."""
@@ -230,6 +251,8 @@ class ResponseParticles:
         extent = np.array(image.shape[1::-1], dtype=np.float64)
         self._velocity = (self._velocity + candidate.centre - self._centre) / 2
         self._centre = candidate.centre
+        if self._filter is not None and candidate.opinion is not None:
+            self._filter.learn(image, candidate.opinion, chance >= CERTAIN)
         rate = SIZE_RATE * candidate.decisive
         self._size = np.clip(self._size + rate * (candidate.size - self._size), LEAST_SIDE, extent)
         self._doubted = self._doubted + 1 if chance < TRACKED else 0

@@ -13,7 +13,7 @@ from tests.tracking.single.moving_texture import clip, overlaps, run, walk
 from tests.tracking.single.tiny_siamese import LAYOUTS, nanotrack
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.formats.single import find_single_sequences
-from tsuiseki.tracking.single.on_target import look, probability
+from tsuiseki.tracking.single.on_target import OTHERS, OWN, Weights, look, weights_of
 from tsuiseki.tracking.single.response_particles import PARTICLES, ResponseParticles
 from tsuiseki.tracking.single.settings import SingleChoice
 from tsuiseki.tracking.single.siamese import SiameseNetwork, open_network
@@ -113,11 +113,17 @@ def test_a_look_is_a_unit_vector_of_the_middle() -> None:
     assert (look(np.zeros_like(template)) == 0).all()
 
 
-def test_the_probability_rises_with_score_and_likeness() -> None:
-    on, off = np.array([8.0, -4, 0.1, 0.9, 0.3]), np.array([1.0, 0.5, 0.3, 0.3, 0.5])
-    assert probability(on, on) > 0.9
-    assert probability(off, off) < 0.1
-    assert probability(off, off) < probability(on, off) < probability(on, on)
+@pytest.mark.parametrize("weights", [OWN, OTHERS])
+def test_the_probability_rises_with_score_and_likeness(weights: Weights) -> None:
+    on, off = np.array([8.0, -4, 0.1, 0.9, 0.3, 1.0, 1.0]), np.array([-4.0, 0.5, 0.3, 0.3, 0.5, 0.5, 0.7])
+    assert weights.probability(on, on) > 0.9
+    assert weights.probability(off, off) < 0.1
+    assert weights.probability(off, off) < weights.probability(on, off) < weights.probability(on, on)
+
+
+@pytest.mark.parametrize(("layout", "weights"), [("own", OWN), ("nanotrack", OTHERS)])
+def test_a_kind_of_network_has_its_weights(layout: str, weights: Weights, tmp_path: Path) -> None:
+    assert weights_of(open_network(LAYOUTS[layout](tmp_path))) is weights
 
 
 @pytest.mark.slow
