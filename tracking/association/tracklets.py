@@ -19,9 +19,9 @@ from dataclasses import replace
 import numpy as np
 import scipy
 
-from tsuiseki.tracking.association.chain_motion import beliefs_along
+from tsuiseki.tracking.association.chain_motion import RUN_UP, Beliefs, MotionNoise, beliefs_along
 from tsuiseki.tracking.association.costs import cosine_distances, unit_means
-from tsuiseki.tracking.association.detection_tables import DetectionTable
+from tsuiseki.tracking.association.detection_tables import DetectionTable, Measurements
 from tsuiseki.tracking.association.evidence import LinkParts, link_evidence
 from tsuiseki.tracking.association.learnt_costs import CostNetwork
 from tsuiseki.tracking.association.link_cost import LinkCost
@@ -178,7 +178,7 @@ def join_parts(table: DetectionTable, labels: IntArray, appearance: FloatArray |
     """What it costs to join the ends of all tracks that may follow each other."""
     ends = Ends.of(labels)
     i, j = _in_time(table, ends, APPEARANCE_WINDOW if appearance is not None else JOIN_WINDOW)
-    past, future = beliefs_along(labels, table.measured, link.motion)
+    past, future = _beliefs_at_ends(labels, table.measured, link.motion)
     tails, heads = ends.last[i], ends.first[j]
     one_frame = 1 / table.frame_rate
     seconds = np.asarray((table.frames[heads] - table.frames[tails]) * one_frame, dtype=np.float64)
@@ -197,6 +197,21 @@ def join_parts(table: DetectionTable, labels: IntArray, appearance: FloatArray |
         unlike = link.appearance_cost(distance, averaged=True)
         cost = np.where(np.isnan(distance) & (seconds > JOIN_WINDOW), np.inf, cost + unlike)
     return LinkParts(tails, heads, past, future, seconds, distance, mismatch, hidden, cost, action)
+
+
+def _beliefs_at_ends(labels: IntArray, measured: Measurements, noise: MotionNoise) -> tuple[Beliefs, Beliefs]:
+    """`beliefs_along` within `RUN_UP` of the ends of tracks, and zeros elsewhere: all of a long video fill memory."""
+    used = np.flatnonzero(labels >= 0)
+    order = used[np.argsort(labels[used], kind="stable")]
+    track, place = labels[order], np.arange(len(order))
+    first, last = np.searchsorted(track, track), np.searchsorted(track, track, side="right") - 1
+    near = np.sort(order[np.minimum(place - first, last - place) <= RUN_UP])
+    count = len(labels)
+    past, future = (Beliefs(np.zeros((count, 4)), np.zeros((count, 4)), np.zeros((count, 3, 3))) for _ in range(2))
+    for beliefs, part in zip((past, future), beliefs_along(labels[near], measured.select(near), noise), strict=True):
+        beliefs.place[near], beliefs.velocity[near] = part.place, part.velocity
+        beliefs.covariance[near] = part.covariance
+    return past, future
 
 
 def evidence_of_joins(table: DetectionTable, labels: IntArray, parts: LinkParts, link: LinkCost) -> FloatArray:
