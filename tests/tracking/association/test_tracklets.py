@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from tsuiseki.tracking.association.tracklets import Tracklets, cheapest_matching
+from tsuiseki.tracking.association.chain_motion import MotionNoise, beliefs_along
+from tsuiseki.tracking.association.detection_tables import Measurements
+from tsuiseki.tracking.association.tracklets import Tracklets, _beliefs_at_ends, cheapest_matching
 
 
 def test_chains_in_parts_are_the_chains_at_once() -> None:
@@ -36,3 +38,18 @@ def test_the_cheapest_matching_is_that_of_all_matchings() -> None:
         before, after = cheapest_matching(i, j, table[i, j])
         assert len(set(before.tolist())) == len(before)
         np.testing.assert_allclose(table[before, after].sum(), best)
+
+
+def test_motion_at_the_ends_of_tracks_is_that_of_all_their_detections() -> None:
+    rng, count = np.random.default_rng(3), 600
+    labels = rng.integers(-1, 2, count)
+    places = np.cumsum(rng.normal(0, [1, 1, 0.01, 0.01], (count, 4)), axis=0)
+    seen = Measurements(np.arange(count) / 30, places, np.ones(count), np.zeros(count))
+    past, future = _beliefs_at_ends(labels, seen, MotionNoise())
+    all_past, all_future = beliefs_along(labels, seen, MotionNoise())
+    for track in (0, 1):
+        first, last = np.flatnonzero(labels == track)[[0, -1]]
+        for here, whole, end in ((past, all_past, last), (future, all_future, first)):
+            np.testing.assert_allclose(here.place[end], whole.place[end], atol=1e-4)
+            np.testing.assert_allclose(here.velocity[end], whole.velocity[end], atol=1e-3)
+            np.testing.assert_allclose(here.covariance[end], whole.covariance[end], rtol=1e-4)
