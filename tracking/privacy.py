@@ -12,7 +12,7 @@ writes it into the hidden video. `tsuiseki forget` deletes by it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict
 from datetime import UTC, date, datetime, timedelta
 from pathlib import Path
@@ -73,6 +73,12 @@ def metadata_of(facts: Mapping[str, Any]) -> dict[str, str]:
     """The record in the facts of a run as metadata of a video; nothing where there is none."""
     record = facts.get(PRIVACY, {})
     return {"comment": "; ".join(f"{name}: {value}" for name, value in record.items())} if record else {}
+
+
+def first_to_go(facts: Iterable[Mapping[str, Any]]) -> dict[str, Any]:
+    """Of several runs' facts the record of privacy whose days end first, as a fact; nothing where none has one."""
+    records = [of_run[PRIVACY] for of_run in facts if PRIVACY in of_run]
+    return {PRIVACY: min(records, key=lambda record: str(record.get("until", "")))} if records else {}
 
 
 def privacy_of(content: Any, where: str) -> Privacy:

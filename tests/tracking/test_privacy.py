@@ -94,6 +94,26 @@ def test_counts_have_the_record(asked: str, kept: Path, tmp_path: Path) -> None:
     assert "door &lt;east&gt;" in (out / "report.html").read_text()
 
 
+def test_linked_results_have_the_record_whose_days_end_first(kept: Path, tmp_path: Path) -> None:
+    shorter, bare = tmp_path / "results" / "shorter", tmp_path / "results" / "bare"
+    for number, folder in enumerate((shorter, bare), 1):
+        shutil.copytree(kept, folder)
+        tracks = (folder / "tracks.txt").read_text().splitlines()
+        (folder / "tracks.txt").write_text("\n".join(tracks[: -3 * number]) + "\n")
+        values = json.loads((folder / "run.json").read_text())
+        values["facts"]["privacy"] |= {"retention": 7, "until": (today() + timedelta(days=7)).isoformat()}
+        if folder == bare:
+            del values["facts"]["privacy"]
+        (folder / "run.json").write_text(json.dumps(values))
+    words = ["link", str(kept), str(shorter), str(bare), "--appearance", "none", "--out", str(tmp_path / "linked")]
+    assert main(words) == 0
+    assert json.loads((tmp_path / "linked/run.json").read_text())["facts"]["privacy"]["retention"] == 7
+    set_made(tmp_path / "linked", 8)
+    assert main(["forget", str(tmp_path)]) == 0
+    assert not list(tmp_path.glob("linked/*/tracks.txt"))
+    assert list(kept.glob("tracks.txt"))
+
+
 @pytest.mark.parametrize("name", ["hidden.webm", "hidden.mp4"])
 def test_the_hidden_video_has_the_record(name: str, kept: Path, tmp_path: Path) -> None:
     import av

@@ -23,7 +23,7 @@ from tsuiseki.tracking.linking.identities import identities, remembered
 from tsuiseki.tracking.linking.looks import described_tracks, mean_looks
 from tsuiseki.tracking.linking.transits import MARGIN, Passages, Transits, linked, people_of, standing_out
 from tsuiseki.tracking.people.tracks_of_source import boxes_of, frame_times, name_of, rates_of, tracked
-from tsuiseki.tracking.privacy import Days
+from tsuiseki.tracking.privacy import Days, first_to_go
 from tsuiseki.tracking.result import Result
 from tsuiseki.tracking.runs.options import Output
 from tsuiseki.tracking.types import FloatArray, IntArray, Track
@@ -231,6 +231,7 @@ def link_results(
     with output.run() as run:
         with run.times.measure("link"):
             common = link(results, starts, appearance, margin, fps, gallery, remember)
+        run.facts |= first_to_go(result.facts for result in common.results)
         for name, result in zip(common.names, common.results, strict=True):
             run.write(f"{name}/tracks.txt", write_tracks, result.tracks)
             run.results[name] = result.video_record()
