@@ -16,6 +16,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 from typing import Annotated, Any, TypeAlias
 
 import cv2
@@ -95,9 +96,7 @@ def polar_maps(
     # A particle behind the camera has NaN here, which remap must not see.
     visible = np.isfinite(spokes).all(axis=(1, 2))
     centre[~visible], spokes[~visible] = -1e4, 0.0
-    t = np.arange(settings.angles) * (2 * np.pi / settings.angles)
-    around = np.stack([np.ones_like(t), np.cos(t), np.sin(t)]).astype(np.float32)
-    shares = np.linspace(1 - settings.reach, 1 + settings.reach, settings.radii, dtype=np.float32)[:, None]
+    around, shares = _polar_grid(settings)
     columns, rows = (
         # Long rows, for the angles alone would be short ones.
         np.repeat(centre[:, axis].astype(np.float32), settings.angles)
@@ -142,6 +141,15 @@ def fetch(image: ImageArray, maps: PolarMaps) -> ImageArray:
     return np.asarray(parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1), dtype=np.uint8)
 
 
+@cache
+def _polar_grid(settings: ContourSettings) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """``(3, A)`` ones, cosines and sines of the angles, and ``(R, 1)`` the shares s of the radii."""
+    t = np.arange(settings.angles) * (2 * np.pi / settings.angles)
+    around = np.stack([np.ones_like(t), np.cos(t), np.sin(t)]).astype(np.float32)
+    return around, np.linspace(1 - settings.reach, 1 + settings.reach, settings.radii, dtype=np.float32)[:, None]
+
+
+@cache
 def _radial_weights(settings: ContourSettings) -> NDArray[np.float32]:
     """``(2, R - 1)``: the Gaussian around r0 at the middles between samples, and ones."""
     between = ((np.arange(settings.radii - 1) + 0.5) / (settings.radii - 1) * 2 - 1) * settings.reach
