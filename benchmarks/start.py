@@ -2,8 +2,9 @@
 
     python -m benchmarks.start SOURCE [--view auto] [--frames 1-200] [--repeat 3]
 
-Each turn has a process of its own, and the quietest counts. The first number holds the imports. ``page`` is what
-`Result.save` takes for the page, its plots and files, once in a fresh process, which imports matplotlib, and once more.
+Each turn has a process of its own with one thread, and the quietest counts. The first number holds the imports.
+``page`` is what `Result.save` takes for the page, its plots and files, once in a fresh process, which imports
+matplotlib, and once more.
 """
 
 from __future__ import annotations
@@ -43,9 +44,9 @@ def turn(source: str, view: str, frames: str) -> tuple[float, ...]:
     from tsuiseki.tracking.counts.page import with_page
 
     imported = time.process_time()
-    next(iter(follow_people(source, view=view)))
+    next(iter(follow_people(source, view=view, threads=1)))
     first = time.process_time()
-    result = with_page(track_people(source, view=view, frames=frames))
+    result = with_page(track_people(source, view=view, frames=frames, threads=1))
     spent = []
     with tempfile.TemporaryDirectory() as folder:
         for name in "ab":
