@@ -30,8 +30,6 @@ WALKS = 24
 FOLDS = 4
 # Share of the weight of frames on the target.
 ON_SHARE = 0.8
-# Of a frame.
-SIGNS = 7
 # Inverse strength of the penalty, on standardised signs.
 PENALTY = 0.03
 
@@ -93,13 +91,8 @@ def main() -> None:
         f"in {100 * np.concatenate(alarms).mean():.1f} % of those on it"
     )
     coefficients, offset = fitted(parts)
-    print(
-        "now",
-        coefficients[:SIGNS].round(2).tolist(),
-        "lasting",
-        coefficients[SIGNS:].round(2).tolist(),
-        round(offset, 2),
-    )
+    now, lasting = (part.round(2).tolist() for part in np.split(coefficients, 2))
+    print("now", now, "lasting", lasting, round(offset, 2))
 
 
 if __name__ == "__main__":

@@ -8,23 +8,20 @@ not, the filter moves to the network's place if it responds there nearly as much
 
 from __future__ import annotations
 
-from collections import deque
 from dataclasses import dataclass, replace
-from statistics import median
 
 import numpy as np
 
 from tsuiseki.tracking.single import regularised
+from tsuiseki.tracking.single.combined import Evidence
 from tsuiseki.tracking.single.regularised import Model, RegularisedSettings, RegularisedTarget
 from tsuiseki.tracking.single.tracker import box_centre
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
-# Frames of the running medians.
-MEMORY = 50
-# Frames after which the medians mean something.
-LEAST_MEMORY = 5
 # Standard deviation of the vote about the filter's place, sides of the target.
 REACH = 0.3
+# Distance of the places, in sides of the target, up to which both mean the same place.
+AGREED = 0.5
 # Share of the filter in a box on which both agree.
 SHARE = 0.5
 # Share of its response that the filter must have at the network's place to move there.
@@ -37,20 +34,15 @@ class Opinion:
 
     Attributes:
         target: as the filter has it there.
-        apart: distance of the place from the filter's own, in sides of the target, at most 2.
+        agrees: whether the place is the filter's own.
         response: of the filter there, over its running median, at most 2.
         colours: mean colour probability there, likewise.
     """
 
     target: RegularisedTarget
-    apart: float
+    agrees: bool
     response: float
     colours: float
-
-    @property
-    def agrees(self) -> bool:
-        """Whether the place is the filter's own."""
-        return self.apart < 0.5
 
 
 class FilterVote:
@@ -67,8 +59,7 @@ class FilterVote:
     def __init__(self, image: ImageArray, box: FloatArray) -> None:
         self._model = Model.of(RegularisedSettings(), *(box[2:] - box[:2]).tolist())
         self._target = self.located = regularised.start(self._model, image, box_centre(box))
-        self._responses: deque[float] = deque(maxlen=MEMORY)
-        self._colours: deque[float] = deque(maxlen=MEMORY)
+        self._evidence = Evidence()
 
     def locate(self, image: ImageArray) -> None:
         """Look for the target in the next frame."""
@@ -82,16 +73,16 @@ class FilterVote:
             side: of the target, pixels.
         """
         squares = ((places - self.located.centre) ** 2).sum(axis=-1) / (REACH * side) ** 2
-        return np.asarray(min(_share(self.located.peak, self._responses), 1.0) * np.exp(-0.5 * squares))
+        return np.asarray(min(self._evidence.shares(self.located)[0], 1.0) * np.exp(-0.5 * squares))
 
     def opinion(self, image: ImageArray, centre: FloatArray, size: FloatArray) -> Opinion:
         """What the filter says of a target of ``size`` ``(2,)`` at ``centre`` ``(2,)``."""
-        apart = float((np.abs(centre - self.located.centre) / size).max())
+        agrees = bool((np.abs(centre - self.located.centre) < AGREED * size).all())
         there = self.located
-        if apart >= 0.5:
+        if not agrees:
             there = regularised.locate(self._model, replace(self._target, centre=centre), image)
-        response, colours = _share(there.peak, self._responses), _share(there.colour_score, self._colours)
-        return Opinion(there, min(apart, 2.0), min(response, 2.0), min(colours, 2.0))
+        response, colours = self._evidence.shares(there)
+        return Opinion(there, agrees, min(response, 2.0), min(colours, 2.0))
 
     def box_between(self, centre: FloatArray, size: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Centre ``(2,)`` and size ``(2,)`` between those and the filter's, pixels."""
@@ -110,10 +101,4 @@ class FilterVote:
         there = opinion.target if opinion.agrees or moves else self.located
         self._target = regularised.update(self._model, there, image)
         if opinion.agrees:
-            self._responses.append(there.peak)
-            self._colours.append(there.colour_score)
-
-
-def _share(value: float, before: deque[float]) -> float:
-    """A value over the median of those before; 1 while they are few."""
-    return value / max(median(before), 1e-6) if len(before) >= LEAST_MEMORY else 1.0
+            self._evidence.add(there)

@@ -93,7 +93,7 @@ def test_the_noise_of_drawn_films_lies_in_its_intervals_and_follows_an_unseen_on
     # Were (7) a Gaussian density of four numbers, this were 2. Over 20,000 weighted poses it is 2.2.
     assert np.mean(far) == pytest.approx(2.2, abs=0.3)
     # Of 32 such films the intervals of the spread held it in 26, those of the widening in 30.
-    assert sum(held) >= 4
+    assert sum(held) >= 5
     unseen, places, _ = film(50)
     assert error(best, unseen, places) < error(choice(), unseen, places)
 
