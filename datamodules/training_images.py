@@ -185,6 +185,8 @@ def check_source(source: TrainingSource) -> None:
         )
     if source.boxes == "steady" and not source.sprites:
         raise RequestError(f"{where}: expected `sprites` with steady `boxes`, which are theirs, got none")
+    if source.scene == "lifeless":
+        raise RequestError(f"{where}: expected a scene with people, such as everyday, which has lifeless pictures, too")
     if not 0 <= source.sun <= 1:
         raise RequestError(f"{where}: expected `sun` as a share in [0, 1], got {source.sun}")
 

@@ -157,6 +157,13 @@ def test_steady_boxes_are_of_rendered_people(tmp_path: Path) -> None:
         DetectionData([source], [source], height=48, width=64)
 
 
+def test_a_source_without_people_is_refused_before_it_is_drawn(tmp_path: Path) -> None:
+    source = TrainingSource(str(tmp_path / "generated"), generate=1, scene="lifeless")
+    with pytest.raises(RequestError, match="expected a scene with people, such as everyday"):
+        DetectionData([source], [source], height=48, width=64)
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("scene", ["varied", "drone"])
 def test_pictures_in_the_sun_are_other_pictures_of_the_same_people(tmp_path: Path, scene: Any) -> None:
