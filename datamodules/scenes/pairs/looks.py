@@ -12,10 +12,12 @@ from typing import TypeAlias
 import cv2
 import numpy as np
 
+from tsuiseki.datamodules.scenes.pairs.in_the_round import from_some_sides, random_spread
 from tsuiseki.datamodules.scenes.pairs.textures import SIDE as TEXTURE_SIDE
 from tsuiseki.datamodules.scenes.pairs.textures import random_texture
 from tsuiseki.datamodules.scenes.people.gait import walking
 from tsuiseki.datamodules.scenes.people.person import random_person, render_person_sprite
+from tsuiseki.datamodules.scenes.people.poses import draw_pose, random_name
 from tsuiseki.datamodules.scenes.render.photographs import OPAQUE, Photographs
 from tsuiseki.datamodules.scenes.render.shading import random_light
 from tsuiseki.datamodules.scenes.render.solids import Float32
@@ -32,14 +34,20 @@ _TEXTURES = 64
 _MADE_UP = 256
 # People, likewise.
 _PEOPLE = 24
+# Things in the round, likewise.
+_ROUND = 40
 # Share of the looks that are people.
-_PEOPLE_SHARE = 0.2
+_PEOPLE_SHARE = 0.25
+# Share of them that are things in the round.
+_ROUND_SHARE = 0.15
 # Share of them that are cut-outs of pictures, where there are some; the others are made up.
-_THINGS_SHARE = 0.4
+_THINGS_SHARE = 0.35
 # Share of the textures that are photographs.
-_PHOTOGRAPHS = 0.35
-# Poses of a person who walks.
-_POSES = 3
+_PHOTOGRAPHS = 0.5
+# Poses of a person, and sides of a thing in the round.
+_POSES = 4
+# Share of the people who do not walk: they jump, fall, crouch, sit and so on.
+_ACTING = 0.4
 
 
 @dataclass(frozen=True)
@@ -86,6 +94,7 @@ class Wardrobe:
         self._textures: dict[int, ImageArray] = {}
         self._made_up: dict[int, Silhouette] = {}
         self._people: dict[int, Look] = {}
+        self._round: dict[int, Look] = {}
 
     def texture(self, rng: np.random.Generator) -> ImageArray:
         """One at random; a share of them photographs, where there are some."""
@@ -102,7 +111,9 @@ class Wardrobe:
         kind = rng.random()
         if kind < _PEOPLE_SHARE:
             return self._person(int(rng.integers(_PEOPLE)))
-        if kind < _PEOPLE_SHARE + _THINGS_SHARE and self.things:
+        if kind < _PEOPLE_SHARE + _ROUND_SHARE:
+            return self._in_the_round(int(rng.integers(_ROUND)))
+        if kind < _PEOPLE_SHARE + _ROUND_SHARE + _THINGS_SHARE and self.things:
             thing = self.things[int(rng.integers(len(self.things)))]
         else:
             thing = self._made(int(rng.integers(_MADE_UP)))
@@ -116,6 +127,11 @@ class Wardrobe:
         if index not in self._people:
             self._people[index] = walker(np.random.default_rng((*self.seed, 1, index)))
         return self._people[index]
+
+    def _in_the_round(self, index: int) -> Look:
+        if index not in self._round:
+            self._round[index] = turning(np.random.default_rng((*self.seed, 3, index)))
+        return self._round[index]
 
     def _made(self, index: int) -> Silhouette:
         if index not in self._made_up:
@@ -161,17 +177,25 @@ def cut_out(picture: ImageArray) -> ImageArray | None:
 
 
 def walker(rng: np.random.Generator) -> Look:
-    """A person in some poses of a walk."""
+    """A person in some poses, mostly of a walk."""
     person, light = random_person(rng), random_light(rng)
     heading, tilt, phase = float(rng.uniform(0, 2 * np.pi)), float(rng.uniform(0, 0.9)), float(rng.uniform(0, 1))
     poses = [walking(person.build, person.manner, phase + n / (2 * _POSES), 1.3) for n in range(_POSES)]
-    turns = heading + rng.normal(0, 0.25, _POSES)
+    if rng.random() < _ACTING:
+        poses = [draw_pose(int(rng.integers(2**31)), person.build, random_name(rng)) for _ in poses]
+    turns = heading + rng.normal(0, random_spread(rng), _POSES)
     drawn = [
         render_person_sprite(rng, 100, tilt, person, pose, float(turn), light)
         for pose, turn in zip(poses, turns, strict=True)
     ]
     views = tuple(outlined(view) for sprite in drawn if (view := cut_out(sprite)) is not None)
     return views or walker(rng)
+
+
+def turning(rng: np.random.Generator) -> Look:
+    """A thing in the round from some sides."""
+    views = tuple(outlined(cut) for view in from_some_sides(rng, _POSES, SIDE) if (cut := cut_out(view)) is not None)
+    return views or turning(rng)
 
 
 def make_up(rng: np.random.Generator, texture: Callable[[np.random.Generator], ImageArray]) -> ImageArray:

@@ -236,7 +236,7 @@ class _Camera:
         self.noise = float(rng.uniform(0, 10)) if rng.random() < 0.5 else 0.0
         self.quality = int(rng.integers(30, 95)) if rng.random() < 0.35 else 0
         # How many pixels of the picture one of the camera's pixels covers; most targets are small.
-        self.coarse = float(np.exp(rng.uniform(0, np.log(4)))) if rng.random() < 0.5 else 1.0
+        self.coarse = float(np.exp(rng.uniform(0, np.log(7)))) if rng.random() < 0.6 else 1.0
 
 
 def _filmed(rng: np.random.Generator, picture: Float32, camera: _Camera) -> ImageArray:

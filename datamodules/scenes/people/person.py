@@ -13,10 +13,10 @@ import numpy as np
 from tsuiseki.datamodules.scenes.people.gait import Manner, random_manner, standing, walking
 from tsuiseki.datamodules.scenes.people.outfit import Outfit, random_build, similar_outfit
 from tsuiseki.datamodules.scenes.people.posture import Build, PersonSkeleton, Pose
-from tsuiseki.datamodules.scenes.render.composing import Thing
-from tsuiseki.datamodules.scenes.render.shading import NOISE, NOISE_SIZE, Light, random_light, shade
+from tsuiseki.datamodules.scenes.render.composing import Thing, drawn_alone
+from tsuiseki.datamodules.scenes.render.shading import NOISE, NOISE_SIZE, Light, random_light
 from tsuiseki.datamodules.scenes.render.solids import UP, Colour, Detail, Float32, Pair, Parts, Pattern, Surface
-from tsuiseki.datamodules.scenes.render.tracing import overlap, tight, trace
+from tsuiseki.datamodules.scenes.render.tracing import overlap
 from tsuiseki.tracking.cameras.projective import PinholeCamera
 from tsuiseki.tracking.types import FloatArray, ImageArray
 
@@ -229,22 +229,8 @@ def render_person_sprite(
     heading = float(rng.uniform(0, 2 * math.pi)) if heading is None else heading
     light = random_light(rng) if light is None else light
     camera = view_from(tilt, height_px, person.build.height, float(rng.uniform(5, 30)))
-    samples = int(np.clip(round(170 / height_px), 2, 5))
     thing = person_thing(person, pose, np.zeros(2), heading)
-    layer = trace(thing.solids, camera, samples)
-    assert layer is not None  # the camera looks at the person
-    box = tight(layer.mask) + np.array([layer.left, layer.top] * 2)
-    (x1, y1), (x2, y2) = box[:2] // samples, (box[2:] - 1) // samples + 1
-    fine = np.zeros(((y2 - y1) * samples, (x2 - x1) * samples, 4), dtype=np.float32)
-    rows, columns = np.nonzero(layer.mask)
-    y, x = rows + layer.top - y1 * samples, columns + layer.left - x1 * samples
-    fine[y, x, :3] = shade(layer, layer.mask, thing.solids, camera, samples, light, person.outfit)
-    fine[y, x, 3] = 1
-    # Linear colour times coverage, and coverage, by pixels.
-    drawn = fine.reshape(y2 - y1, samples, x2 - x1, samples, 4).mean(axis=(1, 3))
-    alpha = drawn[..., 3:]
-    colour = np.sqrt(np.clip(drawn[..., :3] / np.maximum(alpha, 1e-6), 0, 1))
-    return np.asarray(np.concatenate([colour, alpha], axis=-1) * 255 + 0.5).astype(np.uint8)
+    return drawn_alone(thing, camera, int(np.clip(round(170 / height_px), 2, 5)), light)
 
 
 def random_identities(rng: np.random.Generator, count: int, look_alikes: float) -> list[Person]:

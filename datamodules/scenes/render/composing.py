@@ -43,6 +43,29 @@ class Thing:
         return shade(layer, visible, self.solids, camera, samples, light, self.outfit)
 
 
+def drawn_alone(thing: Thing, camera: RayCamera, samples: int, light: Light) -> ImageArray:
+    """The thing cut out: ``(h, w, 4)`` uint8 RGBA, straight alpha, soft edges; ``samples`` rays a side of a pixel.
+
+    Raises:
+        ValueError: the camera does not see it.
+    """
+    layer = tracing.trace(thing.solids, camera, samples)
+    if layer is None:
+        raise ValueError("expected a thing before the camera, got one that it does not see")
+    box = tracing.tight(layer.mask) + np.array([layer.left, layer.top] * 2)
+    (x1, y1), (x2, y2) = box[:2] // samples, (box[2:] - 1) // samples + 1
+    fine = np.zeros(((y2 - y1) * samples, (x2 - x1) * samples, 4), dtype=np.float32)
+    rows, columns = np.nonzero(layer.mask)
+    y, x = rows + layer.top - y1 * samples, columns + layer.left - x1 * samples
+    fine[y, x, :3] = shade(layer, layer.mask, thing.solids, camera, samples, light, thing.outfit)
+    fine[y, x, 3] = 1
+    # Linear colour times coverage, and coverage, by pixels.
+    drawn = fine.reshape(y2 - y1, samples, x2 - x1, samples, 4).mean(axis=(1, 3))
+    alpha = drawn[..., 3:]
+    colour = np.sqrt(np.clip(drawn[..., :3] / np.maximum(alpha, 1e-6), 0, 1))
+    return np.asarray(np.concatenate([colour, alpha], axis=-1) * 255 + 0.5).astype(np.uint8)
+
+
 @dataclass(frozen=True)
 class Sighting:
     """What the picture shows of one thing.
