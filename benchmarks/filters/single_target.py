@@ -28,7 +28,7 @@ from tsuiseki.tracking.geometry import xywh_from_corners
 from tsuiseki.tracking.single import kcf
 from tsuiseki.tracking.single.kcf import KcfTracker
 from tsuiseki.tracking.single.kcf_particle import PRINTED, ROBUST, KcfParticle
-from tsuiseki.tracking.single.settings import SingleChoice
+from tsuiseki.tracking.single.settings import NONE, SingleChoice
 from tsuiseki.tracking.single.tracker import SingleTracker
 from tsuiseki.tracking.types import ImageArray
 from tsuiseki.tracking.video.image_folder import read_image
@@ -41,8 +41,8 @@ OURS: dict[str, Callable[[], SingleTracker]] = {
     "kcf-particle printed": lambda: KcfParticle(PRINTED),
     "kcf-particle robust fixed": lambda: KcfParticle(replace(ROBUST, kcf=kcf.THESIS)),
     "kcf-particle robust": lambda: KcfParticle(ROBUST),
-    "combined fixed": lambda: SingleChoice("combined", scale=False).tracker(),
-    "combined": lambda: SingleChoice("combined").tracker(),
+    "combined fixed": lambda: SingleChoice("combined", NONE, scale=False).tracker(),
+    "combined": lambda: SingleChoice("combined", NONE).tracker(),
 }
 BASES = {
     "kcf-particle thesis": "KCF fixed",

@@ -31,7 +31,7 @@ from tsuiseki.datamodules.tracker import TrackerData
 from tsuiseki.tracking.evaluation.success_curves import SequenceScores, evaluate_boxes
 from tsuiseki.tracking.formats.single import find_single_sequences
 from tsuiseki.tracking.geometry import corners_from_xywh, xywh_from_corners
-from tsuiseki.tracking.single.settings import SingleChoice
+from tsuiseki.tracking.single.settings import NONE, SingleChoice
 from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.tracker import Tracker
@@ -93,7 +93,7 @@ def exported(work: Path) -> list[Path]:
     """The two files of a finished training in ``work``, in the order of `BEST`."""
     command([
         "export", "tracker", "--checkpoint", str(work / "checkpoints" / "last.ckpt"), "--float16",
-        "--out", str(work / "tracker.onnx"), "--training-data", "generated pairs",
+        "--out", str(work / "tracker.onnx"), "--training-data", "generated pairs, with freely usable pictures in them",
     ])  # fmt: skip
     return [work / best.name for best in BEST]
 
@@ -164,7 +164,7 @@ def table(data: Path, files: Sequence[Path]) -> str:
     nano = [peer / f"nanotrack_{part}_sim.onnx" for part in ("backbone", "head")]
     trackers: dict[str, Follow] = {
         "ours": network(files),
-        "combined": ours(SingleChoice("combined")),
+        "combined": ours(SingleChoice("combined", NONE)),
         "cv2.TrackerNano": partial(opencv_nano, files=nano),
     }
     clips, rows = real_clips(data), list[list[SequenceScores]]()

@@ -3,9 +3,9 @@
     python -m benchmarks.single.networks ../shared/data/peers/nanotrackv2/*.onnx --data ../shared/data \
         --peer /path/to/venv/bin/python
 
-Real clips are all of sot/. Generated ones are `benchmarks.single.disappearances` of seeds that taught nothing. Peers
-are OpenCV's TrackerNano, here, and CSRT, KCF and MIL of the environment of `--peer`, which holds
-`opencv-contrib-python-headless`. Intervals are 95 %, over clips.
+Real clips are all of sot/; people of PETS and MOT17-13 are apart from them. Generated ones are
+`benchmarks.single.disappearances` of seeds that taught nothing. Peers are OpenCV's TrackerNano, here, and CSRT, KCF and
+MIL of the environment of `--peer`, which holds `opencv-contrib-python-headless`. Intervals are 95 %, over clips.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ import numpy as np
 
 from benchmarks.papers.tables import bootstrap
 from benchmarks.single.disappearances import KINDS, drawn
+from benchmarks.single.people import people_clips
 from tsuiseki.tracking.evaluation.success_curves import SequenceScores, evaluate_boxes
 from tsuiseki.tracking.formats.single import find_single_sequences
 from tsuiseki.tracking.geometry import corners_from_xywh, iou_pairs
-from tsuiseki.tracking.single.settings import SingleChoice
+from tsuiseki.tracking.single.settings import NONE, SingleChoice
 from tsuiseki.tracking.single.tracker import SingleTracker
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
 from tsuiseki.tracking.video.image_folder import read_image
@@ -163,7 +164,7 @@ def real_part(files: Sequence[Path], data: Path, python: str | None) -> None:
         entries = {
             "combined": followed(SingleChoice(network=tuple(files)).tracker(), images, boxes[0]),
             "siamese": followed(SingleChoice("siamese", network=tuple(files)).tracker(), images, boxes[0]),
-            "no network": followed(SingleChoice().tracker(), images, boxes[0]),
+            "no network": followed(SingleChoice(network=NONE).tracker(), images, boxes[0]),
         }
         if len(files) == 2 and hasattr(cv2, "TrackerNano_create") and "backbone" in files[0].name:
             entries["OpenCV Nano"] = opencv_nano(files, images, boxes[0])
@@ -183,6 +184,32 @@ def real_part(files: Sequence[Path], data: Path, python: str | None) -> None:
             f"{np.mean([run.milliseconds for run in of]):7.2f}   {(areas - base).mean():+.1f} [{low:+.1f}, {high:+.1f}]"
         )
     print(status_line("combined, real clips", runs["combined"], truths))
+
+
+def people_part(files: Sequence[Path], data: Path) -> None:
+    """Areas on people, with and without the network, and the status."""
+    clips = list(people_clips(data))
+    if not clips:
+        print("no people: the data lacks mot/")
+        return
+    choices = {"combined": SingleChoice(network=tuple(files)), "no network": SingleChoice(network=NONE)}
+    runs = {
+        entry: [followed(choice.tracker(), clip.images, clip.boxes[0]) for clip in clips]
+        for entry, choice in choices.items()
+    }
+    areas = {
+        entry: np.array([100 * _area(run, clip.boxes) for run, clip in zip(of, clips, strict=True)])
+        for entry, of in runs.items()
+    }
+    names = np.array([clip.name.rsplit(" ", 1)[0] for clip in clips])
+    for name in np.unique(names).tolist():
+        part = names == name
+        mean, low, high = bootstrap((areas["combined"] - areas["no network"])[part])
+        means = ", ".join(f"{entry} {values[part].mean():.1f}" for entry, values in areas.items())
+        print(f"{part.sum()} people of {name}: {means}; gain {mean:+.1f} [{low:+.1f}, {high:+.1f}]")
+    truths = [(clip.boxes, clip.visible) for clip in clips]
+    for entry, of in runs.items():
+        print(status_line(f"{entry}, people", of, truths))
 
 
 def generated_part(files: Sequence[Path], first: int, last: int) -> None:
@@ -216,6 +243,7 @@ def main() -> None:
     arguments = parser.parse_args()
     cv2.setNumThreads(1)
     real_part(arguments.network, arguments.data, arguments.peer)
+    people_part(arguments.network, arguments.data)
     generated_part(arguments.network, *arguments.seeds)
 
 

@@ -61,7 +61,8 @@ def follow_single(
             that particles help when the target is hidden; ``siamese`` is the plain loop about a ``network``; ``kcf`` is
             a plain filter, and faster; ``kcf-particle`` is the thesis's way of joining filter and particles; or a
             tracker of one target.
-        network: ONNX files of a tracker, for ``combined`` and ``siamese``; see `open_network`.
+        network: ONNX files of a tracker, for ``combined`` and ``siamese``; see `open_network`. By default the shipped
+            ones; ``("none",)`` leaves ``combined`` to its filter.
         preset: constants of ``kcf`` and ``kcf-particle``: ``robust`` is ours; ``thesis``, ``paper`` (both ``kcf`` only)
             and ``printed`` (``kcf-particle`` only: to the letter) are the published ones.
         frames: these only, counted from 1 with both ends, such as ``"301-400"``.
@@ -99,7 +100,12 @@ def track_single(
     tracker, times = _tracker(method, network, preset, seed), StageTimes()
     followed = follow_target(opened.frames(), first_box, tracker, times)
     name = method if isinstance(method, str) else type(method).__name__
-    return single_result(opened, followed, times, {"method": name, "source": named(source), "seed": seed})
+    return single_result(
+        opened,
+        followed,
+        times,
+        {"method": name, "network": [*map(str, network)], "source": named(source), "seed": seed},
+    )
 
 
 def _tracker(

@@ -51,7 +51,9 @@ SingleMethod = Literal[
 METHODS: tuple[SingleMethod, ...] = get_args(SingleMethod)
 SinglePreset = Literal["robust", "thesis", "printed", "paper"]
 SIZED = ("combined", "regularised", "kcf-particle", "kcf")
-"""Methods that can try other sizes."""
+"""Methods that can try other sizes; combined without a network."""
+NONE = (Path("none"),)
+"""As a network: none."""
 PLAIN: dict[SingleMethod, Callable[[int], SingleTracker]] = {
     "csk": lambda _: kcf.KcfTracker(kcf.CSK),
     "mosse": Mosse,
@@ -80,7 +82,8 @@ class SingleChoice(Options):
             filter with colours and sizes that particles challenge where it is in doubt; siamese is the plain loop about
             a `network`; regularised is the filter of combined alone; kcf is a plain filter, and faster; kcf-particle
             joins kcf and particles as the thesis does; the others are simpler and are there to compare with.
-        network: ONNX files of a tracker: NanoTrack's backbone and head, VitTrack's one file, or both of this toolkit's.
+        network: ONNX files of a tracker: NanoTrack's backbone and head, VitTrack's one file, or both of this toolkit's;
+            by default the shipped ones. none leaves combined to its filter.
         preset: constants of kcf and kcf-particle. robust is ours; thesis, paper (both kcf only) and printed
             (kcf-particle only: the thesis to the letter) are the published ones.
         scale: whether combined, regularised, kcf and kcf-particle also try other sizes; by default the first two
@@ -106,10 +109,10 @@ class SingleChoice(Options):
             raise RequestError(f"`preset` {preset}: expected with the method {taker}, got {method}")
         if self.network and method not in ("combined", "siamese"):
             raise RequestError(f"`network`: expected with `method` combined or siamese, got {method}")
-        if method == "siamese" and not self.network:
+        if method == "siamese" and self.network == NONE:
             raise RequestError("`network`: expected the files of a network with `method` siamese, got none")
-        if self.network and self.scale is not None:
-            raise RequestError("`scale`: expected without `network`, which gives the size itself, got both")
+        if method == "combined" and self.network != NONE and self.scale is not None:
+            raise RequestError("`scale`: expected with `network` none, for a network gives the size itself")
         if self.objectness is not None and method != "kcf-particle":
             raise RequestError(f"`objectness`: expected with `method` kcf-particle only, got {method}")
         if self.noise is not None and method != "kalman":
@@ -126,12 +129,11 @@ class SingleChoice(Options):
 
     def _follower(self, seed: int) -> SingleTracker:
         regularised = RegularisedSettings(sizes=1) if self.scale is False else RegularisedSettings()
-        if self.method == "combined" and self.network:
-            return ResponseParticles(open_network(self.network), seed)
-        if self.method == "combined":
+        if self.method == "combined" and self.network == NONE:
             return Combined(CombinedSettings(regularised), seed)
-        if self.method == "siamese":
-            return SiameseLoop(open_network(self.network))
+        if self.method in ("combined", "siamese"):
+            network = open_network(self.network or [shipped("tracker_template"), shipped("tracker_search")])
+            return ResponseParticles(network, seed) if self.method == "combined" else SiameseLoop(network)
         if self.method == "regularised":
             return RegularisedTracker(regularised)
         if self.method == "kcf":

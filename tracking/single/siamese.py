@@ -92,7 +92,8 @@ class Square:
         """``(pixels, pixels, 3)`` this part of ``(H, W, 3)``; what is outside has the image's mean colour."""
         height, width = image.shape[:2]
         right, bottom = self.left + self.side, self.top + self.side
-        x1, y1, x2, y2 = max(self.left, 0), max(self.top, 0), min(right, width), min(bottom, height)
+        x1, x2 = (min(max(x, 0), width) for x in (self.left, right))
+        y1, y2 = (min(max(y, 0), height) for y in (self.top, bottom))
         part = image[y1:y2, x1:x2]
         if part.shape[:2] != (self.side, self.side):
             whole = np.empty((self.side, self.side, 3), dtype=np.uint8)

@@ -1,4 +1,4 @@
-"""The models that ship with the toolkit: small ONNX files and tables, learnt from generated people only."""
+"""The models that ship with the toolkit: small ONNX files and tables, learnt from generated and free pictures."""
 
 from __future__ import annotations
 

@@ -5,7 +5,8 @@ import pytest
 
 from tsuiseki.tracking.single import witness
 from tsuiseki.tracking.single.combined import Combined
-from tsuiseki.tracking.single.settings import SingleChoice
+from tsuiseki.tracking.single.response_particles import ResponseParticles
+from tsuiseki.tracking.single.settings import NONE, SingleChoice
 from tsuiseki.tracking.single.tracker import TargetState
 from tsuiseki.tracking.single.witness import Recognised
 
@@ -73,5 +74,6 @@ def test_of_what_is_not_upright_the_network_is_not_asked():
 
 
 def test_combined_has_a_witness_of_its_own():
-    assert isinstance(SingleChoice(recognise=True).tracker(), Combined)
+    assert isinstance(SingleChoice(network=NONE, recognise=True).tracker(), Combined)
+    assert isinstance(SingleChoice(recognise=True).tracker(), ResponseParticles)
     assert isinstance(SingleChoice(method="kcf", recognise=True).tracker(), Recognised)

@@ -14,7 +14,7 @@ from tests.tracking.single.moving_texture import clip, overlaps, run, walk
 from tests.tracking.single.tiny_siamese import LAYOUTS, nanotrack, own
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.formats.single import find_single_sequences
-from tsuiseki.tracking.single.settings import SingleChoice
+from tsuiseki.tracking.single.settings import NONE, SingleChoice
 from tsuiseki.tracking.single.siamese import Square, open_network
 from tsuiseki.tracking.video.image_folder import read_image
 
@@ -81,6 +81,14 @@ def test_the_plain_loop_has_the_boxes_of_opencv(data_folder: Path, name: str) ->
     np.testing.assert_array_equal(ours, np.concatenate([theirs[:, :2], theirs[:, :2] + theirs[:, 2:]], axis=1))
 
 
+@pytest.mark.parametrize("left", [-40, 40])
+@pytest.mark.parametrize("top", [-40, 40])
+def test_a_square_outside_the_image_shows_its_mean_colour(left: int, top: int) -> None:
+    image = np.zeros((20, 30, 3), dtype=np.uint8)
+    image[:10] = 100
+    np.testing.assert_array_equal(Square(left, top, 12).crop(image, 8), np.full((8, 8, 3), 50))
+
+
 def test_files_of_no_layout_are_refused(tmp_path: Path) -> None:
     detector = tmp_path / "detector.onnx"
     save_constant(detector, {"output": np.zeros((1, 5, 6), dtype=np.float32)})
@@ -102,6 +110,7 @@ def test_files_belong_to_a_method_that_takes_them(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="`network`: expected with `method` combined or siamese, got kcf"):
         SingleChoice("kcf", network=file)
     with pytest.raises(ValueError, match="`network`: expected the files of a network"):
-        SingleChoice("siamese")
-    with pytest.raises(ValueError, match="`scale`: expected without `network`"):
-        SingleChoice(network=file, scale=True)
+        SingleChoice("siamese", network=NONE)
+    for network in ((), file):
+        with pytest.raises(ValueError, match="`scale`: expected with `network` none"):
+            SingleChoice(network=network, scale=True)

@@ -27,7 +27,6 @@ def test_track_and_evaluate(labelled_square, tmp_path, capsys):
     record = json.loads((out / "run.json").read_text())
     assert record["frames"]["frame"] == list(range(1, 9))
     assert len(record["frames"]["score"]) == len(record["frames"]["status"]) == 8
-    assert record["facts"]["constants"]["doubt"] == 0.6
     capsys.readouterr()
     scores = tmp_path / "scores.json"
     curves = tmp_path / "curves.png"
