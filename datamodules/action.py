@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import shutil
 import sys
 import tempfile
+import weakref
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -207,7 +209,7 @@ class ActionData(NetworkData):
         self.rarity = rarity
         self.clips: dict[str, list[ActionSequence]] = {}
         self.cache = None if cache is None else Path(cache)
-        self._temporary: tempfile.TemporaryDirectory[str] | None = None
+        self._temporary: Path | None = None
 
     @property
     def _inputs(self) -> Mapping[StreamName, ActionInput]:
@@ -280,8 +282,9 @@ class ActionData(NetworkData):
         if self.cache is not None:
             return self.cache / clip.name
         if self._temporary is None:
-            self._temporary = tempfile.TemporaryDirectory(prefix="tsuiseki-actions-")
-        return Path(self._temporary.name) / clip.name
+            self._temporary = Path(tempfile.mkdtemp(prefix="tsuiseki-actions-"))
+            weakref.finalize(self, shutil.rmtree, self._temporary, ignore_errors=True)
+        return self._temporary / clip.name
 
     def train_dataloader(self) -> DataLoader[ActionBatch]:
         """Batches drawn at random."""

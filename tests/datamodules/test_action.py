@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
@@ -50,6 +52,19 @@ def test_clips_are_cut_once_and_anew_when_the_settings_change(acting_clips: Path
     assert (folder / "rows.npz").stat().st_mtime_ns != first
     (clip, _) = action_sequences(acting_clips / "train")
     assert not has_crops(folder, clip, SETTINGS)
+
+
+def test_crops_without_a_cache_are_gone_with_their_data_in_silence(acting_clips: Path) -> None:
+    data = ActionData([acting_clips / "train"], [acting_clips / "validation"], cutting=SETTINGS)
+    data.prepare_data()
+    folder = data._temporary
+    assert folder is not None
+    assert (folder / "train-0" / "rows.npz").is_file()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        del data
+        gc.collect()
+    assert not folder.exists()
 
 
 def test_clips_without_people_are_left_out_by_name(

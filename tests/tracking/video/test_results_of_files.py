@@ -125,7 +125,7 @@ def test_another_video_file_of_the_same_size_is_said(place, taker):
         takers(place)[taker](other)
 
 
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error::tsuiseki.tracking.errors.InputWarning")
 @pytest.mark.parametrize("taker", TAKERS)
 def test_the_video_file_of_the_result_is_taken_in_silence_wherever_it_lies(place, taker):
     moved = shutil.copy2(place / "clip.webm", place / "moved.webm")
@@ -232,7 +232,7 @@ def test_a_number_of_a_stream_belongs_to_an_address_and_not_to_a_file(place, mon
     assert absolute("") == ""
 
 
-@pytest.mark.filterwarnings("error")
+@pytest.mark.filterwarnings("error::tsuiseki.tracking.errors.InputWarning")
 def test_a_result_of_a_chosen_stream_finds_its_video_again(place, monkeypatch):
     monkeypatch.chdir(place)
     found = [np.array([[10 + 4 * n, 40, 26 + 4 * n, 80, 0.9]]) for n in range(FRAMES)]
