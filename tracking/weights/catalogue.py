@@ -285,12 +285,15 @@ CATALOGUE: tuple[CatalogueModel, ...] = (
     CatalogueModel(
         "person-reidentification-retail-0288",
         "appearance",
-        "Open Model Zoo 2023.0",
-        f"{_OPEN_MODEL_ZOO}/2023.0/models_bin/1/person-reidentification-retail-0288/FP32/"
+        "Open Model Zoo 2021.4",
+        f"{_OPEN_MODEL_ZOO}/2021.4/models_bin/3/person-reidentification-retail-0288/FP32/"
         "person-reidentification-retail-0288.xml",
         "Apache-2.0",
         "people that the project does not name; it measures on Market-1501, which is for research only",
+        "59652440ca5c2dc67a20abfeb66b5e2497644c4f463ea5a9079b36f5bce021f6",
+        1_299_753,
         options={"colour": "BGR", "pixels": "bytes", "mean": (0.0, 0.0, 0.0), "std": (1.0, 1.0, 1.0)},
+        weights_sha256="af7c8cfd585292ca319e8828b8e6bcfa4ccde415b2049a080158ae6013cce648",
         ending=".xml",
     ),
     CatalogueModel(
