@@ -58,7 +58,7 @@ def test_the_page_of_a_result_has_crops_paths_and_numbers_beside_it(tmp_path, vi
     assert [middle[2] > 200 and middle[0] < 60 for middle in middles] == [True] * 3 + [False] * 9
     linked = set(re.findall(r'href="(report/[^"]+)"', page))
     assert linked == {path.relative_to(out).as_posix() for path in (out / "report").iterdir()}
-    rows = list(csv.DictReader((out / "report/people.csv").open()))
+    rows = list(csv.DictReader((out / "report/people.csv").read_text().splitlines()))
     assert (rows[0]["id"], rows[0]["first"], rows[0]["last"]) == ("1", "0.0", "2.9")
     assert float(rows[0]["path"]) == pytest.approx(290, abs=15)
     assert json.loads((out / "run.json").read_text())["files"]

@@ -121,7 +121,7 @@ def test_the_commands_add_list_recognise_and_remove(tmp_path: Path, capsys: pyte
     assert listed[1].endswith("signed on paper")
     out = tmp_path / "out"
     assert main(["link", str(monday), "--gallery", str(gallery), "--remember", "7", "--out", str(out)]) == 0
-    rows = list(csv.reader((out / "people.csv").open()))
+    rows = list(csv.reader((out / "people.csv").read_text().splitlines()))
     assert rows[0] == ["id", "name", "probability"]
     assert len(rows) == 7
     assert len(read_gallery(gallery).people) > 1
