@@ -232,9 +232,12 @@ def _cut_off(boxes: FloatArray, tiles: IntArray, frame: IntArray) -> BoolArray:
 
 
 def _covered_by_other_tile(boxes: FloatArray, scores: FloatArray, cut: BoolArray, owner: IntArray) -> BoolArray:
-    """``(N,)`` cut-off boxes that a box of another tile covers: a whole one, or a larger one that is cut off, too."""
+    """``(N,)`` cut-off boxes that a box of another tile covers: a whole one, or a larger one that is cut off, too.
+
+    The score of that is at least half of theirs.
+    """
     size = areas(boxes)
     covered = intersections(boxes[:, None], boxes[None]) >= _COVERED * size[:, None]
-    uncut = ~cut[None] & (scores[None] >= 0.5 * scores[:, None])
-    larger = cut[None] & (size[None] > size[:, None])
-    return np.asarray(cut & (covered & (uncut | larger) & (owner[:, None] != owner[None])).any(axis=1))
+    more = ~cut[None] | (size[None] > size[:, None])
+    scored = scores[None] >= 0.5 * scores[:, None]
+    return np.asarray(cut & (covered & more & scored & (owner[:, None] != owner[None])).any(axis=1))

@@ -10,7 +10,7 @@ import pytest
 
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.streaming import stream
-from tsuiseki.tracking.features.tiles import TiledDetector, busy_tiles, parse_view, view_of
+from tsuiseki.tracking.features.tiles import TiledDetector, busy_tiles, merge, parse_view, view_of
 from tsuiseki.tracking.features.view_choice import ViewedDetector, choose_view
 from tsuiseki.tracking.types import Detections, Frame
 
@@ -94,6 +94,15 @@ def test_people_anywhere_are_found_once_and_whole(columns):
     found = detector.detect([image])[0]
     expected = np.array(sorted([*boxes[:-4], large]), dtype=float)
     np.testing.assert_allclose(found.boxes[np.lexsort(found.boxes.T[::-1])], expected)
+
+
+@pytest.mark.parametrize(("score", "kept"), [(0.1, [0.9, 0.1]), (0.5, [0.5])])
+def test_a_box_at_a_seam_goes_for_a_larger_one_only_where_that_scores_half_as_much(score, kept):
+    tiles = np.array([[0, 0, 200, 100], [0, 0, 100, 100], [60, 0, 200, 100]])
+    nobody = Detections(np.empty((0, 4)), np.empty(0))
+    person, around = np.array([[70.0, 40, 100, 70]]), np.array([[0.0, 10, 60, 100]])
+    merged = merge([nobody, Detections(person, np.array([0.9])), Detections(around, np.array([score]))], tiles)
+    assert merged.scores.tolist() == kept
 
 
 def test_small_people_are_found_in_tiles_only_and_calls_are_batched():
