@@ -5,7 +5,8 @@ lower their feet are: h = a (y - y0) for feet in row y below the horizon y0, whe
 of the camera (Hoiem, Efros, Hebert, "Putting Objects in Perspective", IJCV 80, 2008). Here the line is found from the
 detections themselves, by a Hough transform: each confident box votes for all lines that go through it, and votes fade,
 so that a moving camera is followed. What a detector sees high up on a facade, or in a box of the wrong size, does not
-lie on the line and loses score; none gains any.
+lie on the line and loses score; none gains any. Who lies is as long as who stands is high: a box that is wider than
+high may be on the line by its width, and does not vote.
 """
 
 from __future__ import annotations
@@ -79,11 +80,14 @@ class HeightLine:
     def log_ratios(self, boxes: FloatArray, height: int) -> FloatArray:
         """``(N,)`` log of the height of ``(N, 4)`` boxes over the line's, in a frame ``height`` pixels high.
 
-        It is 0 for heights that a horizon `_SLACK` higher or lower would give, and infinite above such horizons.
+        Of a box that is wider than high it is that of the width, where this is nearer to the line. It is 0 for heights
+        that a horizon `_SLACK` higher or lower would give, and infinite above such horizons.
         """
-        heights, below = (boxes[:, 3] - boxes[:, 1]) / height, boxes[:, 3] / height - self.horizon
+        below = boxes[:, 3] / height - self.horizon
         low, high = (self.slope * np.maximum(below + slack, _LEAST_HEIGHT) for slack in (-_SLACK, _SLACK))
-        ratios: FloatArray = np.log(heights / np.clip(heights, low, high))
+        sides = np.stack([boxes[:, 3] - boxes[:, 1], (boxes[:, 2:] - boxes[:, :2]).max(axis=1)]) / height
+        both = np.log(sides / np.clip(sides, low, high))
+        ratios: FloatArray = np.take_along_axis(both, np.abs(both).argmin(axis=0)[None], axis=0)[0]
         ratios[below + _SLACK <= 0] = np.inf
         return ratios
 
@@ -137,10 +141,10 @@ class GroundPlane:
     def weighed(self, detections: Detections, height: int) -> Detections:
         """The next frame's detections with their scores by the line, this frame's votes included.
 
-        With r the logarithm of a box's height over the line's and p the share that the line explains, the logit of the
-        score gets log((p g(r) + 1 - p) / (p g(0) + 1 - p)), at most 0. g is the normal density of `SPREAD` over the
-        density of boxes of no person: a box on the line keeps its score, and one far from it loses the more the more
-        boxes of this video lie on the line. Ratios within the bins of the votes count as none.
+        With r the logarithm of a box's height, or width, over the line's height and p the share that the line explains,
+        the logit of the score gets log((p g(r) + 1 - p) / (p g(0) + 1 - p)), at most 0. g is the normal density of
+        `SPREAD` over the density of boxes of no person: a box on the line keeps its score, and one far from it loses
+        the more the more boxes of this video lie on the line. Ratios within the bins of the votes count as none.
 
         Args:
             detections: scores in [0, 1].
@@ -149,7 +153,8 @@ class GroundPlane:
         boxes, old, margin = detections.boxes, detections.scores, _BORDER * height
         # The frame may cut head or feet off.
         cut_off = (boxes[:, 1] <= margin) | (boxes[:, 3] >= height - margin)
-        voting = (old >= _CERTAIN) & ~cut_off
+        upright = boxes[:, 3] - boxes[:, 1] >= boxes[:, 2] - boxes[:, 0]
+        voting = (old >= _CERTAIN) & upright & ~cut_off
         self._learn(boxes[voting] / height, old[voting, None])
         self.frames += 1
         if not self.holds or not len(detections):

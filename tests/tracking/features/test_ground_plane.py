@@ -147,6 +147,21 @@ def test_far_away_where_a_row_is_half_a_height_a_box_may_be_of_any_of_these():
     assert ground.weighed(tenfold, HEIGHT).scores < 0.7
 
 
+def test_who_lies_is_as_long_as_who_stands_is_high():
+    ground = GroundPlane(10.0)
+    after([standing(ROWS)] * 5, ground)
+    length = SLOPE * (300 - HORIZON)
+    lying = np.array([[100, 300 - 0.3 * length, 100 + length, 300], [100, 300 - 0.3 * length, 100 + 0.3 * length, 300]])
+    scores = ground.weighed(Detections(lying, np.array([0.8, 0.8])), HEIGHT).scores
+    assert scores[0] == pytest.approx(0.8, abs=0.01)
+    assert scores[1] < 0.5
+    # They lie on no line by their heights, so they do not vote.
+    line = ground.line
+    for _ in range(50):
+        ground.weighed(Detections(lying[:1], np.array([0.9])), HEIGHT)
+    assert (ground.line.horizon, ground.line.slope) == (line.horizon, line.slope)
+
+
 def test_feet_above_the_horizon_lose_most_and_what_falls_below_the_threshold_is_dropped():
     ground = GroundPlane(10.0, score_threshold=0.3)
     after([standing(ROWS)] * 5, ground)
