@@ -98,13 +98,16 @@ def _map(values: Tensor) -> str:
 
 @torch.no_grad()
 def detector() -> Picture:
-    """The shipped ``detector_people.onnx``, trunk to heads."""
-    network = Detector(start="people").network.eval()
+    """The shipped ``detector_people.onnx``, trunk to heads, and its branch."""
+    network = Detector(start="people", architecture="branched").network.eval()
     image = torch.zeros(1, 3, *network.size)
     stages = network.features.trunk(image)
     merged = network.features.merged(stages)
-    logits, offsets = network.heads(merged)
-    picture = Picture("An image runs through a trunk of three stages, a top-down path and a head on each map")
+    logits, offsets = network(image)
+    picture = Picture(
+        "An image runs through a trunk of three stages, a top-down path and a head on each map. From the first map a "
+        "branch with stages, path and heads of its own sets out at half the resolution"
+    )
     before = picture.add(0, 0, "image", _map(image))
     for row, (stage, level) in enumerate(zip(stages, merged, strict=True)):
         shapes = network.class_heads[row][-1].out_channels // (network.classes + 1)
@@ -116,6 +119,13 @@ def detector() -> Picture:
         picture.arrows.append((head, (5, 0.5)))
         picture.arrows.append((head, (5, 1.5)))
     picture.arrows += [((2, 2), (2, 1)), ((2, 1), (2, 0))]
+    first = network.halved(stages[0])
+    halved = picture.add(2, 3, "3 × 3, stride 2", _map(first), (1, 0))
+    maps = network.branch.features.merged([first, *network.branch.features.trunk(first)])
+    path = picture.add(3, 3, "branch: stages, path", f"{_map(maps[0])} …", halved)
+    count = sum(head[-1].out_channels // 2 for head in network.branch.class_heads)
+    head = picture.add(4, 3, f"heads, {count} anchors", f"{count} × ({network.classes + 1} + 4)", path)
+    picture.arrows += [(head, (5, 0.5)), (head, (5, 1.5))]
     picture.add(5, 0.5, "logits", _map(logits))
     picture.add(5, 1.5, "offsets", _map(offsets))
     return picture

@@ -170,11 +170,15 @@ class TopDown(nn.Module):
 class BranchedDetector(AnchorDetector):
     """A trained detector, which stays as it is, and beside it one for boxes of other shapes, which learns.
 
-    Both see the first stage of one trunk; the branch has later stages of its own.
+    Both see the first stage of one trunk. The branch has later stages of its own, at half the resolution, and so has
+    strides of 16, 32 and 64: wide boxes are large, and this takes a quarter of the time.
 
     Args:
         people: that stays.
         branch: its trunk has the stages of that of ``people``, without the first.
+
+    Attributes:
+        halved: from the map of the first stage to what the branch sees.
     """
 
     features: TopDown
@@ -184,17 +188,23 @@ class BranchedDetector(AnchorDetector):
         super().__init__(people.features, people.class_heads, people.box_heads, anchors, people.classes, people.size)
         self.requires_grad_(False)
         self.branch = branch
+        pyramid: Any = people.features
+        channels = pyramid.trunk.channels[0]
+        self.halved = nn.Conv2d(channels, channels, kernel_size=3, stride=2, padding=1)
 
     def forward(self, images: Tensor) -> tuple[Tensor, Tensor]:
         """As `AnchorDetector.forward`, the anchors of the branch last."""
         maps = self.features.trunk(images)
         pyramid: Any = self.branch.features
-        beside = self.branch.heads(pyramid.merged([maps[0], *pyramid.trunk(maps[0])]))
+        first = self.halved(maps[0])
+        beside = self.branch.heads(pyramid.merged([first, *pyramid.trunk(first)]))
         logits, offsets = self.heads(self.features.merged(maps))
         return torch.cat((logits, beside[0]), dim=1), torch.cat((offsets, beside[1]), dim=1)
 
     def begin(self) -> None:
-        """Let the branch begin with the trunk's later stages, and its normalisations anew."""
+        """Let the branch begin with the trunk's later stages on every second cell, and its normalisations anew."""
+        nn.init.dirac_(self.halved.weight)
+        nn.init.zeros_(self.halved.bias)  # type: ignore[arg-type]
         for part in self.branch.modules():
             if isinstance(part, nn.BatchNorm2d):
                 part.reset_parameters()
@@ -239,7 +249,7 @@ def branched_detector(trunk: Trunk, size: tuple[int, int], anchor_sizes: AnchorS
     Args:
         trunk: of the `people_detector`; the branch has copies of its later stages.
         size: see `people_detector`.
-        anchor_sizes: those of the `people_detector` at strides 8, 16 and 32, and then those of the branch.
+        anchor_sizes: those of the `people_detector` at strides 8, 16 and 32, then those of the branch at 16, 32 and 64.
         width: channels of the top-down path of the branch.
 
     Raises:
@@ -254,7 +264,7 @@ def branched_detector(trunk: Trunk, size: tuple[int, int], anchor_sizes: AnchorS
     features = TopDown(trunk, width, 3, depth=2)
     # The pyramid takes the first map of the trunk of `people`, too.
     features.trunk = Trunk(stages, trunk.channels[1:])
-    return BranchedDetector(people, _with_heads(features, size, [8, 16, 32], anchor_sizes[3:], width, 1))
+    return BranchedDetector(people, _with_heads(features, size, [16, 32, 64], anchor_sizes[3:], width, 1))
 
 
 def _with_heads(
@@ -265,7 +275,7 @@ def _with_heads(
     width: int,
     classes: int,
 ) -> AnchorDetector:
-    anchors = grid_anchors([(size[0] // s, size[1] // s) for s in strides], strides, anchor_sizes)
+    anchors = grid_anchors([(-(-size[0] // s), -(-size[1] // s)) for s in strides], strides, anchor_sizes)
     class_heads = [_lite_head(width, len(shapes) * (classes + 1)) for shapes in anchor_sizes]
     box_heads = [_lite_head(width, len(shapes) * 4) for shapes in anchor_sizes]
     for head in class_heads:

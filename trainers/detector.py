@@ -99,7 +99,8 @@ class Detector(NetworkModule):
 
     Args:
         start: name of a shipped detector, exported detector, or checkpoint of another training, whose weights are taken
-            over. One of people alone may start other ``classes``.
+            over. One of people alone may start other ``classes``. A branch counts only where the ``architecture`` asks
+            for it.
         classes: names of what is detected, as the labels call them; by default people.
         architecture: by default ``people`` (stride 8, any input); or ``ssdlite320``, ``ssd300``, ``ssd512``; or
             ``branched``: the ``people`` detector of ``start``, which stays as it is, and a branch that learns boxes of
@@ -111,7 +112,7 @@ class Detector(NetworkModule):
         normalisation: of the channels; null is what the starting weights were trained with.
         anchors: of ``people``: for strides 8, 16, 32 and maybe 64 the ``[width, height]`` of its anchors in input
             pixels; `tsuiseki.models.anchors.propose_anchors` fits them to labels. Of ``branched``: those of ``start``
-            at strides 8, 16 and 32, and then those of the branch. By default for people in a street.
+            at strides 8, 16 and 32, then those of the branch at 16, 32 and 64. By default for people in a street.
         channels: of the top-down path of ``people``, or of the branch; by default 96.
         loss: ``multibox`` (smooth L1 on boxes, scores by hard negatives) or ``quality`` (complete IoU, scores that are
             to be the overlap).
@@ -186,8 +187,9 @@ class Detector(NetworkModule):
         self.hparams.update(parts)
         self.network = built(parts, weights)
         self._foreign_norms = file is not None and file.suffix == ".onnx"
+        self._begun = False
         if file is not None and isinstance(self.network, BranchedDetector):
-            begin_branch(self.network, file, parts["anchors"])
+            self._begun = begin_branch(self.network, file, parts["anchors"])
         elif file is not None:
             begin_network(self.network, file)
 
@@ -256,7 +258,9 @@ class Detector(NetworkModule):
         if isinstance(self.network, BranchedDetector):
             if self.hparams["start"] is None:
                 raise RequestError(_BRANCHED)
-            self.network.begin()
+            if not self._begun:
+                self.network.begin()
+            self._begun = True
         self.network.train()
 
     def _examples(self) -> Tensor:

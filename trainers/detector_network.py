@@ -150,27 +150,32 @@ def begin_network(network: AnchorDetector, path: Path) -> None:
         fold_normalisations(network)
 
 
-def begin_branch(network: BranchedDetector, path: Path, anchors: list[list[tuple[float, float]]]) -> None:
-    """Fill all of ``network`` but its branch with the whole detector of people at ``path``.
+def begin_branch(network: BranchedDetector, path: Path, anchors: list[list[tuple[float, float]]]) -> bool:
+    """Fill ``network`` with the whole detector at ``path``: with its branch, too, where it has one like it.
 
     Args:
         network: to fill.
         path: checkpoint of a training, or a detector that was exported from one (``.onnx``).
         anchors: of ``network``, six maps.
 
+    Returns:
+        Whether the branch has weights from there, too.
+
     Raises:
         RequestError: it is no such detector, or has another trunk or other anchors than the first three maps.
     """
-    layout, _, _ = _described(path)
+    layout, _, _ = _described(path, branched=True)
     anchors_of_file = [[tuple(size) for size in sizes] for sizes in layout["anchors"]]
-    fits = layout["architecture"] == "people" and anchors_of_file == [
-        [tuple(size) for size in sizes] for sizes in anchors[:3]
-    ]
-    if not (fits and all(name.startswith("branch.") for name in take_over(network, path))):
+    wanted = [[tuple(size) for size in sizes] for sizes in anchors]
+    missing = take_over(network, path) if anchors_of_file[:3] == wanted[:3] else ["all"]
+    if path.suffix == ".onnx":
+        fold_normalisations(network)
+    if not all(name.startswith(("branch.", "halved.")) for name in missing):
         raise RequestError(
             f"{path}: expected a `start` of the architecture people with the trunk of the branched detector and the "
             f"anchors of its first three maps, got trunk {layout['trunk']} and anchors {anchors_of_file}"
         )
+    return not missing and anchors_of_file == wanted
 
 
 def _suit_heads(weights: dict[str, Tensor], target: dict[str, Tensor], classes: int) -> None:
@@ -264,7 +269,7 @@ class SoftTeacher:
         path = shipped_or_file("detector", path)
         if not path.is_file():
             raise RequestError(f"expected a detector to teach at {path}, found none")
-        layout, teacher, self.calibration = _described(path)
+        layout, teacher, self.calibration = _described(path, branched=isinstance(student, BranchedDetector))
         if (teacher.mean, teacher.std) != (card.mean, card.std):
             raise RequestError(f"{path}: expected a teacher that takes pictures normalised as the student does")
         parts = layout["anchors"], layout["channels"]
@@ -320,14 +325,15 @@ def detector_parts(
         return completed(asked, usual, None, None, ())
     if weights is not None:
         raise RequestError("expected one of `start` and `weights`, got both")
-    layout, card, _ = _described(path, people=False)
+    layout, card, _ = _described(path, people=False, branched=asked["architecture"] == "branched")
     norms = [name for name, values in _NORMALISATIONS.items() if values == (card.mean, card.std)]
     held = {**layout, "height": card.input_height, "width": card.input_width}
     held |= {"normalisation": next(iter(norms), None), "classes": list(card.class_names)}
     fixed = ["normalisation"]
     if asked["architecture"] == "branched":
         # Those of the branch are its own.
-        held["channels"] = USUAL["channels"]
+        if layout["architecture"] == "people":
+            held["channels"] = USUAL["channels"]
     else:
         fixed += ["architecture", "trunk", "channels"]
     if len(card.class_names) > 1:
@@ -357,17 +363,25 @@ def card_of(parts: dict[str, Any]) -> ModelCard:
     return detector_card(name, size, resize_of(kind), parts["normalisation"], parts["classes"])
 
 
-def _described(path: Path, people: bool = True) -> tuple[dict[str, Any], ModelCard, tuple[float, float]]:
-    """Arguments that the network in a file is built with, what it says about itself, and its calibration."""
+def _described(
+    path: Path, people: bool = True, branched: bool = False
+) -> tuple[dict[str, Any], ModelCard, tuple[float, float]]:
+    """Arguments that the network in a file is built with, what it says about itself, and its calibration.
+
+    See `layout_of` for ``people`` and ``branched``.
+    """
     if path.suffix == ".onnx":
-        layout = layout_of(path, people)
+        layout = layout_of(path, people, branched)
         scale, shift = layout.card.settings.get("score_calibration", (1.0, 0.0))
-        parts = {"trunk": layout.trunk, "anchors": layout.anchors, "channels": layout.channels}
-        return {"architecture": "people", **parts}, layout.card, (float(scale), float(shift))
+        held = {"trunk": layout.trunk, "anchors": layout.anchors, "channels": layout.channels}
+        return {"architecture": layout.architecture, **held}, layout.card, (float(scale), float(shift))
     parameters = read_checkpoint(path, "hyper_parameters")
     if not parameters.keys() >= {*_LAYOUT, "height", "width", "normalisation"} or parameters["architecture"] is None:
         raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector`, got one of another network")
     size = parameters["height"], parameters["width"]
     classes = parameters.get("classes") or [PEOPLE]
     card = detector_card("", size, resize_of(parameters["architecture"]), parameters["normalisation"], classes)
-    return {name: parameters[name] for name in _LAYOUT}, card, (1.0, 0.0)
+    parts: dict[str, Any] = {name: parameters[name] for name in _LAYOUT}
+    if parts["architecture"] == "branched" and not branched:
+        parts |= {"architecture": "people", "anchors": parts["anchors"][:3], "channels": USUAL["channels"]}
+    return parts, card, (1.0, 0.0)

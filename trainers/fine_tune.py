@@ -59,10 +59,11 @@ def complete_options(options: Namespace, folder: Path) -> Recipe:
     model.classes = classes = model.classes or classes_of(folder)
     print(f"learning {', '.join(classes)}", flush=True)
     start = shipped_or_file("detector", model.start)
-    parts = detector_parts({**dict.fromkeys(USUAL), "height": model.height, "width": model.width}, None, start)
+    asked = {name: getattr(model, name) for name in ("architecture", "height", "width")}
+    parts = detector_parts({**dict.fromkeys(USUAL), **asked}, None, start)
     learnt, held = held_out([LabelledPart(str(folder))], share)
     later = labelled_images(folder, part=held[0].part, classes=classes)
-    if model.anchors is None:
+    if model.anchors is None and parts["architecture"] != "branched":
         labels = labelled_images(folder, part=learnt[0].part, classes=classes)
         anchors, line = anchor_choice(labels, parts["anchors"], (parts["height"], parts["width"]))
         model.anchors = [[list(size) for size in level] for level in anchors]

@@ -140,7 +140,7 @@ def _by_pose(detector: SizedDetect, sprites: Path) -> dict[str, float]:
     for name, shown in POSES.items():
         overlaps = list[FloatArray]()
         for pose in shown:
-            for image, boxes, visibility in _drawn(sprites, pose or "standing"):
+            for image, boxes, visibility in drawn(sprites, pose or "standing"):
                 overlaps.append(_overlap(boxes[visibility >= 0.25], _kept(detector.detect([image])[0])))
         result[f"recall {name}"] = float(np.mean(np.concatenate(overlaps) >= 0.5))
     return result
@@ -149,7 +149,7 @@ def _by_pose(detector: SizedDetect, sprites: Path) -> dict[str, float]:
 def _by_visibility(detector: SizedDetect, sprites: Path) -> dict[str, float]:
     """Recall at IoU 0.5 in crowds, by how much of a person is visible."""
     overlaps, shares = list[FloatArray](), list[FloatArray]()
-    for image, boxes, visibility in _drawn(sprites, "crowded"):
+    for image, boxes, visibility in drawn(sprites, "crowded"):
         large = boxes[:, 3] - boxes[:, 1] >= LOWEST
         overlaps.append(_overlap(boxes[large], _kept(detector.detect([image])[0])))
         shares.append(visibility[large])
@@ -160,12 +160,12 @@ def _by_visibility(detector: SizedDetect, sprites: Path) -> dict[str, float]:
 
 
 def _empty(detector: SizedDetect, sprites: Path) -> dict[str, float]:
-    counts = [len(_kept(detector.detect([image])[0])) for image, _, _ in _drawn(sprites, "lifeless")]
+    counts = [len(_kept(detector.detect([image])[0])) for image, _, _ in drawn(sprites, "lifeless")]
     return {FALSE: float(np.mean(counts))}
 
 
 @cache
-def _drawn(sprites: Path, name: str) -> list[tuple[ImageArray, FloatArray, FloatArray]]:
+def drawn(sprites: Path, name: str) -> list[tuple[ImageArray, FloatArray, FloatArray]]:
     """Pictures of a scene or of one pose, with boxes and visibilities; drawn once, and kept beside the sprites."""
     file = sprites.with_name(f"{sprites.name}-{name.replace(' ', '-')}.npz")
     if not file.is_file():

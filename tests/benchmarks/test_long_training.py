@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 from collections.abc import Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -8,8 +9,9 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.detectors import fixed_sets, long_training
+from benchmarks.detectors import fixed_sets, long_training, misses
 from benchmarks.long_training import LongTraining, draw_curve, read_record
+from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.detector import Detector
 from tsuiseki.trainers.exporting.exported_weights import layout_of
@@ -84,23 +86,61 @@ def test_a_fresh_machine_goes_on_from_the_record(tmp_path: Path, monkeypatch: py
 
 def test_each_step_of_the_detector_has_pictures_of_its_own() -> None:
     folders = [{source["folder"] for source in long_training.sources(number)} for number in (1, 2, 5)]
-    assert len(folders[0]) == 2
+    assert len(folders[0]) == 5
     assert folders[0] < folders[1]
     assert not folders[0] & folders[2]
     seeds = [source["seed"] for source in long_training.sources(5)]
-    assert len(set(seeds)) == len(seeds) == 6
+    assert len(set(seeds)) == len(seeds) == 15
     assert Path(long_training.calibration()).name == "everyday-sparse"
 
 
 def test_a_step_begins_with_scores_as_they_were_learnt() -> None:
     file = shipped("detector_people")
-    scale, shift = layout_of(file).card.settings["score_calibration"]
+    scale, shift = layout_of(file).card.settings["branch_calibration"]
     picture = torch.rand(1, 3, 96, 128)
     learnt, calibrated = (
         module.network.eval()(picture)[0].diff().detach().numpy()
-        for module in (long_training.uncalibrated(file), Detector(start=file))
+        for module in (long_training.uncalibrated(file), Detector(start=file, architecture="branched"))
     )
-    assert scale * learnt + shift == pytest.approx(calibrated, abs=1e-3)
+    people = Detector(start=file).network(picture)[0].shape[1]
+    assert learnt[:, :people] == pytest.approx(calibrated[:, :people], abs=1e-3)
+    assert scale * learnt[:, people:] + shift == pytest.approx(calibrated[:, people:], abs=1e-3)
+
+
+def test_the_branch_is_made_more_careful_and_says_so(tmp_path: Path) -> None:
+    file = tmp_path / "detector.onnx"
+    shutil.copyfile(shipped("detector_people"), file)
+    scale, shift = layout_of(file).card.settings["branch_calibration"]
+    images = torch.rand(1, 3, 480, 640).numpy()
+    people = len(Detector(start=file, height=480, width=640).network.anchors)
+    before = np.diff(OnnxModel(file, "detector").run(images)[0])
+    long_training.shift_branch(file, -0.5)
+    after = np.diff(OnnxModel(file, "detector").run(images)[0])
+    assert after[:, :people] == pytest.approx(before[:, :people], abs=1e-4)
+    assert after[:, people:] == pytest.approx(before[:, people:] - 0.5, abs=2e-2)
+    assert layout_of(file).card.settings["branch_calibration"] == [scale, shift - 0.5]
+
+
+def test_a_start_with_a_branch_computes_what_its_file_does() -> None:
+    file = shipped("detector_people")
+    images = torch.rand(1, 3, 480, 640)
+    expected = OnnxModel(file, "detector").run(images.numpy())
+    module = Detector(start=file, architecture="branched", height=480, width=640)
+    with torch.no_grad():
+        computed = module.network.eval()(images)
+    for outputs, of_file in zip(computed, expected, strict=False):
+        np.testing.assert_allclose(outputs.numpy(), of_file, atol=0.02)
+
+
+@pytest.mark.parametrize(("visible", "missed"), [(1.0, True), (0.1, False)])
+def test_boxes_are_false_on_nobody_and_people_missed_where_they_are_visible(visible: float, missed: bool) -> None:
+    people, boxes = np.array([[0.0, 0, 10, 20], [50, 0, 60, 20]]), np.array([[0.0, 0, 10, 19], [100, 0, 110, 20]])
+    who, false = misses.wrong(people, np.array([0.1, visible]), boxes)
+    assert who.tolist() == [False, missed]
+    assert false.tolist() == [False, True]
+    picture = misses.marked(np.zeros((40, 120, 3), np.uint8), people, np.array([0.1, visible]), boxes)
+    shown = [tuple(picture[0, x]) for x in (5, 105, 55)]
+    assert shown == [misses.GREEN, misses.RED, misses.YELLOW if missed else (0, 0, 0)]
 
 
 def test_the_score_is_the_mean_of_its_parts() -> None:

@@ -231,5 +231,5 @@ def test_options_of_lightning_that_cannot_work_are_one_line(
         assert capsys.readouterr().err.strip() == "tsuiseki: No supported gpu backend found!"
     assert main([*words, "--trainer.max_epochs=-1", "--trainer.accelerator=cpu"]) == 2
     assert "expected a training with an end" in capsys.readouterr().err
-    assert main([*words, f"--model.start={shipped('detector_poses')}"]) == 2
-    assert "expected a detector of the architecture people, got branched" in capsys.readouterr().err
+    assert main([*words, f"--model.start={shipped('appearance_people')}"]) == 2
+    assert "expected a detector of the architecture people, got" in capsys.readouterr().err

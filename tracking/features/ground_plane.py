@@ -18,7 +18,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from tsuiseki.tracking.types import Detections, FloatArray
+from tsuiseki.tracking.types import BoolArray, Detections, FloatArray
 
 # Horizons that are voted for, in heights of the frame from its upper border down.
 _HORIZONS = np.arange(-1.0, 0.96, 0.01)
@@ -77,16 +77,18 @@ class HeightLine:
     explained: float
     gain: float
 
-    def log_ratios(self, boxes: FloatArray, height: int) -> FloatArray:
+    def log_ratios(self, boxes: FloatArray, height: int, cut_off: BoolArray) -> FloatArray:
         """``(N,)`` log of the height of ``(N, 4)`` boxes over the line's, in a frame ``height`` pixels high.
 
         Of a box that is wider than high it is that of the width, where this is nearer to the line. It is 0 for heights
-        that a horizon `_SLACK` higher or lower would give, and infinite above such horizons.
+        that a horizon `_SLACK` higher or lower would give, or that are short because the frame cuts them off, and
+        infinite above such horizons.
         """
         below = boxes[:, 3] / height - self.horizon
         low, high = (self.slope * np.maximum(below + slack, _LEAST_HEIGHT) for slack in (-_SLACK, _SLACK))
         sides = np.stack([boxes[:, 3] - boxes[:, 1], (boxes[:, 2:] - boxes[:, :2]).max(axis=1)]) / height
         both = np.log(sides / np.clip(sides, low, high))
+        both[:, cut_off] = np.maximum(both[:, cut_off], 0)
         ratios: FloatArray = np.take_along_axis(both, np.abs(both).argmin(axis=0)[None], axis=0)[0]
         ratios[below + _SLACK <= 0] = np.inf
         return ratios
@@ -161,8 +163,7 @@ class GroundPlane:
             return detections
         assert self.line is not None
         self.used += 1
-        ratios = self.line.log_ratios(boxes, height)
-        ratios[cut_off] = np.maximum(ratios[cut_off], 0)
+        ratios = self.line.log_ratios(boxes, height, cut_off)
         ratios = np.maximum(np.abs(ratios) - _STEP, 0)
         peak = _RANGE / (SPREAD * sqrt(tau))
         odds = self.line.explained * peak / max(1 - self.line.explained, _LEAST_SCORE)

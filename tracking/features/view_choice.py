@@ -40,6 +40,8 @@ WORTH_ENLARGED = 1.5
 MORE_ENLARGED = 1.0
 # Score from which a detection counts as a person.
 _CERTAIN = 0.3
+# Height over width from which a person stands.
+_UPRIGHT = 1.5
 # Trials with people after which the view is settled, and frames of a trial at most.
 _TRIALS = 3
 # Below this many people in a frame the trial goes on: all of them may be too small so far.
@@ -88,9 +90,9 @@ def choose_view(
 ) -> ViewChoice:
     """The fewest tiles beyond which more do not find more people, as far as the detector can tell.
 
-    The number of people expected is the sum of the scores from 0.3 on. From the whole frame on, one more tile across
-    is taken as long as `worth_more` says so; frames that two tiles across show larger than at the largest scale stay
-    whole.
+    The number of people expected is the sum of the scores from 0.3 on. Where most of them stand only those who stand
+    are counted: what enlarging brings besides is often none. From the whole frame on, one more tile across is taken as
+    long as `worth_more` says so; frames that two tiles across show larger than at the largest scale stay whole.
 
     Args:
         images: the first frames, of one size; `_TRIALS` of them are tried.
@@ -106,17 +108,28 @@ def choose_view(
     if largest == 1 or detector.input_size is None:
         return ViewChoice(chosen, None, {})
     people: dict[int, float] = {}
+    standing: dict[int, float] = {}
     for columns in range(1, largest + 1):
         if columns > usual and people[chosen.columns] < _SOMEBODY:
             break
         view = view_of(size, columns, detector.input_size[1] / detector.input_size[0])
         detections, milliseconds = _timed(TiledDetector(detector, view, workers), tried)
-        people[columns] = sum(float(d.scores[d.scores >= _CERTAIN].sum()) for d in detections) / len(tried)
-        if columns == 1 or worth_more(people[chosen.columns], people[columns], enlarged=columns > usual):
+        people[columns], standing[columns] = (count / len(tried) for count in _people(detections))
+        most_stand = 2 * standing[chosen.columns] >= people[chosen.columns] > 0
+        counted = standing if most_stand else people
+        if columns == 1 or worth_more(counted[chosen.columns], counted[columns], enlarged=columns > usual):
             chosen, cost = view, milliseconds
         elif people[chosen.columns] >= _SOMEBODY:
             break
     return ViewChoice(chosen, cost, people)
+
+
+def _people(detections: Sequence[Detections]) -> tuple[float, float]:
+    """How many people are expected, and how many of them stand."""
+    boxes, scores = np.concatenate([d.boxes for d in detections]), np.concatenate([d.scores for d in detections])
+    certain = scores >= _CERTAIN
+    upright = boxes[:, 3] - boxes[:, 1] >= _UPRIGHT * (boxes[:, 2] - boxes[:, 0])
+    return float(scores[certain].sum()), float(scores[certain & upright].sum())
 
 
 def worth_more(people: float, with_more: float, enlarged: bool) -> bool:

@@ -37,17 +37,16 @@ class Measured:
 
 # What was measured of each network, by name; see `Measured`.
 MEASURED = {
-    "detector_people": Measured(1.0, (0.957, 0.374, 0.291)),
-    "detector_poses": Measured(1.74, (0.941, 0.241, 0.232)),
-    "detector_street": Measured(0.57),
-    "detector_figures": Measured(1.04),
-    "detector_ceiling": Measured(0.31),
-    "detector_drone": Measured(0.93),
-    "detector_drone_larger": Measured(1.64),
-    "nanodet-g": Measured(1.88, (0.959, 0.623, 0.419)),
-    "ssd-openimages": Measured(0.75, (0.908, 0.402, 0.315)),
-    "blazepose": Measured(0.49, (0.073, 0.055, 0.005)),
-    "pedestrian-ssdlite": Measured(0.76, (0.470, 0.181, 0.066)),
+    "detector_people": Measured(1.0, (0.954, 0.373, 0.271)),
+    "detector_street": Measured(0.47),
+    "detector_figures": Measured(0.85),
+    "detector_ceiling": Measured(0.25),
+    "detector_drone": Measured(0.76),
+    "detector_drone_larger": Measured(1.34),
+    "nanodet-g": Measured(1.54, (0.959, 0.623, 0.419)),
+    "ssd-openimages": Measured(0.61, (0.908, 0.402, 0.315)),
+    "blazepose": Measured(0.4, (0.073, 0.055, 0.005)),
+    "pedestrian-ssdlite": Measured(0.62, (0.470, 0.181, 0.066)),
 }
 
 

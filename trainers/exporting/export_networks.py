@@ -11,8 +11,8 @@ from typing import Annotated, Literal, cast
 import torch
 from pydantic import PositiveInt
 
-from tsuiseki.models.backbones import TrunkName, build_trunk
-from tsuiseki.models.detector import AnchorDetector, OneClass, people_detector
+from tsuiseki.models.backbones import TrunkName
+from tsuiseki.models.detector import AnchorDetector, OneClass
 from tsuiseki.models.ssd import CocoArchitecture, coco_person_detector
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.fields import HIDDEN
@@ -20,7 +20,13 @@ from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.trainers.action import Action
 from tsuiseki.trainers.appearance import Appearance
 from tsuiseki.trainers.detector import Detector
-from tsuiseki.trainers.detector_network import COCO_NORMALISATIONS, FIXED_SIDES, detector_card, take_over
+from tsuiseki.trainers.detector_network import (
+    COCO_NORMALISATIONS,
+    FIXED_SIDES,
+    build_detector,
+    detector_card,
+    take_over,
+)
 from tsuiseki.trainers.exporting.export import ModelFile, ModelFiles, export_onnx, load_module
 from tsuiseki.trainers.exporting.exported_weights import exported_weights, fold_normalisations, layout_of
 from tsuiseki.trainers.exporting.written_networks import (
@@ -103,11 +109,11 @@ def _trained(checkpoint: Path, size: tuple[int, int] | None) -> tuple[AnchorDete
 
 def _exported(path: Path, size: tuple[int, int] | None) -> tuple[AnchorDetector, ModelCard]:
     """What was written to ``path``, the calibration of its scores folded into its weights."""
-    layout = layout_of(path, people=False)
+    layout = layout_of(path, people=False, branched=True)
     card = layout.card
     height, width = layout.size if size is None else size
-    trunk = build_trunk(cast(TrunkName, layout.trunk))
-    network = people_detector(trunk, (height, width), layout.anchors, layout.channels, len(card.class_names))
+    parts = cast(TrunkName, layout.trunk), None, (height, width), layout.anchors, layout.channels
+    network = build_detector(layout.architecture, *parts, len(card.class_names))
     if missing := take_over(network, path):
         raise RequestError(f"{path}: expected a trained detector, got no weights for {', '.join(missing[:3])}")
     fold_normalisations(network)
@@ -131,6 +137,9 @@ def blend_weights(network: AnchorDetector | OneClass, card: ModelCard, path: Pat
             {name: values for name, values in exported_weights(file).items() if name != "anchors"}
             for file in (checkpoint_file, path)
         )
+    if not any(name.startswith("branch.") for name in first):
+        # Of a detector with a branch that of people is taken.
+        second = {name: values for name, values in second.items() if not name.startswith(("branch.", "halved."))}
     if {name: values.shape for name, values in first.items()} != {
         name: values.shape for name, values in second.items()
     }:

@@ -11,7 +11,7 @@ import re
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 import onnx
@@ -31,13 +31,15 @@ class ExportedLayout:
     """What a network must be to take over the weights of an exported detector.
 
     Attributes:
+        architecture: people or branched.
         trunk: its name.
         size: height and width of the input.
-        anchors: ``[width, height]`` of each map.
-        channels: of the top-down path.
+        anchors: ``[width, height]`` of each map; those of a branch last.
+        channels: of the top-down path, or of that of the branch.
         card: what the file says about itself.
     """
 
+    architecture: Literal["people", "branched"]
     trunk: str
     size: tuple[int, int]
     anchors: list[list[tuple[float, float]]]
@@ -48,15 +50,17 @@ class ExportedLayout:
     def arguments(self) -> dict[str, Any]:
         """What `Detector` makes such a network of."""
         parts = {"trunk": self.trunk, "anchors": self.anchors, "channels": self.channels}
+        parts |= {"architecture": self.architecture}
         return {**parts, "height": self.size[0], "width": self.size[1]}
 
 
-def layout_of(path: Path, people: bool = True) -> ExportedLayout:
+def layout_of(path: Path, people: bool = True, branched: bool = False) -> ExportedLayout:
     """The layout of the exported detector at ``path``.
 
     Args:
         path: of the file.
         people: it must be of one class.
+        branched: with the branch where the file has one. Without, the branch is left out.
 
     Raises:
         RequestError: it is no such detector of this toolkit's default architecture.
@@ -64,20 +68,30 @@ def layout_of(path: Path, people: bool = True) -> ExportedLayout:
     model, card = opened_onnx(path)
     tensors = {x.name: x for x in model.graph.initializer}
     kind, _, trunk = card.name.partition("-")
-    if kind != "people":
+    if kind not in ("people", "branched"):
         raise RequestError(f"{path}: expected a detector of the architecture people, got {card.name}")
     if people and len(card.class_names) > 1:
         raise RequestError(f"{path}: expected a detector of people alone, got one of {', '.join(card.class_names)}")
     if "anchors" not in tensors:
         raise RequestError(f"{path}: expected a detector of `tsuiseki export detector`, got one without anchors")
-    lateral = next(x for name, x in tensors.items() if name.startswith("detector.features.lateral.0.0.weight"))
+    anchors = onnx.numpy_helper.to_array(tensors["anchors"])
+    parts = np.split(anchors, [_first_of_branch(anchors)]) if kind == "branched" else [anchors]
+    branched = branched and kind == "branched"
+    features = "detector.branch.features" if branched else "detector.features"
+    lateral = next(x for name, x in tensors.items() if name.startswith(f"{features}.lateral.0.0.weight"))
     return ExportedLayout(
+        "branched" if branched else "people",
         trunk,
         (card.input_height, card.input_width),
-        anchor_sizes(onnx.numpy_helper.to_array(tensors["anchors"])),
+        [sizes for part in parts[: 2 if branched else 1] for sizes in anchor_sizes(part)],
         int(lateral.dims[0]),
         card,
     )
+
+
+def _first_of_branch(anchors: NDArray[np.float32]) -> int:
+    """Which of ``(A, 4)`` anchors is the first of the branch: that of the fourth of six maps, each from the top on."""
+    return int(np.flatnonzero(anchors[1:, 1] < anchors[:-1, 1])[2]) + 1
 
 
 def anchor_sizes(anchors: np.ndarray) -> list[list[tuple[float, float]]]:
@@ -118,7 +132,7 @@ def exported_weights(path: Path) -> dict[str, Tensor]:
 
 def calibrate(weights: Mapping[str, Tensor], scale: float, shift: float, classes: int) -> None:
     """Multiply the logits of the classes by ``scale`` and add ``shift``, in place in a detector's state."""
-    for name in [n for n in weights if re.fullmatch(r"class_heads\.\d+\.1\.bias", n)]:
+    for name in [n for n in weights if re.fullmatch(r"(branch\.)?class_heads\.\d+\.1\.bias", n)]:
         weights[name.replace("bias", "weight")].mul_(scale)
         moved = torch.tensor([0.0] + [shift] * classes)
         weights[name].copy_((weights[name].view(-1, len(moved)) * scale + moved).flatten())

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor, nn
 
 from tsuiseki.models.action import ActionNetwork, FusedProbability, StreamProbability
-from tsuiseki.models.detector import AnchorDetector, OneClass
+from tsuiseki.models.detector import AnchorDetector, BranchedDetector, OneClass
 from tsuiseki.models.tracker import TEMPLATE_SIDE, SearchPart, TemplatePart, TrackerNetwork
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.features.action import ActionInput, StreamName
@@ -22,12 +22,15 @@ from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.output import check_output_file
 from tsuiseki.trainers.detector_labels import LOWEST_SCORE, fit_calibration, matched_scores
 from tsuiseki.trainers.exporting.export import ModelFile, ModelFiles, export_onnx
+from tsuiseki.trainers.exporting.exported_weights import calibrate as calibrate_weights
 
 OUTPUTS = ("logits", "offsets", "anchors")
 # Those of a network that decodes its boxes itself.
 DECODED = ("boxes", "scores")
 # Closest that a score comes to 0 and 1 where it is calibrated: its logit stays finite in float32.
 _SMALLEST_SCORE = 1e-6
+# Added to the logit of a score, it leaves nothing of that.
+_SILENT = -30.0
 
 
 class RawHeads(nn.Module):
@@ -93,7 +96,7 @@ def copied(network: nn.Module) -> nn.Module:
 def write_detector(network: nn.Module, card: ModelCard, output: ModelFile, calibrate: Path | None = None) -> float:
     """Write a detector of anchors with its raw heads, or any `DetectorNetwork` with boxes and scores.
 
-    Scores are calibrated on labelled pictures where there are some.
+    Scores are calibrated on labelled pictures where there are some; of a detector with a branch, those of the branch.
 
     Returns:
         The largest relative difference to torch.
@@ -107,13 +110,29 @@ def write_detector(network: nn.Module, card: ModelCard, output: ModelFile, calib
         if len(card.class_names) > 1:
             raise RequestError(f"`calibrate`: expected a detector of one class, got {', '.join(card.class_names)}")
         check_output_file(output.out, output.overwrite)
+        branched = isinstance(network, BranchedDetector)
         with tempfile.TemporaryDirectory() as folder:
             raw = Path(folder) / "raw.onnx"
-            export_onnx(form(contiguous), card, raw, example, outputs)
+            export_onnx(form(_branch_alone(contiguous) if branched else contiguous), card, raw, example, outputs)
             calibration = fit_calibration(*matched_scores(Detector(raw, LOWEST_SCORE), calibrate))
-        card = dataclasses.replace(card, settings={**card.settings, "score_calibration": list(calibration)})
+        said = {"score_calibration": list(calibration)}
+        if branched:
+            # The scores of the detector of people stay. Those of the branch may have been calibrated before.
+            scale, shift = card.settings.get("branch_calibration", (1.0, 0.0))
+            said = {"branch_calibration": [calibration[0] * scale, calibration[0] * shift + calibration[1]]}
+            calibrate_weights(contiguous.branch.state_dict(), *calibration, len(card.class_names))
+            calibration = (1.0, 0.0)
+        card = dataclasses.replace(card, settings={**card.settings, **said})
     exported = form(contiguous, calibration)
     return export_onnx(exported, card, output.out, example, outputs, output.float16, output.overwrite)
+
+
+def _branch_alone(network: BranchedDetector) -> BranchedDetector:
+    """A copy whose detector of people is silent."""
+    alone = copy.deepcopy(network)
+    heads = {name: value for name, value in alone.state_dict().items() if name.startswith("class_heads")}
+    calibrate_weights(heads, 1.0, _SILENT, network.classes)
+    return alone
 
 
 def write_appearance(network: nn.Module, card: ModelCard, output: ModelFile) -> float:

@@ -216,11 +216,16 @@ class FrozenTrunk:
 
 
 def score_logits(logits: Tensor, frames: WindowFrames, graph: Graph) -> Tensor:
-    """``(N,)`` logits of the scores of a window's detections, from the raw heads ``(T, A, 2)`` of its images."""
-    assert graph.origin is not None
-    which, anchors = (torch.as_tensor(part, device=logits.device) for part in (frames.which, graph.origin.anchors))
-    chosen = logits[which, anchors]
-    return chosen[:, 1] - chosen[:, 0]
+    """``(N,)`` logits of the scores of a window's detections, from the raw heads ``(T, A, 2)`` of its images.
+
+    Detections of a branch, whose anchors come after those A, keep theirs.
+    """
+    origin = graph.origin
+    assert origin is not None
+    which, anchors = (torch.as_tensor(part, device=logits.device) for part in (frames.which, origin.anchors))
+    kept = torch.as_tensor(origin.logits, dtype=logits.dtype, device=logits.device)
+    chosen = logits[which, anchors.clamp(max=logits.shape[1] - 1)]
+    return torch.where(anchors < logits.shape[1], chosen[:, 1] - chosen[:, 0], kept)
 
 
 def rescored(rows: Tensor, logits: Tensor, graph: Graph) -> tuple[Tensor, Tensor]:

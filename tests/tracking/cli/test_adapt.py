@@ -246,4 +246,4 @@ def test_a_bare_word_names_a_shipped_detector(
     assert refused(capsys, tmp_path / "o", str(video)) == "tsuiseki: enough"
     assert starts == [shipped("detector_street"), shipped("detector_figures")]
     line = refused(capsys, tmp_path / "p", str(video), "--detector", "streets")
-    assert "one of the shipped ceiling, drone, drone_larger, figures, people, poses, street, got streets" in line
+    assert "one of the shipped ceiling, drone, drone_larger, figures, people, street, got streets" in line

@@ -155,6 +155,8 @@ def test_who_lies_is_as_long_as_who_stands_is_high():
     scores = ground.weighed(Detections(lying, np.array([0.8, 0.8])), HEIGHT).scores
     assert scores[0] == pytest.approx(0.8, abs=0.01)
     assert scores[1] < 0.5
+    cut_off = np.array([[50.0, HEIGHT - 50, 450, HEIGHT - 1]])
+    assert ground.weighed(Detections(cut_off, np.array([0.8])), HEIGHT).scores == 0.8
     # They lie on no line by their heights, so they do not vote.
     line = ground.line
     for _ in range(50):

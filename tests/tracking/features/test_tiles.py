@@ -127,6 +127,21 @@ class MiddleDetector:
         return [Detections((shares * np.tile(i.shape[1::-1], 2))[None], np.array([0.9])) for i in images]
 
 
+@pytest.mark.parametrize(
+    ("large", "small", "columns"),
+    [
+        ((8, 40), (30, 20), 1),  # who stands is seen; what more tiles bring is wide
+        ((8, 40), (8, 20), 2),
+        ((40, 40), (30, 20), 2),  # nobody stands
+    ],
+)
+def test_where_people_stand_those_who_stand_tell_the_view(large, small, columns):
+    rows = [(*large, 100), (*small, 180)]
+    boxes = [(x, y, x + wide, y + high) for wide, high, y in rows for x in range(10, 300, 60)]
+    choice = choose_view([frame_with(boxes)] * 5, MarkDetector())
+    assert choice.view.columns == columns
+
+
 # Tiles of 47 x 35 pixels, and of 33 x 63 where three stand side by side.
 @pytest.mark.parametrize(
     ("across", "input_size", "shape"),

@@ -33,7 +33,5 @@ def test_a_bare_word_stands_for_a_shipped_model_and_a_path_for_itself(
     monkeypatch.chdir(tmp_path)
     (tmp_path / "street").touch()
     assert shipped_or_file("detector", "street") == Path("street")
-    with pytest.raises(
-        RequestError, match="one of the shipped ceiling, drone, drone_larger, figures, people, poses, street"
-    ):
+    with pytest.raises(RequestError, match="one of the shipped ceiling, drone, drone_larger, figures, people, street"):
         shipped_or_file("detector", "figure")

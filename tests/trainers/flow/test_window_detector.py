@@ -199,6 +199,19 @@ def test_the_own_loss_falls_on_its_own_steps(batch: TrainingWindow, detector: tu
     assert losses[-1] < 0.9 * losses[0]
 
 
+def test_detections_of_a_branch_keep_their_scores(batch: TrainingWindow) -> None:
+    origin, frames = batch.detections.origin, batch.frames
+    assert origin is not None
+    assert frames is not None
+    anchors = int(origin.anchors.max()) + 1
+    logits = torch.randn(len(frames.batch.images), anchors, 2)
+    of_branch = np.arange(len(origin.anchors)) % 2 == 0
+    moved = replace(origin, anchors=np.where(of_branch, origin.anchors + anchors, origin.anchors))
+    branched = score_logits(logits, frames, replace(batch.detections, origin=moved)).numpy()
+    plain = score_logits(logits, frames, batch.detections).numpy()
+    np.testing.assert_allclose(branched, np.where(of_branch, origin.logits, plain), rtol=1e-6)
+
+
 def test_what_does_not_go_together_is_refused(
     street: Path, batch: TrainingWindow, detector: tuple[Path, Path], tmp_path: Path
 ) -> None:
