@@ -76,7 +76,7 @@ RENDERED_COMMANDS = (
     "export detector --checkpoint {work}/people-3/checkpoints/last.ckpt --blend {work}/people-silhouettes.onnx "
     "--float16 --height 480 --width 640 --calibrate {work}/rendered-640x480-sparse "
     "--out {work}/people-3.onnx --training-data 'rendered people'",
-    # The branch of the shipped file had learnt before, and learns on by `python -m benchmarks.detectors.long_training`.
+    # `python -m benchmarks.detectors.long_training` teaches the branch on, and makes its scores more careful.
     "simulate sprites --assets {assets} --people 240 --views 10 --poses 0.65 --tilts=-0.1,1.5 --seed 6263 "
     "--out {work}/sprites-posed",
     "train detector --config {configs}/detector_everyday.yaml --out {work}/people-4 "

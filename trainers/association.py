@@ -15,7 +15,7 @@ from lightning.pytorch.cli import instantiate_module
 from torch import Tensor, nn
 
 from tsuiseki.models.association import AssociationNetwork
-from tsuiseki.models.detector import AnchorDetector
+from tsuiseki.models.detector import AnchorDetector, BranchedDetector
 from tsuiseki.tracking.association.learnt_costs import FeatureNames
 from tsuiseki.tracking.association.link_cost import LinkCost
 from tsuiseki.tracking.errors import RequestError
@@ -71,6 +71,8 @@ def detector_of(path: Path) -> tuple[Detector, dict[str, Any]]:
     path = shipped_or_file("detector", path)
     if path.suffix != ".onnx":
         detector, made_of = load_module(Detector, path), _made_of(Detector, path)
+        if isinstance(detector.network, BranchedDetector):
+            raise RequestError(f"{path}: expected a detector without a branch; export it, then its branch is left out")
         if not isinstance(detector.network, AnchorDetector):
             raise RequestError(f"{path}: expected a detector with heads at anchors, got {detector.card.name}")
         if len(detector.card.class_names) > 1:

@@ -99,8 +99,8 @@ class Detector(NetworkModule):
 
     Args:
         start: name of a shipped detector, exported detector, or checkpoint of another training, whose weights are taken
-            over. One of people alone may start other ``classes``. A branch counts only where the ``architecture`` asks
-            for it.
+            over. One of people alone may start other ``classes``. A branch is taken over only where the
+            ``architecture`` asks for it.
         classes: names of what is detected, as the labels call them; by default people.
         architecture: by default ``people`` (stride 8, any input); or ``ssdlite320``, ``ssd300``, ``ssd512``; or
             ``branched``: the ``people`` detector of ``start``, which stays as it is, and a branch that learns boxes of

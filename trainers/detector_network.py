@@ -53,6 +53,8 @@ STREET_ANCHORS: list[list[tuple[float, float]]] = [
     [(52.0, 132.0), (78.0, 190.0)],
     [(120.0, 280.0)],
 ]
+# How the tensors of a branch begin.
+OF_BRANCH = ("branch.", "halved.")
 # Share of its tensors that a detector takes over from its start at least: heads for other anchors are a twentieth.
 TAKEN_OVER = 0.9
 
@@ -102,7 +104,9 @@ def build_detector(
         raise RequestError(str(error)) from error
 
 
-def take_over(network: AnchorDetector, checkpoint: Path, anchors: Anchors | None = None) -> list[str]:
+def take_over(
+    network: AnchorDetector, checkpoint: Path, anchors: Anchors | None = None, branch: bool = True
+) -> list[str]:
     """Fill ``network`` with the tensors of a detector's ``checkpoint`` that fit; names of those that it has not got.
 
     Every class of ``network`` starts as people, where the checkpoint is of them alone.
@@ -111,6 +115,7 @@ def take_over(network: AnchorDetector, checkpoint: Path, anchors: Anchors | None
         network: to fill.
         checkpoint: of a training, or a detector that was exported from one (``.onnx``).
         anchors: of the checkpoint; where the network of people has others, see `_widen_heads`.
+        branch: take over that of a branched detector, too.
 
     Raises:
         RequestError: the file is missing or no checkpoint.
@@ -120,6 +125,8 @@ def take_over(network: AnchorDetector, checkpoint: Path, anchors: Anchors | None
     else:
         state = read_checkpoint(checkpoint, "state_dict")
         weights = {name.removeprefix("network."): value for name, value in state.items()}
+    if not branch:
+        weights = {name: value for name, value in weights.items() if not name.startswith(OF_BRANCH)}
     target = network.state_dict()
     if network.classes > 1:
         _suit_heads(weights, target, network.classes)
@@ -167,15 +174,16 @@ def begin_branch(network: BranchedDetector, path: Path, anchors: list[list[tuple
     layout, _, _ = _described(path, branched=True)
     anchors_of_file = [[tuple(size) for size in sizes] for sizes in layout["anchors"]]
     wanted = [[tuple(size) for size in sizes] for sizes in anchors]
-    missing = take_over(network, path) if anchors_of_file[:3] == wanted[:3] else ["all"]
+    alike = anchors_of_file == wanted
+    missing = take_over(network, path, branch=alike) if anchors_of_file[:3] == wanted[:3] else ["all"]
     if path.suffix == ".onnx":
         fold_normalisations(network)
-    if not all(name.startswith(("branch.", "halved.")) for name in missing):
+    if not all(name.startswith(OF_BRANCH) for name in missing):
         raise RequestError(
             f"{path}: expected a `start` of the architecture people with the trunk of the branched detector and the "
             f"anchors of its first three maps, got trunk {layout['trunk']} and anchors {anchors_of_file}"
         )
-    return not missing and anchors_of_file == wanted
+    return alike and not missing
 
 
 def _suit_heads(weights: dict[str, Tensor], target: dict[str, Tensor], classes: int) -> None:
@@ -372,7 +380,8 @@ def _described(
     """
     if path.suffix == ".onnx":
         layout = layout_of(path, people, branched)
-        scale, shift = layout.card.settings.get("score_calibration", (1.0, 0.0))
+        said = layout.card.settings
+        scale, shift = said.get("score_calibration", said.get("people_calibration", (1.0, 0.0)))
         held = {"trunk": layout.trunk, "anchors": layout.anchors, "channels": layout.channels}
         return {"architecture": layout.architecture, **held}, layout.card, (float(scale), float(shift))
     parameters = read_checkpoint(path, "hyper_parameters")

@@ -59,7 +59,7 @@ def complete_options(options: Namespace, folder: Path) -> Recipe:
     model.classes = classes = model.classes or classes_of(folder)
     print(f"learning {', '.join(classes)}", flush=True)
     start = shipped_or_file("detector", model.start)
-    asked = {name: getattr(model, name) for name in ("architecture", "height", "width")}
+    asked = {name: getattr(model, name, None) for name in ("architecture", "height", "width")}
     parts = detector_parts({**dict.fromkeys(USUAL), **asked}, None, start)
     learnt, held = held_out([LabelledPart(str(folder))], share)
     later = labelled_images(folder, part=held[0].part, classes=classes)

@@ -11,9 +11,11 @@ import torch
 
 from benchmarks.detectors import fixed_sets, long_training, misses
 from benchmarks.long_training import LongTraining, draw_curve, read_record
+from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.onnx import OnnxModel
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.detector import Detector
+from tsuiseki.trainers.detector_network import _described
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 
 LATER = timedelta(hours=1)
@@ -114,11 +116,16 @@ def test_the_branch_is_made_more_careful_and_says_so(tmp_path: Path) -> None:
     images = torch.rand(1, 3, 480, 640).numpy()
     people = len(Detector(start=file, height=480, width=640).network.anchors)
     before = np.diff(OnnxModel(file, "detector").run(images)[0])
-    long_training.shift_branch(file, -0.5)
+    long_training.finish_branch(file, -0.5, layout_of(file).card)
     after = np.diff(OnnxModel(file, "detector").run(images)[0])
     assert after[:, :people] == pytest.approx(before[:, :people], abs=1e-4)
     assert after[:, people:] == pytest.approx(before[:, people:] - 0.5, abs=2e-2)
-    assert layout_of(file).card.settings["branch_calibration"] == [scale, shift - 0.5]
+    settings = layout_of(file).card.settings
+    assert settings["branch_calibration"] == [scale, shift - 0.5]
+    # So that a teacher's scores are what they were learnt as.
+    assert settings["people_calibration"] == list(_described(file)[2]) != [1.0, 0.0]
+    with pytest.raises(RunError, match="expected 3 heads of a branch, found 0"):
+        long_training.finish_branch(shipped("detector_street"), -0.5, layout_of(file).card)
 
 
 def test_a_start_with_a_branch_computes_what_its_file_does() -> None:

@@ -23,6 +23,7 @@ from tsuiseki.datamodules.training_images import TrainingSource
 from tsuiseki.models.detector import AnchorDetector, decode_heads
 from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
+from tsuiseki.tracking.features import exported
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.detector import Detector, DetectorOptimisation, detections
 from tsuiseki.trainers.detector_network import detector_card
@@ -124,8 +125,16 @@ def test_a_branch_is_trained_and_exported_beside_a_shipped_detector(
     again, _ = trained_detector(out, (64, 96))
     with torch.no_grad():
         torch.testing.assert_close(torch.tensor(logits), again(images)[0], rtol=1e-3, atol=1e-3)
+
     # Of its scores those of the branch are calibrated, and no others.
-    monkeypatch.setattr(written_networks, "matched_scores", lambda *_: (np.zeros(1), np.zeros(1, dtype=np.bool_)))
+    def branch_alone(detector: exported.Detector, folder: Path) -> tuple[np.ndarray, np.ndarray]:
+        assert folder == tmp_path
+        raw = np.diff(detector.model.run(images.numpy())[0])
+        assert raw[:, :count].max() < -20
+        np.testing.assert_allclose(raw[:, count:], np.diff(logits)[:, count:], atol=1e-3)
+        return np.zeros(1), np.zeros(1, dtype=np.bool_)
+
+    monkeypatch.setattr(written_networks, "matched_scores", branch_alone)
     monkeypatch.setattr(written_networks, "fit_calibration", lambda *_: (2.0, 0.5))
     export_detector(ModelFile(out=tmp_path / "calibrated.onnx"), checkpoint=best, calibrate=tmp_path)
     margin = np.diff(logits)
@@ -146,7 +155,11 @@ def test_a_branch_is_trained_and_exported_beside_a_shipped_detector(
             AnchorDetector, count,
         ]  # fmt: skip
         other = [*layout.anchors, *[[(50.0, 50.0)]] * 3]
-        assert not Detector(start=checkpoint, architecture="branched", anchors=other, channels=16)._begun
+        anew = Detector(start=checkpoint, architecture="branched", anchors=other, channels=16)
+        assert not anew._begun
+        same = [torch.equal(value, again.state_dict()[name]) for name, value in anew.network.state_dict().items()
+                if name.startswith("branch.features.lateral") and name.endswith("0.weight")]  # fmt: skip
+        assert same == [False] * 3
     changes = {"start": out, "architecture": "branched", "trunk": layout.trunk, "anchors": anchors}
     changes |= {"channels": 16, "width": 96, "learning_rate": "1e-9"}
     words = ["--config", str(config), "--out", str(tmp_path / "on")]

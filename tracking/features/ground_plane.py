@@ -81,8 +81,8 @@ class HeightLine:
         """``(N,)`` log of the height of ``(N, 4)`` boxes over the line's, in a frame ``height`` pixels high.
 
         Of a box that is wider than high it is that of the width, where this is nearer to the line. It is 0 for heights
-        that a horizon `_SLACK` higher or lower would give, or that are short because the frame cuts them off, and
-        infinite above such horizons.
+        that a horizon `_SLACK` higher or lower would give. It is infinite above such horizons, and at least 0 for
+        boxes that the frame cuts off.
         """
         below = boxes[:, 3] / height - self.horizon
         low, high = (self.slope * np.maximum(below + slack, _LEAST_HEIGHT) for slack in (-_SLACK, _SLACK))
@@ -98,7 +98,7 @@ class GroundPlane:
     """The line of a video's people, learnt frame by frame, and the scores of boxes by it.
 
     Nothing is changed before enough detections and unless one line explains most of them. A box cut off at the upper or
-    lower border neither votes nor loses score for being short.
+    lower border neither votes nor loses score for being short. One that is wider than high does not vote.
 
     Args:
         frame_rate: frames a second.

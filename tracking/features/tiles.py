@@ -234,7 +234,7 @@ def _cut_off(boxes: FloatArray, tiles: IntArray, frame: IntArray) -> BoolArray:
 def _covered_by_other_tile(boxes: FloatArray, scores: FloatArray, cut: BoolArray, owner: IntArray) -> BoolArray:
     """``(N,)`` cut-off boxes that a box of another tile covers: a whole one, or a larger one that is cut off, too.
 
-    The score of that is at least half of theirs.
+    The covering box scores at least half as much.
     """
     size = areas(boxes)
     covered = intersections(boxes[:, None], boxes[None]) >= _COVERED * size[:, None]

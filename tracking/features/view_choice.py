@@ -90,9 +90,10 @@ def choose_view(
 ) -> ViewChoice:
     """The fewest tiles beyond which more do not find more people, as far as the detector can tell.
 
-    The number of people expected is the sum of the scores from 0.3 on. Where most of them stand only those who stand
-    are counted: what enlarging brings besides is often none. From the whole frame on, one more tile across is taken as
-    long as `worth_more` says so; frames that two tiles across show larger than at the largest scale stay whole.
+    The number of people expected is the sum of the scores from 0.3 on. Where most of them stand, only those who stand
+    are counted: wide boxes that come with more tiles are often of things. From the whole frame on, one more tile across
+    is taken as long as `worth_more` says so; frames that two tiles across show larger than at the largest scale stay
+    whole.
 
     Args:
         images: the first frames, of one size; `_TRIALS` of them are tried.

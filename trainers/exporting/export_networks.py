@@ -23,6 +23,7 @@ from tsuiseki.trainers.detector import Detector
 from tsuiseki.trainers.detector_network import (
     COCO_NORMALISATIONS,
     FIXED_SIDES,
+    OF_BRANCH,
     build_detector,
     detector_card,
     take_over,
@@ -84,6 +85,9 @@ def export_detector(
     network, card = _coco(architecture, state) if checkpoint is None else _trained(checkpoint, size)
     if blend is not None:
         blend_weights(network, card, blend)
+        # That of neither is that of the mean.
+        settings = {name: value for name, value in card.settings.items() if name != "branch_calibration"}
+        card = dataclasses.replace(card, settings=settings)
     data, licence = output.training_data or card.training_data, output.licence or card.licence
     card = dataclasses.replace(card, training_data=data, licence=licence)
     difference = write_detector(network, card, output, calibrate)
@@ -139,7 +143,7 @@ def blend_weights(network: AnchorDetector | OneClass, card: ModelCard, path: Pat
         )
     if not any(name.startswith("branch.") for name in first):
         # Of a detector with a branch that of people is taken.
-        second = {name: values for name, values in second.items() if not name.startswith(("branch.", "halved."))}
+        second = {name: values for name, values in second.items() if not name.startswith(OF_BRANCH)}
     if {name: values.shape for name, values in first.items()} != {
         name: values.shape for name, values in second.items()
     }:
