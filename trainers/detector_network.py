@@ -23,6 +23,7 @@ from tsuiseki.tracking.onnx import ModelCard
 from tsuiseki.tracking.weights import shipped_or_file
 from tsuiseki.trainers.exporting.exported_weights import (
     anchor_sizes,
+    calibration_of,
     exported_weights,
     fold_normalisations,
     layout_of,
@@ -380,10 +381,7 @@ def _described(
     """
     if path.suffix == ".onnx":
         layout = layout_of(path, people, branched)
-        said = layout.card.settings
-        scale, shift = said.get("score_calibration", said.get("people_calibration", (1.0, 0.0)))
-        held = {"trunk": layout.trunk, "anchors": layout.anchors, "channels": layout.channels}
-        return {"architecture": layout.architecture, **held}, layout.card, (float(scale), float(shift))
+        return {name: getattr(layout, name) for name in _LAYOUT}, layout.card, calibration_of(layout.card)
     parameters = read_checkpoint(path, "hyper_parameters")
     if not parameters.keys() >= {*_LAYOUT, "height", "width", "normalisation"} or parameters["architecture"] is None:
         raise RequestError(f"{path}: expected a checkpoint of `tsuiseki train detector`, got one of another network")

@@ -31,10 +31,9 @@ from tsuiseki.tracking.errors import RunError
 from tsuiseki.tracking.onnx import METADATA_KEY, ModelCard
 from tsuiseki.tracking.weights import PEOPLE_DETECTOR, shipped
 from tsuiseki.trainers.detector import Detector
-from tsuiseki.trainers.exporting.exported_weights import calibrate, layout_of, opened_onnx
+from tsuiseki.trainers.exporting.exported_weights import calibrate, calibration_of, layout_of, opened_onnx
 
-HERE = Path(__file__).parent
-BEST, RECORD = shipped(PEOPLE_DETECTOR), HERE / "detector_everyday.jsonl"
+BEST, RECORD = shipped(PEOPLE_DETECTOR), Path(__file__).with_name("detector_everyday.jsonl")
 CONFIG = Path(str(configs.__path__[0])) / "detector_everyday.yaml"
 # Steps before, whose pictures a step learns from again.
 EARLIER = 2
@@ -126,9 +125,7 @@ def finish_branch(file: Path, shift: float, start: ModelCard) -> None:
     if shifted != MAPS:
         raise RunError(f"{file}: expected {MAPS} heads of a branch, found {shifted}")
     scale, before = card.settings["branch_calibration"]
-    said = {"branch_calibration": [scale, before + shift]}
-    of_people = start.settings.get("people_calibration", start.settings.get("score_calibration"))
-    said |= {} if of_people is None else {"people_calibration": of_people}
+    said = {"branch_calibration": [scale, before + shift], "people_calibration": list(calibration_of(start))}
     card = dataclasses.replace(card, settings={**card.settings, **said})
     onnx.helper.set_model_props(model, {METADATA_KEY: card.to_json()})
     onnx.save(model, file)

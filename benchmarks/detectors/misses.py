@@ -16,6 +16,7 @@ import numpy as np
 
 from benchmarks.detectors.fixed_sets import SCORE, drawn
 from tsuiseki.datamodules.scenes.clip import write_image
+from tsuiseki.datamodules.training_images import LEAST_VISIBLE
 from tsuiseki.tracking.features.exported import open_detector
 from tsuiseki.tracking.geometry import iou_matrix
 from tsuiseki.tracking.types import BoolArray, FloatArray, ImageArray
@@ -25,8 +26,8 @@ GREEN, RED, YELLOW = (0, 170, 0), (220, 0, 0), (255, 220, 0)
 # Of what is saved: a page is about 900 pixels wide, and the picture one of many.
 QUALITY = 75
 SCALE = 0.7
-# Least share of a person that is to be found, and the overlap that finds one.
-VISIBLE, OVERLAP = 0.25, 0.5
+# Overlap with a person that finds them.
+OVERLAP = 0.5
 
 
 def main() -> None:
@@ -62,7 +63,7 @@ def side_by_side(files: list[Path], sprites: Path) -> ImageArray:
 def wrong(people: FloatArray, visible: FloatArray, boxes: FloatArray) -> tuple[BoolArray, BoolArray]:
     """Who of the people is missed though ``visible`` enough, and which of the boxes are on none of them."""
     overlap = iou_matrix(people, boxes)
-    missed = (overlap.max(axis=1, initial=0) < OVERLAP) & (visible >= VISIBLE)
+    missed = (overlap.max(axis=1, initial=0) < OVERLAP) & (visible >= LEAST_VISIBLE)
     return missed, overlap.max(axis=0, initial=0) < OVERLAP
 
 

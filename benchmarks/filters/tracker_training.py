@@ -4,11 +4,11 @@
     python -m benchmarks.filters.tracker_training compare --data ../shared/data
     python -m benchmarks.filters.tracker_training plot --out curve.png
 
-``run`` goes on from tracker_search.onnx beside this file, so that a fresh machine needs the repository alone, and the
-pictures that docs/methods/tracker.md names; where there is none, from the trunk of the shipped appearance network. A
-step is a run of configs/tracker_generated.yaml of another seed; ``--options`` change it. The number that must rise is
-the overlap of the best box on generated pairs. Areas under the success curve of the plain loop, on generated clips and
-on the real ones in ``--data``, are recorded beside it and choose nothing.
+``run`` goes on from the shipped files, and better ones take their place: the pages must follow. A fresh machine needs
+the repository, and the pictures that docs/methods/tracker.md names. A step is a run of configs/tracker_generated.yaml
+of another seed; ``--options`` change it. The number that must rise is the overlap of the best box on generated pairs.
+Areas under the success curve of the plain loop, on generated clips and on the real ones in ``--data``, are recorded
+beside it and choose nothing.
 """
 
 from __future__ import annotations
@@ -36,10 +36,9 @@ from tsuiseki.tracking.types import FloatArray, ImageArray
 from tsuiseki.tracking.weights import shipped
 from tsuiseki.trainers.tracker import Tracker
 
-HERE = Path(__file__).parent
 # The search file is what a step starts from.
-BEST = tuple(HERE / f"tracker_{part}.onnx" for part in ("search", "template"))
-RECORD = HERE / "tracker.jsonl"
+BEST = tuple(shipped(f"tracker_{part}") for part in ("search", "template"))
+RECORD = Path(__file__).with_name("tracker.jsonl")
 CONFIG = Path(str(configs.__path__[0])) / "tracker_generated.yaml"
 # Generated pairs that choose the best step.
 PAIRS = 256
@@ -75,8 +74,6 @@ def main() -> None:
 
 def training(data: Path, options: Sequence[str]) -> LongTraining:
     """The long training, from the best files so far."""
-    if not BEST[0].is_file():
-        Tracker(start=shipped("appearance_people")).export(HERE / "tracker.onnx", "nothing but its trunk", float16=True)
 
     def fit(best: Sequence[Path], work: Path, number: int) -> list[Path]:
         start = ["--model.start", str(best[0]), "--data.seed", str(number)]

@@ -1,7 +1,7 @@
 """Coefficients of `tsuiseki.tracking.single.on_target`, fitted to generated and real clips, and how true they are.
 
     python -m benchmarks.single.on_target ../shared/data/peers/nanotrackv2/*.onnx --data ../shared/data
-    python -m benchmarks.single.on_target benchmarks/filters/tracker_*.onnx --data ../shared/data
+    python -m benchmarks.single.on_target tracking/weights/tracker_*.onnx --data ../shared/data
 
 Clips are `benchmarks.single.disappearances` of seeds 0 to 31, walks of `SingleClip`, among look-alikes and behind
 obstacles, by other seeds than those of results pages, the clips of sot/, and people of PETS and MOT17-13. Each of these

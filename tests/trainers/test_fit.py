@@ -25,13 +25,14 @@ from tsuiseki.tracking.cli import main
 from tsuiseki.tracking.errors import RequestError, RunError
 from tsuiseki.tracking.features import exported
 from tsuiseki.tracking.weights import shipped
+from tsuiseki.trainers.association import detector_of
 from tsuiseki.trainers.detector import Detector, DetectorOptimisation, detections
 from tsuiseki.trainers.detector_network import detector_card
 from tsuiseki.trainers.epoch_lines import EpochLines
 from tsuiseki.trainers.exporting import written_networks
 from tsuiseki.trainers.exporting.export import ModelFile
 from tsuiseki.trainers.exporting.export_networks import _trained as trained_detector
-from tsuiseki.trainers.exporting.export_networks import export_detector
+from tsuiseki.trainers.exporting.export_networks import blend_weights, export_detector
 from tsuiseki.trainers.exporting.exported_weights import layout_of
 from tsuiseki.trainers.fit import fit_detector
 from tsuiseki.trainers.refusals import one_line
@@ -112,7 +113,7 @@ def test_a_branch_is_trained_and_exported_beside_a_shipped_detector(
     torch.save(saved, best)
     export_detector(ModelFile(out=out), checkpoint=best)
     logits, offsets, given = onnxruntime.InferenceSession(out).run(None, {"images": images.numpy()})
-    people, _ = trained_detector(start, (64, 96))
+    people, card = trained_detector(start, (64, 96))
     count = len(people.anchors)
     with torch.no_grad():
         before = people(images)
@@ -125,6 +126,13 @@ def test_a_branch_is_trained_and_exported_beside_a_shipped_detector(
     again, _ = trained_detector(out, (64, 96))
     with torch.no_grad():
         torch.testing.assert_close(torch.tensor(logits), again(images)[0], rtol=1e-3, atol=1e-3)
+
+    # For the mean of weights, too.
+    blend_weights(people, card, out)
+    with torch.no_grad():
+        torch.testing.assert_close(people.eval()(images)[0], before[0], rtol=1e-3, atol=1e-3)
+    with pytest.raises(RequestError, match="expected a detector without a branch"):
+        detector_of(best)
 
     # Of its scores those of the branch are calibrated, and no others.
     def branch_alone(detector: exported.Detector, folder: Path) -> tuple[np.ndarray, np.ndarray]:

@@ -12,7 +12,7 @@ import torch
 from pydantic import PositiveInt
 
 from tsuiseki.models.backbones import TrunkName
-from tsuiseki.models.detector import AnchorDetector, OneClass
+from tsuiseki.models.detector import AnchorDetector, BranchedDetector, OneClass
 from tsuiseki.models.ssd import CocoArchitecture, coco_person_detector
 from tsuiseki.tracking.errors import RequestError
 from tsuiseki.tracking.fields import HIDDEN
@@ -141,7 +141,7 @@ def blend_weights(network: AnchorDetector | OneClass, card: ModelCard, path: Pat
             {name: values for name, values in exported_weights(file).items() if name != "anchors"}
             for file in (checkpoint_file, path)
         )
-    if not any(name.startswith("branch.") for name in first):
+    if not isinstance(network, BranchedDetector):
         # Of a detector with a branch that of people is taken.
         second = {name: values for name, values in second.items() if not name.startswith(OF_BRANCH)}
     if {name: values.shape for name, values in first.items()} != {

@@ -49,9 +49,8 @@ class ExportedLayout:
     @property
     def arguments(self) -> dict[str, Any]:
         """What `Detector` makes such a network of."""
-        parts = {"trunk": self.trunk, "anchors": self.anchors, "channels": self.channels}
-        parts |= {"architecture": self.architecture}
-        return {**parts, "height": self.size[0], "width": self.size[1]}
+        parts = {"architecture": self.architecture, "trunk": self.trunk, "anchors": self.anchors}
+        return {**parts, "channels": self.channels, "height": self.size[0], "width": self.size[1]}
 
 
 def layout_of(path: Path, people: bool = True, branched: bool = False) -> ExportedLayout:
@@ -151,6 +150,12 @@ def opened_onnx(path: Path) -> tuple[onnx.ModelProto, ModelCard]:
         return model, ModelCard.from_json({p.key: p.value for p in model.metadata_props}[METADATA_KEY])
     except Exception as error:
         raise RequestError(f"{path}: expected a network of `tsuiseki export`, got another file") from error
+
+
+def calibration_of(card: ModelCard) -> tuple[float, float]:
+    """Scale and shift by which the scores of an exported detector were calibrated; of people, beside a branch."""
+    scale, shift = card.settings.get("score_calibration", card.settings.get("people_calibration", (1.0, 0.0)))
+    return float(scale), float(shift)
 
 
 def fold_normalisations(network: nn.Module) -> None:
