@@ -113,8 +113,8 @@ def test_the_branch_is_made_more_careful_and_says_so(tmp_path: Path) -> None:
     file = tmp_path / "detector.onnx"
     shutil.copyfile(shipped("detector_people"), file)
     scale, shift = layout_of(file).card.settings["branch_calibration"]
-    images = torch.rand(1, 3, long_training.HEIGHT, long_training.WIDTH).numpy()
-    people = len(Detector(start=file, height=long_training.HEIGHT, width=long_training.WIDTH).network.anchors)
+    images = torch.rand(1, 3, 480, 640).numpy()
+    people = len(Detector(start=file, height=480, width=640).network.anchors)
     before = np.diff(OnnxModel(file, "detector").run(images)[0])
     long_training.finish_branch(file, -0.5, layout_of(file).card)
     after = np.diff(OnnxModel(file, "detector").run(images)[0])
@@ -130,9 +130,9 @@ def test_the_branch_is_made_more_careful_and_says_so(tmp_path: Path) -> None:
 
 def test_a_start_with_a_branch_computes_what_its_file_does() -> None:
     file = shipped("detector_people")
-    images = torch.rand(1, 3, long_training.HEIGHT, long_training.WIDTH)
+    images = torch.rand(1, 3, 480, 640)
     expected = OnnxModel(file, "detector").run(images.numpy())
-    module = Detector(start=file, architecture="branched", height=long_training.HEIGHT, width=long_training.WIDTH)
+    module = Detector(start=file, architecture="branched", height=480, width=640)
     with torch.no_grad():
         computed = module.network.eval()(images)
     for outputs, of_file in zip(computed, expected, strict=False):

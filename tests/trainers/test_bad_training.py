@@ -66,7 +66,7 @@ def test_no_box_of_the_class(street: Path, tmp_path: Path) -> None:
         ({"architecture": "ssd300"}, "`architecture`: expected that of the `start` .*, people, got ssd300"),
         ({"normalisation": "bytes"}, "`normalisation`: expected that of the `start`"),
         ({"weights": "imagenet"}, "expected one of `start` and `weights`, got both"),
-        ({"height": 500}, "an input whose sides divide by 32; got anchors for 3 maps and 512x500"),
+        ({"height": 500}, "an input whose sides divide by 32; got anchors for 3 maps and 640x500"),
     ],
 )
 def test_what_contradicts_the_start(changes: dict[str, Any], message: str) -> None:
@@ -103,7 +103,7 @@ def test_a_start_takes_over_everything() -> None:
     """Without the parts of its file 270 of 373 tensors would stay random."""
     module = Detector(start="people")
     assert module.hparams["trunk"] == "mobilenet_v3_large_075"
-    assert (module.card.input_height, module.card.input_width) == (384, 512)
+    assert (module.card.input_height, module.card.input_width) == (480, 640)
     assert module.hparams["channels"] == 96
     assert [len(level) for level in module.hparams["anchors"]] == [3, 2, 3]
     module.eval()

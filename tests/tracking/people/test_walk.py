@@ -90,9 +90,7 @@ def test_a_frame_visits_few_rooms_and_rarely_comes_back(street: Path, method: st
     def run() -> object:
         source = street if detected else [np.zeros((120, 200, 3), np.uint8)] * 16
         detections = None if detected else two_people(16)
-        # A detector that reports hardly anything false: where a track starts, a frame goes further.
-        found_by = {"detector": "street"} if detected else {"detections": detections}
-        more = {"threads": 1, "frame_rate": 10.0, **found_by}
+        more = {"threads": 1, "detections": detections, "frame_rate": 10.0}
         if method == "flow":
             return track_people(source, **more)
         return list(follow_people(source, "sort", **more))
